@@ -1,0 +1,37 @@
+"""Errors of the package: every one speaks to the user and carries the exit status of the command."""
+
+from __future__ import annotations
+
+
+class JointError(Exception):
+    """Base of all errors raised on purpose by this package.
+
+    Attributes
+    ----------
+    exit_status : int
+        Status with which the command line ends when the error reaches it.
+    """
+
+    exit_status = 1
+
+
+class InputError(JointError):
+    """Something the user supplied is wrong: the message says what, where, and what is allowed.
+
+    Parameters
+    ----------
+    problems : str or list of str
+        One sentence per mistake; all mistakes found are reported at once.
+    """
+
+    exit_status = 2
+
+    def __init__(self, problems: str | list[str]) -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class ConvergenceError(JointError):
+    """An iteration did not converge; nothing was returned as if it had."""
+
+    exit_status = 3

@@ -1,0 +1,312 @@
+"""What a run keeps: stored rows, accumulated works, peaks and counters.
+
+Works of a step use the trapezoidal means of the forces at its ends times the change of
+displacement. With the equation of motion holding at both ends this closes the energy balance to
+round-off for any one-step scheme:
+
+    change of stored energy = input - viscous - friction - scheme,
+    scheme = (du - h vm) M am + vm M (h am - dv),
+
+with vm and am the mean velocity and acceleration: what the scheme's own kinematics dissipates,
+zero for the trapezoidal rule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.errors import InputError
+from skfem_joint.system import System
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Save:
+    """What to store of a run.
+
+    Attributes
+    ----------
+    every : int
+        Store every ``every``-th step (and the start).
+    fields : bool
+        Displacement, velocity and friction of all unknowns, for snapshots and pictures.
+    points : bool
+        Displacement and velocity of the named points.
+    """
+
+    every: int = 1
+    fields: bool = False
+    points: bool = True
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise InputError(f"every: found {self.every}, must be >= 1")
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Work that a run took.
+
+    Attributes
+    ----------
+    steps : int
+        Steps asked for (without the parts of halved ones).
+    newton_iterations, largest_iterations : int
+        Linear solves of Newton's iteration in all, and the most in one step.
+    nested_solves, descents : int
+        Steps that needed the second and third tier of the tridiagonal solver.
+    line_searches : int
+        Evaluations beyond the full Newton step in the dense solver.
+    friction_evaluations : int
+        Evaluations of the friction law on all contact points.
+    factorizations : int
+        Step matrices prepared (one for each step size).
+    halved_steps : int
+        Steps that were done in parts because they did not converge whole.
+    """
+
+    steps: int = 0
+    newton_iterations: int = 0
+    largest_iterations: int = 0
+    nested_solves: int = 0
+    descents: int = 0
+    line_searches: int = 0
+    friction_evaluations: int = 0
+    factorizations: int = 0
+    halved_steps: int = 0
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Works of each complete cycle, J; ``input`` has shape (cycles, loads), others (cycles,).
+
+    ``peak`` is the largest displacement of each named point in the cycle, m, (cycles, points).
+    """
+
+    input: FloatArray
+    viscous: FloatArray
+    scheme: FloatArray
+    friction: FloatArray
+    peak: FloatArray
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of a time integration.
+
+    Attributes
+    ----------
+    system : System
+    times : ndarray, shape (rows,)
+        Times of the stored rows, s.
+    point_u, point_v : ndarray, shape (rows, points)
+        Displacement (m) and velocity (m/s) of the named points.
+    amplitudes : ndarray, shape (rows, loads)
+        Load amplitudes, N.
+    u, v : ndarray, shape (rows or 0, n)
+        Unknowns and their rates, if fields were asked for.
+    sigma : ndarray, shape (rows or 0, m)
+        Normalised friction force of the contact points.
+    input_work : ndarray, shape (loads,)
+        Work of each load over the run, J.
+    viscous_work, scheme_work : float
+        Dissipation of C and of the scheme itself, J.
+    friction_work : ndarray, shape (m,)
+        Dissipation of each contact point, J.
+    stored_energy : tuple of float
+        Kinetic plus strain energy at start and end, J.
+    cycles : Cycles
+    peak : ndarray, shape (points,)
+        Largest displacement over the run, m.
+    slip_peak : ndarray, shape (m,)
+        Largest slip displacement of each contact point over the run, m.
+    final : tuple of ndarray
+        Displacement and velocity at the end.
+    counters : Counters
+    wall_s : float
+        Time of the integration, s, without compilation.
+    interrupted : bool
+        Whether the run was stopped early on purpose; it holds what was done until then.
+    """
+
+    system: System
+    times: FloatArray
+    point_u: FloatArray
+    point_v: FloatArray
+    amplitudes: FloatArray
+    u: FloatArray
+    v: FloatArray
+    sigma: FloatArray
+    input_work: FloatArray
+    viscous_work: float
+    scheme_work: float
+    friction_work: FloatArray
+    stored_energy: tuple[float, float]
+    cycles: Cycles
+    peak: FloatArray
+    slip_peak: FloatArray
+    final: tuple[FloatArray, FloatArray]
+    counters: Counters
+    wall_s: float
+    interrupted: bool = False
+
+    @property
+    def energy_residual(self) -> float:
+        """Energy left over in the balance, relative to the energy that was in play."""
+        start, end = self.stored_energy
+        friction = float(self.friction_work.sum())
+        dissipated = self.viscous_work + friction + self.scheme_work
+        balance = float(self.input_work.sum()) - dissipated - (end - start)
+        in_play = max(
+            float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated)
+        )
+        return abs(balance) / in_play if in_play > 0.0 else 0.0
+
+    def point(self, name: str) -> FloatArray:
+        """Displacement history of a named point, shape (rows,), m."""
+        return np.asarray(self.point_u[:, self.system.points.index(name)])
+
+
+@dataclass
+class Recorder:
+    """Arrays that steppers fill in place while a run goes on."""
+
+    system: System
+    save: Save
+    n_steps: int
+    h: float
+    rows: int = 0
+    dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
+    counters: NDArray[np.int64] = field(default_factory=lambda: np.zeros(6, dtype=np.int64))
+    factorizations: int = 0
+    halved_steps: int = 0
+    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(
+        default_factory=list
+    )
+
+    def __post_init__(self) -> None:
+        n, m, p = self.system.n, self.system.w.size, len(self.system.points)
+        total = self.n_steps // self.save.every + 1
+        fields = total if self.save.fields else 0
+        points = total if self.save.points else 0
+        self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
+        self.sigma = np.zeros((fields, m))
+        self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
+        self.input_work = np.zeros(len(self.system.loads))
+        self.friction_work = np.zeros(m)
+        self.peak = np.zeros(p)
+        self.run_peak = np.zeros(p)
+        self.slip_peak = np.zeros(m)
+
+    def remaining_rows(self) -> tuple[FloatArray, ...]:
+        """Views of the stored-row arrays from the next free row on, as the kernels take them."""
+        k = self.rows
+        return self.u[k:], self.v[k:], self.sigma[k:], self.point_u[k:], self.point_v[k:]
+
+    def store(self, u: FloatArray, v: FloatArray, sigma: FloatArray) -> None:
+        """Store one row."""
+        k = self.rows
+        if self.save.fields:
+            self.u[k], self.v[k], self.sigma[k] = u, v, sigma
+        if self.save.points:
+            self.point_u[k], self.point_v[k] = self.system.P @ u, self.system.P @ v
+        self.rows += 1
+
+    def observe(self, u: FloatArray) -> None:
+        """Update the peaks."""
+        np.maximum(self.peak, np.abs(self.system.P @ u), out=self.peak)
+        if self.slip_peak.size:
+            np.maximum(self.slip_peak, np.abs(self.system.B @ u), out=self.slip_peak)
+
+    def add_step(
+        self,
+        h: float,
+        amplitudes: tuple[FloatArray, FloatArray],
+        old: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+        new: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+        vectors: FloatArray,
+    ) -> None:
+        """Add the works of one step; ``old`` and ``new`` are (u, v, acceleration, sigma)."""
+        system = self.system
+        du = new[0] - old[0]
+        v_mean, a_mean = 0.5 * (old[1] + new[1]), 0.5 * (old[2] + new[2])
+        self.input_work += 0.5 * (amplitudes[0] + amplitudes[1]) * (vectors.T @ du)
+        self.dissipated[0] += v_mean @ (system.C @ du)
+        drift = h * a_mean - (new[1] - old[1])
+        self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
+        self.dissipated[1] += v_mean @ (system.M @ drift)
+        if self.friction_work.size:
+            self.friction_work += 0.5 * system.w * (old[3] + new[3]) * (system.B @ du)
+        self.observe(new[0])
+
+    def end_cycle(self) -> None:
+        """Note the accumulated works and this cycle's peaks at the end of a cycle."""
+        self.boundaries.append(
+            (
+                self.input_work.copy(),
+                self.dissipated.copy(),
+                float(self.friction_work.sum()),
+                self.peak.copy(),
+            )
+        )
+        np.maximum(self.run_peak, self.peak, out=self.run_peak)
+        self.peak[:] = 0.0
+
+    def finish(
+        self,
+        start_energy: float,
+        u: FloatArray,
+        v: FloatArray,
+        wall_s: float,
+        steps: int,
+        interrupted: bool,
+        **counters: int,
+    ) -> Run:
+        """Close the run."""
+        k = self.rows
+        every = self.save.every
+        times = self.h * every * np.arange(k)
+        loads = len(self.system.loads)
+        marks: list[Any] = [
+            (np.zeros(loads), np.zeros(2), 0.0, np.zeros(self.peak.size)), *self.boundaries,
+        ]
+        dissipated = np.diff(np.array([mark[1] for mark in marks]), axis=0)
+        cycles = Cycles(
+            input=np.diff(np.array([mark[0] for mark in marks]), axis=0),
+            viscous=dissipated[:, 0],
+            scheme=dissipated[:, 1],
+            friction=np.diff([mark[2] for mark in marks]),
+            peak=np.array([mark[3] for mark in marks[1:]]).reshape(-1, self.peak.size),
+        )
+        return Run(
+            system=self.system,
+            times=times,
+            point_u=self.point_u[:k],
+            point_v=self.point_v[:k],
+            amplitudes=self.system.load_amplitudes(times).T,
+            u=self.u[:k],
+            v=self.v[:k],
+            sigma=self.sigma[:k],
+            input_work=self.input_work,
+            viscous_work=float(self.dissipated[0]),
+            scheme_work=float(self.dissipated[1]),
+            friction_work=self.friction_work,
+            stored_energy=(start_energy, self.system.stored_energy(u, v)),
+            cycles=cycles,
+            peak=np.maximum(self.run_peak, self.peak),
+            slip_peak=self.slip_peak,
+            final=(u.copy(), v.copy()),
+            counters=Counters(
+                steps=steps,
+                factorizations=self.factorizations,
+                halved_steps=self.halved_steps,
+                **counters,
+            ),
+            wall_s=wall_s,
+            interrupted=interrupted,
+        )

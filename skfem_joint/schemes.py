@@ -1,0 +1,111 @@
+"""Implicit one-step schemes: generalised-alpha and its special cases, velocity as the unknown.
+
+The equation of motion holds exactly at every step's end; the weighting of the generalised-alpha
+method acts on an auxiliary acceleration a (Bruels and Arnold, J. Comput. Nonlinear Dynam. 3, 2008):
+
+    (1 - alpha_m) a1 + alpha_m a0 = (1 - alpha_f) d1 + alpha_f d0,        d = acceleration
+    u1 = u0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1)
+    v1 = v0 + h ((1 - gamma) a0 + gamma a1)
+
+With rho_infinity = 1 this is the average acceleration (trapezoidal) method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from skfem_joint.errors import InputError
+
+
+class Coefficients(NamedTuple):
+    """One step of size ``h`` written for the unknown velocity v1.
+
+    ``(c_M M + C + c_K K) v1 + friction = f1 - K (u0 + u_v v0 + u_a a0) + M (c_M v0 + y_a a0
+    + y_d d0)``, then ``u1 = u0 + u_v v0 + u_a a0 + c_K v1``, ``a1 = a_v (v1 - v0) + a_a a0`` and
+    ``d1 = d_a a1 + d_a0 a0 + d_d0 d0``. ``trapezoidal`` tells that the scheme itself dissipates
+    nothing.
+    """
+
+    h: float
+    c_M: float
+    c_K: float
+    u_v: float
+    u_a: float
+    y_a: float
+    y_d: float
+    a_v: float
+    a_a: float
+    d_a: float
+    d_a0: float
+    d_d0: float
+    trapezoidal: bool
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Parameters of a generalised-alpha scheme (Chung and Hulbert, J. Appl. Mech. 60, 1993)."""
+
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+
+    def coefficients(self, h: float) -> Coefficients:
+        """Coefficients of one step of ``h`` seconds."""
+        am, af, gamma, beta = self.alpha_m, self.alpha_f, self.gamma, self.beta
+        return Coefficients(
+            h=h,
+            c_M=(1.0 - am) / ((1.0 - af) * gamma * h),
+            c_K=h * beta / gamma,
+            u_v=h * (1.0 - beta / gamma),
+            u_a=h * h * (0.5 - beta / gamma),
+            y_a=((1.0 - am) * (1.0 - gamma) / gamma - am) / (1.0 - af),
+            y_d=af / (1.0 - af),
+            a_v=1.0 / (h * gamma),
+            a_a=-(1.0 - gamma) / gamma,
+            d_a=(1.0 - am) / (1.0 - af),
+            d_a0=am / (1.0 - af),
+            d_d0=-af / (1.0 - af),
+            trapezoidal=(am == af and gamma == 0.5 and beta == 0.25),
+        )
+
+
+def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
+    """Second-order scheme with spectral radius ``rho_infinity`` at infinite frequency.
+
+    Parameters
+    ----------
+    rho_infinity : float
+        From 0 (highest frequencies vanish in one step) to 1 (average acceleration, no numerical
+        dissipation).
+
+    Raises
+    ------
+    InputError
+        If ``rho_infinity`` is outside [0, 1].
+    """
+    if not 0.0 <= rho_infinity <= 1.0:
+        raise InputError(f"rho_infinity: found {rho_infinity}, must be from 0 to 1")
+    alpha_m = (2.0 * rho_infinity - 1.0) / (rho_infinity + 1.0)
+    alpha_f = rho_infinity / (rho_infinity + 1.0)
+    gamma = 0.5 - alpha_m + alpha_f
+    return Scheme(alpha_m, alpha_f, gamma, 0.25 * (1.0 - alpha_m + alpha_f) ** 2)
+
+
+def average_acceleration() -> Scheme:
+    """Average acceleration method, i.e. the trapezoidal rule (Newmark, 1959)."""
+    return Scheme(0.0, 0.0, 0.5, 0.25)
+
+
+def hht(alpha: float) -> Scheme:
+    """Hilber-Hughes-Taylor scheme with ``alpha`` in [0, 1/3] (Earthq. Eng. Struct. Dyn. 5, 1977).
+
+    Raises
+    ------
+    InputError
+        If ``alpha`` is outside [0, 1/3].
+    """
+    if not 0.0 <= alpha <= 1.0 / 3.0:
+        raise InputError(f"alpha: found {alpha}, must be from 0 to 1/3")
+    return Scheme(0.0, alpha, 0.5 + alpha, 0.25 * (1.0 + alpha) ** 2)

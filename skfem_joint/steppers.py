@@ -1,0 +1,401 @@
+"""Steppers: each advances one system by equal implicit steps and picks what its structure allows.
+
+A stepper holds the state and does ``advance(t, h, n, ...) -> steps done``. Three exist: linear
+systems (no friction is loaded or evaluated), tridiagonal systems, and dense ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
+
+from skfem_joint import friction
+from skfem_joint.errors import InputError
+from skfem_joint.recording import Recorder
+from skfem_joint.schemes import Scheme
+from skfem_joint.system import System
+
+FloatArray = NDArray[np.float64]
+
+#: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
+#: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
+#: from the diagonal of H fail on fine meshes because they grow with the mesh.
+KAPPA = 3.0
+NEVER = 2**62
+
+
+@dataclass
+class Failure:
+    """Why the last step did not converge."""
+
+    residual: float = 0.0
+    unknown: int = 0
+
+
+class Stepper(Protocol):
+    """What the driver needs of a stepper."""
+
+    failure: Failure
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+        """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged."""
+
+    def restart(self, amplitudes: FloatArray) -> None:
+        """Make the acceleration consistent with the loads now (start, or after a jump)."""
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity now."""
+
+    def normalised_friction(self) -> FloatArray:
+        """Friction force over its limit at the contact points now, shape (m,)."""
+
+
+def choose(
+    system: System, scheme: Scheme, u: FloatArray, v: FloatArray, tolerance: float,
+    recorder: Recorder,
+) -> Stepper:
+    """Stepper for the system's structure.
+
+    Raises
+    ------
+    InputError
+        If no stepper fits: a dense system with set-valued Coulomb friction, or a sparse system
+        with friction that is neither tridiagonal with one unknown a slip row nor small.
+    """
+    arguments = (system, scheme, u, v, tolerance, recorder)
+    if system.contact_points == 0:
+        return LinearStepper(*arguments)
+    if not system.is_dense and _is_chain(system):
+        return ChainStepper(*arguments)
+    if system.is_dense or system.n <= 500:
+        return DenseStepper(*arguments)
+    raise InputError(
+        f"a sparse system of {system.n} unknowns with friction must be tridiagonal with one "
+        "unknown in each slip row; reduce it first, or use a strut mesh"
+    )
+
+
+def _is_chain(system: System) -> bool:
+    for A in (system.M, system.C, system.K):
+        coo = sparse.coo_array(A)
+        if np.any(np.abs(coo.coords[0] - coo.coords[1])[coo.data != 0.0] > 1):
+            return False
+    B = sparse.csr_array(system.B)
+    columns = B.indices
+    return bool(
+        np.all(np.diff(B.indptr) == 1)
+        and np.all(B.data == 1.0)
+        and np.unique(columns).size == columns.size
+    )
+
+
+@dataclass
+class LinearStepper:
+    """Steps of a system without friction: one factorization, one solve a step."""
+
+    system: System
+    scheme: Scheme
+    u: FloatArray
+    v: FloatArray
+    tolerance: float
+    recorder: Recorder
+    failure: Failure = field(default_factory=Failure)
+
+    def __post_init__(self) -> None:
+        self.a = np.zeros_like(self.u)
+        self.d = np.zeros_like(self.u)
+        self.vectors = self.system.load_vectors()
+        self.factors: dict[float, Any] = {}
+
+    def restart(self, amplitudes: FloatArray) -> None:
+        """Acceleration from the equation of motion."""
+        s = self.system
+        right = self.vectors @ amplitudes - s.C @ self.v - s.K @ self.u
+        self.d = _factorised(s.M)(right)
+        self.a = self.d.copy()
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+        """Do the steps."""
+        s, c, recorder = self.system, self.scheme.coefficients(h), self.recorder
+        if h not in self.factors:
+            self.factors[h] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+            recorder.factorizations += 1
+        solve = self.factors[h]
+        sigma = np.zeros(s.w.size)
+        n_steps = amplitudes.shape[1] - 1
+        for k in range(n_steps):
+            u, v, a, d = self.u, self.v, self.a, self.d
+            predictor = u + c.u_v * v + c.u_a * a
+            right = self.vectors @ amplitudes[:, k + 1] - s.K @ predictor
+            right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+            self.v = solve(right)
+            self.u = predictor + c.c_K * self.v
+            self.a = c.a_v * (self.v - v) + c.a_a * a
+            self.d = c.d_a * self.a + c.d_a0 * a + c.d_d0 * d
+            recorder.add_step(
+                h,
+                (amplitudes[:, k], amplitudes[:, k + 1]),
+                (u, v, d, sigma),
+                (self.u, self.v, self.d, sigma),
+                self.vectors,
+            )
+            if (first_step + k + 1) % every == 0:
+                recorder.store(self.u, self.v, sigma)
+        return n_steps
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity."""
+        return self.u, self.v
+
+    def normalised_friction(self) -> FloatArray:
+        """No friction acts."""
+        return np.zeros(self.system.w.size)
+
+
+def _factorised(A: Any) -> Any:
+    if isinstance(A, np.ndarray):
+        factor = linalg.cho_factor(A)
+        return lambda right: linalg.cho_solve(factor, right)
+    return splu(sparse.csc_array(A)).solve
+
+
+def _bands(A: Any) -> tuple[FloatArray, FloatArray]:
+    return (
+        np.ascontiguousarray(A.diagonal(), dtype=float),
+        np.ascontiguousarray(A.diagonal(1), dtype=float),
+    )
+
+
+@dataclass(frozen=True)
+class Hierarchy:
+    """Step problem on a chain and its coarser chains, concatenated, finest first."""
+
+    level_start: NDArray[np.int64]
+    H0: FloatArray
+    H1: FloatArray
+    w: FloatArray
+    beta: FloatArray
+    kappa: float
+
+
+def build_hierarchy(
+    H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray
+) -> Hierarchy:
+    """Galerkin hierarchy by halving the chain down to a few dozen nodes.
+
+    Coarse node j sits on fine node 2 j (or 2 j + 1, so that the last node stays), its
+    neighbours get half its value.
+    """
+    n = H0.size
+    start, parts = [0], []
+    while True:
+        parts.append((H0, np.append(H1, 0.0), w, beta))
+        start.append(start[-1] + n)
+        if n < 48:
+            break
+        n_coarse = (n + 1) // 2
+        shift = n - 1 - 2 * (n_coarse - 1)
+        fine = 2 * np.arange(n_coarse) + shift
+        P = sparse.lil_array((n, n_coarse))
+        P[fine, np.arange(n_coarse)] = 1.0
+        left = fine > 0
+        P[fine[left] - 1, np.flatnonzero(left)] = 0.5
+        right = fine < n - 1
+        P[fine[right] + 1, np.flatnonzero(right)] = 0.5
+        P = P.tocsr()
+        H = P.T @ (sparse.diags_array([H1, H0, H1], offsets=[-1, 0, 1]).tocsr() @ P)
+        H0, H1 = _bands(H)
+        w, beta, n = P.T @ w, beta[fine], n_coarse
+    first = parts[0]
+    bands = np.zeros((2, first[0].size))
+    bands[0, 1:], bands[1] = first[1][:-1], first[0]
+    reach = np.abs(linalg.solveh_banded(bands, first[2])).max()
+    return Hierarchy(
+        np.array(start, dtype=np.int64),
+        *(np.concatenate([part[i] for part in parts]) for i in range(4)),
+        kappa=KAPPA / reach,
+    )
+
+
+@dataclass
+class ChainStepper:
+    """Steps of a tridiagonal system whose slip rows each pick one unknown."""
+
+    system: System
+    scheme: Scheme
+    u: FloatArray
+    v: FloatArray
+    tolerance: float
+    recorder: Recorder
+    failure: Failure = field(default_factory=Failure)
+
+    def __post_init__(self) -> None:
+        s = self.system
+        n = s.n
+        self.contact = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
+        self.w = np.zeros(n)
+        self.w[self.contact] = s.w
+        self.beta = np.full(n, np.inf)
+        self.beta[self.contact] = s.beta
+        self.bands = (*_bands(s.M), *_bands(s.C), *_bands(s.K))
+        vectors = sparse.csr_array(s.load_vectors().T)
+        self.loads = (
+            np.asarray(vectors.indptr, dtype=np.int64),
+            np.asarray(vectors.indices, dtype=np.int64),
+            np.asarray(vectors.data, dtype=float),
+        )
+        # The rows of P pick one unknown each, as slip rows do; see structure.assemble.
+        self.point_node = np.asarray(sparse.csr_array(s.P).indices, dtype=np.int64)
+        self.rows = np.zeros((7, n))
+        self.rows[0], self.rows[1] = self.u, self.v
+        self.rows[6] = np.where(self.w > 0.0, friction.force(self.v, self.beta), 0.0)
+        self.hierarchies: dict[float, Hierarchy] = {}
+        self.current: float | None = None
+
+    def restart(self, amplitudes: FloatArray) -> None:
+        """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
+        from skfem_joint import kernels_tridiagonal as kernels
+
+        u, v = self.rows[0], self.rows[1]
+        s = self.system
+        right = s.load_vectors() @ amplitudes - s.C @ v - s.K @ u
+        free_to_stick = (self.w > 0.0) & np.isinf(self.beta) & (v == 0.0)
+        moving = (self.w > 0.0) & ~free_to_stick
+        sigma = np.where(moving, friction.force(v, self.beta), 0.0)
+        right -= self.w * sigma
+        if np.any(free_to_stick):
+            # The acceleration of points at rest obeys the law that their velocity will.
+            M0, M1 = self.bands[:2]
+            w = np.where(free_to_stick, self.w, 0.0)
+            problem = build_hierarchy(M0, M1, w, np.full(w.size, np.inf))
+            n = w.size
+            unknown = np.zeros(problem.H0.size)
+            padded = np.zeros(problem.H0.size)
+            padded[:n] = right
+            work, trial = np.zeros((6, n)), np.zeros((3, n))
+            _, _, converged, _, row = kernels.solve_step(
+                problem.level_start, problem.H0, problem.H1, problem.w, problem.beta,
+                problem.kappa, padded, unknown, work, trial, self.tolerance, False,
+            )
+            if not converged:
+                raise InputError(
+                    f"no consistent initial acceleration found near unknown {row}; "
+                    "start the load from zero, e.g. with a ramp"
+                )
+            acceleration = work[0].copy()
+            sigma += work[1]
+        else:
+            acceleration = _factorised(s.M)(right)
+        self.rows[2] = self.rows[3] = acceleration
+        self.rows[6] = sigma
+        self.current = None
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+        """Do the steps in the compiled loop."""
+        from skfem_joint import kernels_tridiagonal as kernels
+
+        c = self.scheme.coefficients(h)
+        if h not in self.hierarchies:
+            M0, M1, C0, C1, K0, K1 = self.bands
+            self.hierarchies[h] = build_hierarchy(
+                c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1, self.w, self.beta
+            )
+            self.recorder.factorizations += 1
+        problem = self.hierarchies[h]
+        if self.current != h:
+            # The parameter's scale changes with the step: start again from the law's point.
+            v, sigma = self.rows[1], self.rows[6]
+            self.rows[4] = self.rows[5] = friction.parameter(v, sigma, problem.kappa, self.beta)
+            self.current = h
+        r = self.recorder
+        done, rows, residual, unknown = kernels.march(
+            amplitudes.shape[1] - 1, first_step, every, tuple(c), *self.bands,
+            problem.level_start, problem.H0, problem.H1, problem.w, problem.beta, problem.kappa,
+            self.tolerance, *self.loads, amplitudes, self.point_node, self.contact, self.rows,
+            r.input_work, r.dissipated, r.friction_work, r.peak, r.slip_peak, r.counters,
+            *r.remaining_rows(),
+        )
+        r.rows += rows
+        self.failure = Failure(residual, unknown)
+        return int(done)
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity."""
+        return self.rows[0], self.rows[1]
+
+    def normalised_friction(self) -> FloatArray:
+        """Friction force over its limit at the contact points."""
+        return np.asarray(self.rows[6][self.contact])
+
+
+def _dense(A: Any) -> FloatArray:
+    return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
+
+
+@dataclass
+class DenseStepper:
+    """Steps of a small dense system."""
+
+    system: System
+    scheme: Scheme
+    u: FloatArray
+    v: FloatArray
+    tolerance: float
+    recorder: Recorder
+    failure: Failure = field(default_factory=Failure)
+
+    def __post_init__(self) -> None:
+        s = self.system
+        if np.any(np.isinf(s.beta[s.w > 0.0])):
+            raise InputError(
+                "set-valued Coulomb friction (beta = inf) needs one unknown for each contact "
+                "point, which a reduced or dense system has not; use System.with_beta with a "
+                "finite beta"
+            )
+        self.matrices = (_dense(s.M), _dense(s.C), _dense(s.K))
+        self.B, self.P = _dense(s.B), _dense(s.P)
+        self.vectors = np.ascontiguousarray(s.load_vectors())
+        self.rows = np.zeros((5, s.n))
+        self.rows[0], self.rows[1] = self.u, self.v
+
+    def restart(self, amplitudes: FloatArray) -> None:
+        """Acceleration from the equation of motion."""
+        u, v = self.rows[0], self.rows[1]
+        s = self.system
+        right = self.vectors @ amplitudes - s.C @ v - s.K @ u
+        right -= self.B.T @ (s.w * self.normalised_friction())
+        self.rows[2] = self.rows[3] = _factorised(self.matrices[0])(right)
+        self.rows[4] = v
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+        """Do the steps in the compiled loop."""
+        from skfem_joint import kernels_dense as kernels
+
+        c = self.scheme.coefficients(h)
+        M, C, K = self.matrices
+        s, r = self.system, self.recorder
+        if r.factorizations == 0:
+            r.factorizations = 1
+        done, rows, residual, unknown = kernels.march(
+            amplitudes.shape[1] - 1, first_step, every, tuple(c), M, C, K,
+            c.c_M * M + C + c.c_K * K, self.B, s.w, s.beta, self.tolerance,
+            self.vectors, amplitudes, self.P, self.rows,
+            r.input_work, r.dissipated, r.friction_work, r.peak, r.slip_peak, r.counters,
+            *r.remaining_rows(),
+        )
+        r.rows += rows
+        self.failure = Failure(residual, unknown)
+        return int(done)
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity."""
+        return self.rows[0], self.rows[1]
+
+    def normalised_friction(self) -> FloatArray:
+        """Friction force over its limit at the contact points."""
+        return friction.force(self.B @ self.rows[1], self.system.beta)
