@@ -55,6 +55,7 @@ class PressureTable:
             raise InputError("pressure.values: must be finite and not negative")
 
     def __call__(self, x: FloatArray) -> FloatArray:
+        """Pressure at the positions ``x`` (m), Pa; constant beyond the ends."""
         return np.interp(x, self.positions, self.values)
 
 

@@ -1,4 +1,4 @@
-"""Errors of the package: every one speaks to the user and carries the exit status of the command."""
+"""Errors of the package: each speaks to the user and carries the command's exit status."""
 
 from __future__ import annotations
 

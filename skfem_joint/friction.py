@@ -1,4 +1,4 @@
-"""Friction laws: Coulomb friction regularised by the arctangent, and set-valued Coulomb as its limit.
+"""Friction laws: Coulomb regularised by the arctangent, and set-valued Coulomb as its limit.
 
 One family carries both laws. With the slip velocity v (m/s) and the scaling constant
 beta (s/m) of Eq. (2), the normalised friction force is
@@ -97,7 +97,7 @@ def resolvent(s: ArrayLike, kappa: ArrayLike, beta: ArrayLike) -> FloatArray:
             break
         z = z_next
     v = np.where(coulomb, np.maximum(magnitude - 1.0, 0.0) / kappa_array, z / finite)
-    return np.copysign(v, s_array)
+    return np.asarray(np.copysign(v, s_array))
 
 
 def _rational_root(s: FloatArray, k: FloatArray, c: float) -> FloatArray:
@@ -151,9 +151,7 @@ def graph_point(s: float, kappa: float, beta: float) -> tuple[float, float, floa
     return z / beta, sigma, dz / beta, dsigma
 
 
-def parameter(
-    v: ArrayLike, sigma: ArrayLike, kappa: float, beta: ArrayLike
-) -> FloatArray:
+def parameter(v: ArrayLike, sigma: ArrayLike, kappa: float, beta: ArrayLike) -> FloatArray:
     """Parameter s of the points (v, sigma) of the graph: the inverse of :func:`graph_point`."""
     v_array, finite, coulomb = _split(v, beta)
     z = np.abs(finite * v_array)

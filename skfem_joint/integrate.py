@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
 from skfem_joint.schemes import Scheme, generalized_alpha
-from skfem_joint.steppers import NEVER, Stepper, choose
+from skfem_joint.steppers import Stepper, choose
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -90,9 +91,13 @@ def integrate(
     stepper = choose(system, scheme or generalized_alpha(), u, v, tolerance, recorder)
     layout = _layout(system, step, n_steps)
     start_energy = system.stored_energy(u, v)
-    stepper.restart(system.load_amplitudes(np.array([0.0]))[:, 0])
+    begin = time.perf_counter()
+    at_start = system.load_amplitudes(np.array([0.0]))
+    stepper.restart(at_start[:, 0])
+    stepper.advance(step, at_start, 0, False)  # no step: prepares and compiles
+    preparation = time.perf_counter() - begin
     recorder.observe(u)
-    recorder.store(u, v, stepper.normalised_friction())
+    recorder.store(0, u, v, stepper.normalised_friction())
     chunk = max(1, min(20_000, 2_000_000 // system.n))
     elapsed = 0.0
     done = 0
@@ -120,6 +125,7 @@ def integrate(
         u,
         v,
         elapsed,
+        preparation,
         done,
         interrupted,
         newton_iterations=int(counts[0]),
@@ -142,7 +148,7 @@ class _Layout:
 def _layout(system: System, step: float, n_steps: int) -> _Layout:
     layout = _Layout(step)
     for load in system.loads:
-        corners = [t for t in getattr(load.amplitude, "corners", ()) if 0.0 < t < n_steps * step]
+        corners = [t for t in load.amplitude.corners if 0.0 < t < n_steps * step]
         for t in corners:
             before, after = np.asarray(load.amplitude(np.array([np.nextafter(t, 0.0), t])))
             jump = abs(after - before) > 1e-9 * max(abs(after), abs(before))
@@ -169,16 +175,16 @@ def _advance(
     while first < end:
         cut = min((k for k in layout.cuts if first <= k < end), default=end)
         if cut > first:
-            amplitudes = system.load_amplitudes(h * np.arange(first, cut + 1))
+            amplitudes = system.load_amplitudes(h * np.arange(first, cut + 1, dtype=np.float64))
             amplitudes[:, -1] = _before(system, h * cut, layout)
-            first += stepper.advance(h, amplitudes, first, recorder.save.every)
+            first += stepper.advance(h, amplitudes, first, True)
             if first < cut:
                 _halved(system, stepper, recorder, layout, first, h * first, h * (first + 1), 1)
                 recorder.halved_steps += 1
                 first += 1
             continue
         times = [h * first, *sorted(layout.cuts[first]), h * (first + 1)]
-        for i, (a, b) in enumerate(zip(times[:-1], times[1:], strict=True)):
+        for i, (a, b) in enumerate(pairwise(times)):
             last = i == len(times) - 2
             _part(system, stepper, recorder, layout, first, a, b, last, 0)
         first += 1
@@ -192,23 +198,37 @@ def _before(system: System, t: float, layout: _Layout) -> FloatArray:
 
 
 def _part(
-    system: System, stepper: Stepper, recorder: Recorder, layout: _Layout,
-    index: int, a: float, b: float, last: bool, depth: int,
+    system: System,
+    stepper: Stepper,
+    recorder: Recorder,
+    layout: _Layout,
+    index: int,
+    a: float,
+    b: float,
+    last: bool,
+    depth: int,
 ) -> None:
     """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge."""
     amplitudes = np.stack(
         [system.load_amplitudes(np.array([a]))[:, 0], _before(system, b, layout)], axis=1
     )
-    whole = b - a if (b - a) != layout.step else layout.step
-    if stepper.advance(whole, amplitudes, index, recorder.save.every if last else NEVER) == 0:
+    whole = abs((b - a) / layout.step - 1.0) < 1e-9
+    if stepper.advance(layout.step if whole else b - a, amplitudes, index, last) == 0:
         _halved(system, stepper, recorder, layout, index, a, b, depth + 1, last)
     if b in layout.jumps:
         stepper.restart(system.load_amplitudes(np.array([b]))[:, 0])
 
 
 def _halved(
-    system: System, stepper: Stepper, recorder: Recorder, layout: _Layout,
-    index: int, a: float, b: float, depth: int, last: bool = True,
+    system: System,
+    stepper: Stepper,
+    recorder: Recorder,
+    layout: _Layout,
+    index: int,
+    a: float,
+    b: float,
+    depth: int,
+    last: bool = True,
 ) -> None:
     if depth > HALVINGS:
         raise ConvergenceError(

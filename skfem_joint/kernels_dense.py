@@ -150,10 +150,34 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
 
 @njit(cache=True)
 def march(
-    n_steps, first_step, every, coefficients, M, C, K, H, B, w, beta, tolerance,
-    load_vectors, amplitude, P, state,
-    input_work, viscous_scheme, friction_work, peak, slip_peak, counters,
-    rows_u, rows_v, rows_sigma, rows_point_u, rows_point_v,
+    n_steps,
+    first_step,
+    every,
+    fields_every,
+    coefficients,
+    M,
+    C,
+    K,
+    H,
+    B,
+    w,
+    beta,
+    tolerance,
+    load_vectors,
+    amplitude,
+    P,
+    state,
+    input_work,
+    viscous_scheme,
+    friction_work,
+    peak,
+    slip_peak,
+    counters,
+    rows_u,
+    rows_v,
+    rows_sigma,
+    rows_point_u,
+    rows_point_v,
 ):
     """Advance ``n_steps`` equal steps in place; arguments as in the tridiagonal ``march``.
 
@@ -182,6 +206,7 @@ def march(
     mean_d = np.empty(n)
     drift = np.empty(n)
     rows = 0
+    field_rows = 0
     largest = 0.0
     for step in range(n_steps):
         for i in range(n):
@@ -205,7 +230,7 @@ def march(
         if not converged:
             for i in range(n):
                 u[i] -= u_v * v[i] + u_a * a[i]
-            return step, rows, largest, 0
+            return step, rows, field_rows, largest, 0
         for i in range(n):
             a_new = a_v * (q[i] - v[i]) + a_a * a[i]
             d_new = d_a * a_new + d_a0 * a[i] + d_d0 * d[i]
@@ -248,7 +273,7 @@ def march(
             friction_work[i] += 0.5 * w[i] * (sigma_old[i] + sigma[i]) * t
             slip_peak[i] = max(slip_peak[i], abs(position))
             sigma_old[i] = sigma[i]
-        store = (first_step + step + 1) % every == 0
+        store = rows_point_u.shape[0] > 0 and (first_step + step + 1) % every == 0
         for k in range(P.shape[0]):
             t = 0.0
             t_v = 0.0
@@ -256,13 +281,14 @@ def march(
                 t += P[k, j] * u[j]
                 t_v += P[k, j] * v[j]
             peak[k] = max(peak[k], abs(t))
-            if store and rows_point_u.shape[0] > 0:
+            if store:
                 rows_point_u[rows, k] = t
                 rows_point_v[rows, k] = t_v
         if store:
-            if rows_u.shape[0] > 0:
-                rows_u[rows] = u
-                rows_v[rows] = v
-                rows_sigma[rows] = sigma
             rows += 1
-    return n_steps, rows, largest, 0
+        if rows_u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
+            rows_u[field_rows] = u
+            rows_v[field_rows] = v
+            rows_sigma[field_rows] = sigma
+            field_rows += 1
+    return n_steps, rows, field_rows, largest, 0

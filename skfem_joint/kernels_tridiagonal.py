@@ -177,9 +177,7 @@ def _descend(H0, H1, w, beta, kappa, g, s, work, trial, tolerance):
             trial[0, i] = v[i]
             trial[1, i] = sigma[i]
             trial[2, i] = s[i]
-        steps, converged, largest, row = _newton(
-            H0, H1, w, beta, kappa, g, s, work, 3, tolerance
-        )
+        _, converged, largest, row = _newton(H0, H1, w, beta, kappa, g, s, work, 3, tolerance)
         if converged:
             return sweep + 1, True, largest, row
         if not _objective(H0, H1, w, beta, g, v) < best:
@@ -221,8 +219,16 @@ def _nested(level_start, H0, H1, w, beta, kappa, g, s, work, tolerance):
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))
         count, converged, largest, row = _newton(
-            H0[a:b], H1[a:b], w[a:b], beta[a:b], kappa, g[a:b], s[a:b], work[:, : b - a],
-            LEVEL_ITERATIONS, tolerance if k == 0 else 1e-4,
+            H0[a:b],
+            H1[a:b],
+            w[a:b],
+            beta[a:b],
+            kappa,
+            g[a:b],
+            s[a:b],
+            work[:, : b - a],
+            LEVEL_ITERATIONS,
+            tolerance if k == 0 else 1e-4,
         )
         iterations += count
         if not largest < inf:
@@ -243,8 +249,16 @@ def solve_step(level_start, H0, H1, w, beta, kappa, g, s, work, trial, tolerance
     iterations = 0
     if not start_nested:
         iterations, converged, largest, row = _newton(
-            H0[:n], H1[:n], w[:n], beta[:n], kappa, g[:n], s[:n], work[:, :n],
-            FAST_ITERATIONS if level_start.size > 2 else LEVEL_ITERATIONS, tolerance,
+            H0[:n],
+            H1[:n],
+            w[:n],
+            beta[:n],
+            kappa,
+            g[:n],
+            s[:n],
+            work[:, :n],
+            FAST_ITERATIONS if level_start.size > 2 else LEVEL_ITERATIONS,
+            tolerance,
         )
         if converged:
             return iterations, 0, True, largest, row
@@ -263,11 +277,42 @@ def solve_step(level_start, H0, H1, w, beta, kappa, g, s, work, trial, tolerance
 
 @njit(cache=True)
 def march(
-    n_steps, first_step, every, coefficients, M0, M1, C0, C1, K0, K1,
-    level_start, H0, H1, w, beta, kappa, tolerance,
-    load_start, load_node, load_value, amplitude, point_node, contact_node, state,
-    input_work, viscous_scheme, friction_work, peak, slip_peak, counters,
-    rows_u, rows_v, rows_sigma, rows_point_u, rows_point_v,
+    n_steps,
+    first_step,
+    every,
+    fields_every,
+    coefficients,
+    M0,
+    M1,
+    C0,
+    C1,
+    K0,
+    K1,
+    level_start,
+    H0,
+    H1,
+    w,
+    beta,
+    kappa,
+    tolerance,
+    load_start,
+    load_node,
+    load_value,
+    amplitude,
+    point_node,
+    contact_node,
+    state,
+    input_work,
+    viscous_scheme,
+    friction_work,
+    peak,
+    slip_peak,
+    counters,
+    rows_u,
+    rows_v,
+    rows_sigma,
+    rows_point_u,
+    rows_point_v,
 ):
     """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
 
@@ -291,8 +336,9 @@ def march(
 
     Returns
     -------
-    done, rows, residual, row
-        Steps completed (fewer than ``n_steps`` when a step did not converge), rows stored,
+    done, rows, field_rows, residual, row
+        Steps completed (fewer than ``n_steps`` when a step did not converge), rows stored of
+        the points and of the fields,
         and the residual (N) and unknown of the last solve.
     """
     h, c_M, c_K, u_v, u_a, y_a, y_d, a_v, a_a, d_a, d_a0, d_d0, trapezoidal = coefficients
@@ -308,6 +354,7 @@ def march(
     change = np.empty(n)
     mean = np.empty(n)
     rows = 0
+    field_rows = 0
     largest = 0.0
     row = 0
     for step in range(n_steps):
@@ -338,13 +385,12 @@ def march(
         if not converged:
             for i in range(n):
                 u[i] -= u_v * v[i] + u_a * a[i]
-            return step, rows, largest, row
+            return step, rows, field_rows, largest, row
         if tier == 1 and counters[5] == 0:
             counters[5] = NESTED_PERSISTENCE
         elif counters[5] > 0:
             counters[5] -= 1
         v_new, sigma_new = work[0], work[1]
-        scheme = 0.0
         for i in range(n):
             a_new = a_v * (v_new[i] - v[i]) + a_a * a[i]
             d_new = d_a * a_new + d_a0 * a[i] + d_d0 * d[i]
@@ -395,15 +441,15 @@ def march(
             sigma[i] = sigma_new[i]
         for j in range(point_node.size):
             peak[j] = max(peak[j], abs(u[point_node[j]]))
-        if (first_step + step + 1) % every == 0:
-            if rows_u.shape[0] > 0:
-                rows_u[rows] = u
-                rows_v[rows] = v
-                for j in range(contact_node.size):
-                    rows_sigma[rows, j] = sigma[contact_node[j]]
-            if rows_point_u.shape[0] > 0:
-                for j in range(point_node.size):
-                    rows_point_u[rows, j] = u[point_node[j]]
-                    rows_point_v[rows, j] = v[point_node[j]]
+        if rows_u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
+            rows_u[field_rows] = u
+            rows_v[field_rows] = v
+            for j in range(contact_node.size):
+                rows_sigma[field_rows, j] = sigma[contact_node[j]]
+            field_rows += 1
+        if rows_point_u.shape[0] > 0 and (first_step + step + 1) % every == 0:
+            for j in range(point_node.size):
+                rows_point_u[rows, j] = u[point_node[j]]
+                rows_point_v[rows, j] = v[point_node[j]]
             rows += 1
-    return n_steps, rows, largest, row
+    return n_steps, rows, field_rows, largest, row

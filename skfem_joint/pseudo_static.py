@@ -27,9 +27,7 @@ def loop_energy(force: float, EA: float, tau: float) -> float:
     return 2.0 * force**3 / (3.0 * EA * tau)
 
 
-def loop(
-    force: float, EA: float, tau: float, phase: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def loop(force: float, EA: float, tau: float, phase: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Hysteresis loop under ``force * sin(phase)`` in steady state.
 
     On each branch the displacement departs from its turning point with the square of the change of

@@ -32,20 +32,30 @@ class Save:
     Attributes
     ----------
     every : int
-        Store every ``every``-th step (and the start).
+        Store the named points at every ``every``-th step (and the start).
     fields : bool
         Displacement, velocity and friction of all unknowns, for snapshots and pictures.
     points : bool
         Displacement and velocity of the named points.
+    fields_every : int, optional
+        Stride of the fields; ``every`` if not given.
     """
 
     every: int = 1
     fields: bool = False
     points: bool = True
+    fields_every: int | None = None
 
     def __post_init__(self) -> None:
-        if self.every < 1:
-            raise InputError(f"every: found {self.every}, must be >= 1")
+        for name in ("every", "fields_every"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"{name}: found {value}, must be >= 1")
+
+    @property
+    def strides(self) -> tuple[int, int]:
+        """Strides of points and fields."""
+        return self.every, self.fields_every or self.every
 
 
 @dataclass(frozen=True)
@@ -108,9 +118,11 @@ class Run:
         Displacement (m) and velocity (m/s) of the named points.
     amplitudes : ndarray, shape (rows, loads)
         Load amplitudes, N.
-    u, v : ndarray, shape (rows or 0, n)
-        Unknowns and their rates, if fields were asked for.
-    sigma : ndarray, shape (rows or 0, m)
+    field_times : ndarray, shape (frames,)
+        Times of the stored fields, s; empty if none were asked for.
+    u, v : ndarray, shape (frames, n)
+        Unknowns and their rates.
+    sigma : ndarray, shape (frames, m)
         Normalised friction force of the contact points.
     input_work : ndarray, shape (loads,)
         Work of each load over the run, J.
@@ -129,7 +141,9 @@ class Run:
         Displacement and velocity at the end.
     counters : Counters
     wall_s : float
-        Time of the integration, s, without compilation.
+        Time of the integration, s.
+    preparation_s : float
+        Time to prepare the first step, s: factorization and, at the first use, compilation.
     interrupted : bool
         Whether the run was stopped early on purpose; it holds what was done until then.
     """
@@ -139,6 +153,7 @@ class Run:
     point_u: FloatArray
     point_v: FloatArray
     amplitudes: FloatArray
+    field_times: FloatArray
     u: FloatArray
     v: FloatArray
     sigma: FloatArray
@@ -153,6 +168,7 @@ class Run:
     final: tuple[FloatArray, FloatArray]
     counters: Counters
     wall_s: float
+    preparation_s: float = 0.0
     interrupted: bool = False
 
     @property
@@ -162,9 +178,7 @@ class Run:
         friction = float(self.friction_work.sum())
         dissipated = self.viscous_work + friction + self.scheme_work
         balance = float(self.input_work.sum()) - dissipated - (end - start)
-        in_play = max(
-            float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated)
-        )
+        in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
 
     def point(self, name: str) -> FloatArray:
@@ -181,19 +195,18 @@ class Recorder:
     n_steps: int
     h: float
     rows: int = 0
+    field_rows: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
     counters: NDArray[np.int64] = field(default_factory=lambda: np.zeros(6, dtype=np.int64))
     factorizations: int = 0
     halved_steps: int = 0
-    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(
-        default_factory=list
-    )
+    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         n, m, p = self.system.n, self.system.w.size, len(self.system.points)
-        total = self.n_steps // self.save.every + 1
-        fields = total if self.save.fields else 0
-        points = total if self.save.points else 0
+        every, fields_every = self.save.strides
+        fields = self.n_steps // fields_every + 1 if self.save.fields else 0
+        points = self.n_steps // every + 1 if self.save.points else 0
         self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
         self.sigma = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
@@ -204,18 +217,21 @@ class Recorder:
         self.slip_peak = np.zeros(m)
 
     def remaining_rows(self) -> tuple[FloatArray, ...]:
-        """Views of the stored-row arrays from the next free row on, as the kernels take them."""
-        k = self.rows
-        return self.u[k:], self.v[k:], self.sigma[k:], self.point_u[k:], self.point_v[k:]
+        """Give views of the stored rows from the next free one on, as the kernels take them."""
+        k, f = self.rows, self.field_rows
+        return self.u[f:], self.v[f:], self.sigma[f:], self.point_u[k:], self.point_v[k:]
 
-    def store(self, u: FloatArray, v: FloatArray, sigma: FloatArray) -> None:
-        """Store one row."""
-        k = self.rows
-        if self.save.fields:
-            self.u[k], self.v[k], self.sigma[k] = u, v, sigma
-        if self.save.points:
+    def store(self, step: int, u: FloatArray, v: FloatArray, sigma: FloatArray) -> None:
+        """Store what is due after ``step`` steps."""
+        every, fields_every = self.save.strides
+        if self.save.points and step % every == 0:
+            k = self.rows
             self.point_u[k], self.point_v[k] = self.system.P @ u, self.system.P @ v
-        self.rows += 1
+            self.rows += 1
+        if self.save.fields and step % fields_every == 0:
+            k = self.field_rows
+            self.u[k], self.v[k], self.sigma[k] = u, v, sigma
+            self.field_rows += 1
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
@@ -263,17 +279,19 @@ class Recorder:
         u: FloatArray,
         v: FloatArray,
         wall_s: float,
+        preparation_s: float,
         steps: int,
         interrupted: bool,
         **counters: int,
     ) -> Run:
         """Close the run."""
-        k = self.rows
-        every = self.save.every
-        times = self.h * every * np.arange(k)
+        k, f = self.rows, self.field_rows
+        every, fields_every = self.save.strides
+        times = self.h * every * np.arange(k, dtype=np.float64)
         loads = len(self.system.loads)
         marks: list[Any] = [
-            (np.zeros(loads), np.zeros(2), 0.0, np.zeros(self.peak.size)), *self.boundaries,
+            (np.zeros(loads), np.zeros(2), 0.0, np.zeros(self.peak.size)),
+            *self.boundaries,
         ]
         dissipated = np.diff(np.array([mark[1] for mark in marks]), axis=0)
         cycles = Cycles(
@@ -289,9 +307,10 @@ class Recorder:
             point_u=self.point_u[:k],
             point_v=self.point_v[:k],
             amplitudes=self.system.load_amplitudes(times).T,
-            u=self.u[:k],
-            v=self.v[:k],
-            sigma=self.sigma[:k],
+            field_times=self.h * fields_every * np.arange(f, dtype=np.float64),
+            u=self.u[:f],
+            v=self.v[:f],
+            sigma=self.sigma[:f],
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),
@@ -308,5 +327,6 @@ class Recorder:
                 **counters,
             ),
             wall_s=wall_s,
+            preparation_s=preparation_s,
             interrupted=interrupted,
         )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,14 +147,15 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
         Where scaled modes cannot follow: a load inside a joint, or joints that touch.
     """
     x = structure.position
-    loaded = {structure.bar.points[load.on] for load in system.loads}
+    vectors = np.abs(structure.expand(system.load_vectors().T)).sum(axis=0)
+    loaded = set(np.flatnonzero(vectors).tolist())
     fixed = set(structure.fixed_nodes.tolist())
     owner = np.full(structure.bar.mesh.t.shape[1], -1)
     for k, joint in enumerate(structure.joints):
         owner[structure.bar.regions[joint.region]] = k
     edges = np.flatnonzero(np.diff(np.concatenate([[-2], owner, [-2]])))
     zones: list[Zone] = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):  # stretches of elements
+    for first, last in pairwise(edges):  # stretches of elements
         if owner[first] < 0:
             continue
         joint = structure.joints[owner[first]]
@@ -161,7 +163,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
         if loaded & set(nodes[1:-1].tolist()):
             raise InputError(
                 f"joint {joint.region!r}: a load acts inside it; scaled reference modes hold for "
-                "loads at a joint's end or on a linear region. Use reference = \"self\"."
+                'loads at a joint\'s end or on a linear region. Use reference = "self".'
             )
         middle = 0.5 * (x[first:last] + x[first + 1 : last + 1])
         per_length = np.interp(
@@ -177,7 +179,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
             if has_neighbour and owner[beyond] >= 0:
                 raise InputError(
                     f"joint {joint.region!r} touches another joint; scaled reference modes need "
-                    "a linear region between them. Use reference = \"self\"."
+                    'a linear region between them. Use reference = "self".'
                 )
             if has_neighbour or int(mouth) in loaded:
                 zones.append(Zone(joint, inward, np.abs(x[inward] - x[mouth]), tau))
@@ -219,7 +221,7 @@ def estimate_active_length(
     at_mouth = float(np.asarray(force)[mouth])
     if linear.size:
         u = splu(sparse.csc_array(K[linear][:, linear])).solve(np.asarray(force)[linear])
-        at_mouth += abs(float(K[[mouth]][:, linear] @ u))
+        at_mouth += abs(float((K[[mouth]][:, linear] @ u)[0]))
     static = at_mouth / zone.tau
 
     def frequency_of(length: float) -> float:
@@ -249,8 +251,12 @@ def _first_frequency(K: sparse.csr_array, M: sparse.csr_array, moving: NDArray[n
         value = eigh(Kr.toarray(), Mr.toarray(), eigvals_only=True)[0]
     else:
         value = eigsh(
-            sparse.csc_array(Kr), k=1, M=sparse.csc_array(Mr), sigma=0.0,
-            return_eigenvectors=False, v0=np.ones(moving.size),
+            sparse.csc_array(Kr),
+            k=1,
+            M=sparse.csc_array(Mr),
+            sigma=0.0,
+            return_eigenvectors=False,
+            v0=np.ones(moving.size),
         )[0]
     return float(np.sqrt(value) / (2.0 * np.pi))
 
@@ -304,10 +310,11 @@ def structure_basis(
         K_linear = sparse.csc_array(K[linear][:, linear])
         factor = splu(K_linear)
         V[linear] = factor.solve(-(K[linear] @ V))
-        extra = []
-        for load in system.loads:
-            if np.any(load.vector[linear]):
-                extra.append(factor.solve(load.vector[linear]))
+        extra = [
+            factor.solve(load.vector[linear])
+            for load in system.loads
+            if np.any(load.vector[linear])
+        ]
         if interface_modes > 0:
             extra.extend(_fixed_interface_modes(system, linear, interface_modes)[1].T)
         if extra:

@@ -96,6 +96,17 @@ def _is_region(name: str, info: ValidationInfo) -> str:
     return name
 
 
+def _is_place(name: str, info: ValidationInfo) -> str:
+    bar = _bar(info)
+    if bar is not None and name not in bar.points and name not in bar.regions:
+        raise _mistake(
+            f"found '{name}', no such point or region in the mesh; points of the mesh: "
+            f"{_listed(bar.points)}; regions: {_listed(bar.regions)}"
+            f"{_closest(name, [*bar.points, *bar.regions])}"
+        )
+    return name
+
+
 def _is_file_name(name: str) -> str:
     if not name or "\0" in name:
         raise _mistake(f"found {name!r}, must be the name of a file")
@@ -116,6 +127,7 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 PointName = Annotated[str, AfterValidator(_is_point)]
 RegionName = Annotated[str, AfterValidator(_is_region)]
+PlaceName = Annotated[str, AfterValidator(_is_place)]
 FileName = Annotated[str, AfterValidator(_is_file_name)]
 # TOML lists arrive as lists: not strict about that, still strict about their members.
 _A_LIST = Field(strict=False)
@@ -294,7 +306,7 @@ class Damping(SceneTable):
 
 
 class _LoadOn(SceneTable):
-    on: PointName = Field(description="name of the point the load acts on")
+    on: PlaceName = Field(description="name of the point or region the load acts on")
 
 
 class _HarmonicKeys(SceneTable):
@@ -435,18 +447,26 @@ class Reduction(SceneTable):
 
     Attributes
     ----------
-    active_length : "auto", float or mapping of float
-        Estimated, one length for every joint, or lengths by joint region (a joint not named there
-        is estimated), m.
+    active_length : "auto", "estimate", float or mapping of float
+        Measured in a quick probe run, estimated by Eqs. (17)-(20), one length for every joint, or
+        lengths by joint region (a joint not named there is probed), m.
+    friction_points : "auto", "all" or int
+        Points at which the friction of a joint's end is evaluated: two more than twice the modes,
+        every contact node as in the paper, or so many.
+    snapshots : "both" or "displacement"
+        Whether the modes span displacement and velocity, or displacement alone as in the paper.
     """
 
     modes: int = Field(default=5, ge=1, le=_MOST)
     active_length: Annotated[
-        Auto
+        Annotated[Literal["auto", "estimate"], Tag(_WORD)]
         | Annotated[Positive, Tag(_NUMBER)]
         | Annotated[dict[RegionName, Positive], Tag(_TABLE)],
         Discriminator(_form),
-    ] = Field(default="auto", description="'auto', a length in m, or a table { region = length }")
+    ] = Field(
+        default="auto",
+        description="'auto', 'estimate', a length in m, or a table { region = length }",
+    )
     reference: Literal["paper", "self"] = "paper"
     interface_modes: Annotated[
         Auto | Annotated[int, Field(ge=0, le=_MOST), Tag(_NUMBER)],
@@ -456,6 +476,12 @@ class Reduction(SceneTable):
         Auto | Annotated[Positive, Tag(_NUMBER)],
         Discriminator(lambda value: _WORD if _form(value) == _WORD else _NUMBER),
     ] = Field(default="auto", description="'auto' or a steepness in s/m > 0")
+    friction_points: Annotated[
+        Annotated[Literal["auto", "all"], Tag(_WORD)]
+        | Annotated[int, Field(ge=1, le=_MOST), Tag(_NUMBER)],
+        Discriminator(lambda value: _WORD if _form(value) == _WORD else _NUMBER),
+    ] = Field(default="auto", description="'auto', 'all' or a whole number >= 1")
+    snapshots: Literal["both", "displacement"] = "both"
     inner_product: Literal["euclidean", "mass"] = "euclidean"
 
 
@@ -596,7 +622,7 @@ def _check_points(tables: Mapping[str, Any], bar: BarMesh) -> Iterator[str]:
     held = {bar.points[name] for name in tables["support"].fixed}
     free = _listed(name for name, node in bar.points.items() if node not in held)
     for i, item in enumerate(tables.get("load", ())):
-        if bar.points[item.on] in held:
+        if bar.points.get(item.on) in held:
             yield (
                 f"load[{i}].on: found '{item.on}', which is fixed, so the support takes the whole "
                 f"load; free points of the mesh: {free}"

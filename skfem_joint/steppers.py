@@ -29,6 +29,10 @@ KAPPA = 3.0
 NEVER = 2**62
 
 
+def _strides(recorder: Recorder, store: bool) -> tuple[int, int]:
+    return recorder.save.strides if store else (NEVER, NEVER)
+
+
 @dataclass
 class Failure:
     """Why the last step did not converge."""
@@ -42,8 +46,12 @@ class Stepper(Protocol):
 
     failure: Failure
 
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
-        """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged."""
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged.
+
+        ``first_step`` is the index of the first one in the run; ``store`` tells whether rows may
+        be stored (not inside a step that is done in parts).
+        """
 
     def restart(self, amplitudes: FloatArray) -> None:
         """Make the acceleration consistent with the loads now (start, or after a jump)."""
@@ -56,7 +64,11 @@ class Stepper(Protocol):
 
 
 def choose(
-    system: System, scheme: Scheme, u: FloatArray, v: FloatArray, tolerance: float,
+    system: System,
+    scheme: Scheme,
+    u: FloatArray,
+    v: FloatArray,
+    tolerance: float,
     recorder: Recorder,
 ) -> Stepper:
     """Stepper for the system's structure.
@@ -85,13 +97,14 @@ def _is_chain(system: System) -> bool:
         coo = sparse.coo_array(A)
         if np.any(np.abs(coo.coords[0] - coo.coords[1])[coo.data != 0.0] > 1):
             return False
-    B = sparse.csr_array(system.B)
-    columns = B.indices
-    return bool(
-        np.all(np.diff(B.indptr) == 1)
-        and np.all(B.data == 1.0)
-        and np.unique(columns).size == columns.size
-    )
+    return _picks_unknowns(system.P) and _picks_unknowns(system.B, distinct=True)
+
+
+def _picks_unknowns(A: Any, distinct: bool = False) -> bool:
+    """Whether each row holds a single 1, in columns of its own if ``distinct``."""
+    rows = sparse.csr_array(A)
+    single = bool(np.all(np.diff(rows.indptr) == 1) and np.all(rows.data == 1.0))
+    return single and (not distinct or np.unique(rows.indices).size == rows.indices.size)
 
 
 @dataclass
@@ -119,7 +132,7 @@ class LinearStepper:
         self.d = _factorised(s.M)(right)
         self.a = self.d.copy()
 
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
         s, c, recorder = self.system, self.scheme.coefficients(h), self.recorder
         if h not in self.factors:
@@ -127,7 +140,7 @@ class LinearStepper:
             recorder.factorizations += 1
         solve = self.factors[h]
         sigma = np.zeros(s.w.size)
-        n_steps = amplitudes.shape[1] - 1
+        n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):
             u, v, a, d = self.u, self.v, self.a, self.d
             predictor = u + c.u_v * v + c.u_a * a
@@ -144,8 +157,8 @@ class LinearStepper:
                 (self.u, self.v, self.d, sigma),
                 self.vectors,
             )
-            if (first_step + k + 1) % every == 0:
-                recorder.store(self.u, self.v, sigma)
+            if store:
+                recorder.store(first_step + k + 1, self.u, self.v, sigma)
         return n_steps
 
     def state(self) -> tuple[FloatArray, FloatArray]:
@@ -183,9 +196,7 @@ class Hierarchy:
     kappa: float
 
 
-def build_hierarchy(
-    H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray
-) -> Hierarchy:
+def build_hierarchy(H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray) -> Hierarchy:
     """Galerkin hierarchy by halving the chain down to a few dozen nodes.
 
     Coarse node j sits on fine node 2 j (or 2 j + 1, so that the last node stays), its
@@ -215,11 +226,8 @@ def build_hierarchy(
     bands = np.zeros((2, first[0].size))
     bands[0, 1:], bands[1] = first[1][:-1], first[0]
     reach = np.abs(linalg.solveh_banded(bands, first[2])).max()
-    return Hierarchy(
-        np.array(start, dtype=np.int64),
-        *(np.concatenate([part[i] for part in parts]) for i in range(4)),
-        kappa=KAPPA / reach,
-    )
+    H0, H1, w, beta = (np.concatenate([part[i] for part in parts]) for i in range(4))
+    return Hierarchy(np.array(start, dtype=np.int64), H0, H1, w, beta, KAPPA / reach)
 
 
 @dataclass
@@ -249,7 +257,6 @@ class ChainStepper:
             np.asarray(vectors.indices, dtype=np.int64),
             np.asarray(vectors.data, dtype=float),
         )
-        # The rows of P pick one unknown each, as slip rows do; see structure.assemble.
         self.point_node = np.asarray(sparse.csr_array(s.P).indices, dtype=np.int64)
         self.rows = np.zeros((7, n))
         self.rows[0], self.rows[1] = self.u, self.v
@@ -279,8 +286,18 @@ class ChainStepper:
             padded[:n] = right
             work, trial = np.zeros((6, n)), np.zeros((3, n))
             _, _, converged, _, row = kernels.solve_step(
-                problem.level_start, problem.H0, problem.H1, problem.w, problem.beta,
-                problem.kappa, padded, unknown, work, trial, self.tolerance, False,
+                problem.level_start,
+                problem.H0,
+                problem.H1,
+                problem.w,
+                problem.beta,
+                problem.kappa,
+                padded,
+                unknown,
+                work,
+                trial,
+                self.tolerance,
+                False,
             )
             if not converged:
                 raise InputError(
@@ -295,7 +312,7 @@ class ChainStepper:
         self.rows[6] = sigma
         self.current = None
 
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
         from skfem_joint import kernels_tridiagonal as kernels
 
@@ -313,14 +330,34 @@ class ChainStepper:
             self.rows[4] = self.rows[5] = friction.parameter(v, sigma, problem.kappa, self.beta)
             self.current = h
         r = self.recorder
-        done, rows, residual, unknown = kernels.march(
-            amplitudes.shape[1] - 1, first_step, every, tuple(c), *self.bands,
-            problem.level_start, problem.H0, problem.H1, problem.w, problem.beta, problem.kappa,
-            self.tolerance, *self.loads, amplitudes, self.point_node, self.contact, self.rows,
-            r.input_work, r.dissipated, r.friction_work, r.peak, r.slip_peak, r.counters,
+        done, rows, field_rows, residual, unknown = kernels.march(
+            amplitudes.shape[1] - 1,
+            first_step,
+            *_strides(r, store),
+            tuple(c),
+            *self.bands,
+            problem.level_start,
+            problem.H0,
+            problem.H1,
+            problem.w,
+            problem.beta,
+            problem.kappa,
+            self.tolerance,
+            *self.loads,
+            amplitudes,
+            self.point_node,
+            self.contact,
+            self.rows,
+            r.input_work,
+            r.dissipated,
+            r.friction_work,
+            r.peak,
+            r.slip_peak,
+            r.counters,
             *r.remaining_rows(),
         )
         r.rows += rows
+        r.field_rows += field_rows
         self.failure = Failure(residual, unknown)
         return int(done)
 
@@ -372,7 +409,7 @@ class DenseStepper:
         self.rows[2] = self.rows[3] = _factorised(self.matrices[0])(right)
         self.rows[4] = v
 
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, every: int) -> int:
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
         from skfem_joint import kernels_dense as kernels
 
@@ -381,14 +418,33 @@ class DenseStepper:
         s, r = self.system, self.recorder
         if r.factorizations == 0:
             r.factorizations = 1
-        done, rows, residual, unknown = kernels.march(
-            amplitudes.shape[1] - 1, first_step, every, tuple(c), M, C, K,
-            c.c_M * M + C + c.c_K * K, self.B, s.w, s.beta, self.tolerance,
-            self.vectors, amplitudes, self.P, self.rows,
-            r.input_work, r.dissipated, r.friction_work, r.peak, r.slip_peak, r.counters,
+        done, rows, field_rows, residual, unknown = kernels.march(
+            amplitudes.shape[1] - 1,
+            first_step,
+            *_strides(r, store),
+            tuple(c),
+            M,
+            C,
+            K,
+            c.c_M * M + C + c.c_K * K,
+            self.B,
+            s.w,
+            s.beta,
+            self.tolerance,
+            self.vectors,
+            amplitudes,
+            self.P,
+            self.rows,
+            r.input_work,
+            r.dissipated,
+            r.friction_work,
+            r.peak,
+            r.slip_peak,
+            r.counters,
             *r.remaining_rows(),
         )
         r.rows += rows
+        r.field_rows += field_rows
         self.failure = Failure(residual, unknown)
         return int(done)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy import sparse
 
 from skfem_joint.contact import PressureTable, nodal_normal_forces
 from skfem_joint.errors import InputError
-from skfem_joint.forms import strut_mass, strut_stiffness
+from skfem_joint.forms import line_load, strut_mass, strut_stiffness
 from skfem_joint.loads import Load
 from skfem_joint.meshing import BarMesh
 from skfem_joint.system import AppliedLoad, System
@@ -216,8 +217,9 @@ def assemble(
     Parameters
     ----------
     structure : Structure
-    loads : sequence of (point name, load)
-        Axial forces, positive along the bar.
+    loads : sequence of (name, load)
+        Axial forces, positive along the bar, at a named point or spread evenly along a named
+        region.
     points : sequence of str, optional
         Named points to observe; all unsupported ones if not given.
 
@@ -232,10 +234,11 @@ def assemble(
     free = structure.free
     if points is None:
         points = [name for name, node in bar.points.items() if node not in structure.fixed_nodes]
-    problems = [
-        _missing("point", name, bar.points)
-        for name in (*points, *(on for on, _ in loads))
-        if name not in bar.points
+    problems = [_missing("point", name, bar.points) for name in points if name not in bar.points]
+    problems += [
+        _missing("point or region", on, {**bar.points, **bar.regions})
+        for on, _ in loads
+        if on not in bar.points and on not in bar.regions
     ]
     problems += [
         f"load on {on!r}: the point is supported, a force there does nothing; load a free point"
@@ -248,12 +251,8 @@ def assemble(
     basis = Basis(bar.mesh, ElementLineP1())
     constant = basis.with_element(ElementLineP0())
     area = structure.width * structure.thickness
-    K = asm(
-        strut_stiffness(), basis, axial_stiffness=constant.interpolate(structure.E * area)
-    )
-    M = asm(
-        strut_mass(), basis, mass_per_length=constant.interpolate(structure.density * area)
-    )
+    K = asm(strut_stiffness(), basis, axial_stiffness=constant.interpolate(structure.E * area))
+    M = asm(strut_mass(), basis, mass_per_length=constant.interpolate(structure.density * area))
     if structure.lumped_mass:
         M = sparse.diags_array(np.asarray(M.sum(axis=1)).ravel())
     K = sparse.csr_array(sparse.csr_array(K)[free][:, free])
@@ -297,8 +296,7 @@ def assemble(
         w=w[free[contact]],
         beta=beta[free[contact]],
         loads=tuple(
-            AppliedLoad(_unit(int(unknown[bar.points[on]]), free.size), load, on)
-            for on, load in loads
+            AppliedLoad(_distribution(structure, basis, on)[free], load, on) for on, load in loads
         ),
         P=_selection(observed, free.size),
         points=tuple(points),
@@ -310,7 +308,14 @@ def _selection(rows: NDArray[np.intp], n: int) -> sparse.csr_array:
     return sparse.csr_array((ones, (np.arange(rows.size), rows)), shape=(rows.size, n))
 
 
-def _unit(i: int, n: int) -> FloatArray:
-    vector = np.zeros(n)
-    vector[i] = 1.0
-    return vector
+def _distribution(structure: Structure, basis: Any, on: str) -> FloatArray:
+    """Nodal shares of a unit force at a point, or spread evenly along a region."""
+    bar = structure.bar
+    shares = np.zeros(structure.n_nodes)
+    if on in bar.points:
+        shares[bar.points[on]] = 1.0
+        return shares
+    elements = bar.regions[on]
+    length = float(np.diff(structure.position)[elements].sum())
+    region = basis.with_elements(elements)
+    return np.asarray(line_load().assemble(region, force_per_length=1.0 / length + 0.0 * region.dx))

@@ -7,7 +7,6 @@ Every map between models takes a system and returns a system.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.errors import InputError
+from skfem_joint.loads import Load
 
 FloatArray = NDArray[np.float64]
 Matrix = Any  # ndarray or scipy sparse array, shape (n, n) or (m, n)
@@ -29,14 +29,14 @@ class AppliedLoad:
     ----------
     vector : ndarray, shape (n,)
         Spatial distribution, dimensionless for a point load (1 at the loaded unknown).
-    amplitude : callable
-        Force in N as a vectorised function of time in s.
+    amplitude : Load
+        Force in N as a vectorised function of time in s, see :mod:`skfem_joint.loads`.
     on : str
         Name of the loaded point.
     """
 
     vector: FloatArray
-    amplitude: Callable[[Any], Any]
+    amplitude: Load
     on: str = ""
 
 
@@ -77,7 +77,11 @@ class System:
             object.__setattr__(self, "P", sparse.csr_array((0, n)))
         m = self.w.shape[0]
         expected = {
-            "M": (n, n), "C": (n, n), "K": (n, n), "B": (m, n), "P": (len(self.points), n),
+            "M": (n, n),
+            "C": (n, n),
+            "K": (n, n),
+            "B": (m, n),
+            "P": (len(self.points), n),
         }
         problems = [
             f"{name}: found shape {getattr(self, name).shape}, must be {shape}"
@@ -143,7 +147,7 @@ class System:
         )
 
     def with_beta(self, beta: float) -> System:
-        """Same system with the scaling constant ``beta`` (s/m) at every contact point."""
+        """Give every contact point the scaling constant ``beta`` (s/m)."""
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
     def stored_energy(self, u: FloatArray, v: FloatArray) -> float:

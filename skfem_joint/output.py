@@ -1,0 +1,120 @@
+"""Write a study's folder: summary, history, ParaView series, plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfem_joint import report
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+from skfem_joint.history import slip_state
+from skfem_joint.study import Model, Study
+
+
+def prepare(folder: Path) -> None:
+    """Make the output folder and see that it can be written to, before anything is computed.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {folder}: cannot be made a folder ({error.strerror}); choose another"
+        ) from error
+    with replacing(folder / ".writable"):
+        pass
+    (folder / ".writable").unlink()
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """Content of ``summary.json``."""
+    return {
+        "title": study.scene.title,
+        "models": {
+            name: report.model_summary(
+                model.run,
+                modes=None if model.basis is None else int(model.basis.shape[1]),
+                offline_s=model.offline_s,
+                active_length=model.active_length,
+                errors=model.errors,
+            )
+            for name, model in study.models.items()
+        },
+        "warnings": study.warnings,
+    }
+
+
+def write(study: Study, folder: Path) -> list[Path]:
+    """Write what the scene asks for; returns the main files."""
+    output = study.scene.output
+    runs = {name: model.run for name, model in study.models.items()}
+    written = [folder / "summary.json"]
+    report.write_json(written[0], summary(study))
+    if output.history:
+        written.append(folder / "history.npz")
+        report.write_history(written[-1], runs)
+    if output.plots:
+        written += _plots(study, folder)
+    if output.vtk:
+        written.append(_series(study, folder / "fields.pvd"))
+    return written
+
+
+def _series(study: Study, path: Path) -> Path:
+    from skfem_joint import vtk
+
+    fields = [_field(study, model) for model in study.models.values()]
+    frames = min(field.displacement.shape[0] for field in fields)
+    times = next(iter(study.models.values())).run.field_times[:frames]
+    vtk.write_series(path, study.structure, times, fields, shape=study.scene.output.shape)
+    return path
+
+
+def _field(study: Study, model: Model) -> Any:
+    from skfem_joint import vtk
+
+    structure, system = study.structure, study.system
+    u, v = model.fields()
+    force = np.zeros((u.shape[0], structure.n_nodes))
+    state = np.full((u.shape[0], structure.n_nodes), -1, dtype=np.int8)
+    if system.contact_points:
+        nodes = structure.free[system.B.indices]
+        sigma = model.normalised_friction(system)
+        force[:, nodes] = -system.w * sigma
+        state[:, nodes] = slip_state(sigma, system.beta)
+    return vtk.Field(model.name, structure.expand(u), structure.expand(v), force, state)
+
+
+def _plots(study: Study, folder: Path) -> list[Path]:
+    from skfem_joint import plot
+
+    scene = study.scene
+    runs = {name: model.run for name, model in study.models.items()}
+    points = study.system.points
+    paths = [plot.histories(folder / "histories.png", runs, points)]
+    rows = None
+    if scene.time.cycles is not None and scene.time.steps_per_cycle % scene.output.every == 0:
+        rows = scene.time.steps_per_cycle // scene.output.every
+    for k, load in enumerate(study.system.loads):
+        if load.on in points:
+            path = folder / f"hysteresis_{load.on}.png"
+            paths.append(plot.hysteresis(path, runs, load.on, k, cycle_rows=rows))
+    if scene.time.cycles is not None:
+        paths.append(plot.energies(folder / "energies.png", runs))
+    for model in study.models.values():
+        if model.proper is not None:
+            paths.append(plot.proper_values(folder / "proper_values.png", model.proper))
+        if model.reference is not None:
+            reference = model.reference
+            path = folder / "proper_orthogonal_modes.png"
+            paths.append(
+                plot.proper_orthogonal_modes(path, reference.xi, reference.modes, reference.proper)
+            )
+    return paths

@@ -1,0 +1,478 @@
+"""From a scene to results: the full model, the reduced one, and how they compare."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint import friction
+from skfem_joint.active_length import THRESHOLD, Estimate, measured
+from skfem_joint.errors import InputError
+from skfem_joint.history import Errors, compare, peaks, steady_state
+from skfem_joint.hyper_reduction import with_friction_points
+from skfem_joint.integrate import integrate
+from skfem_joint.loads import Harmonic, Load, MultiHarmonic
+from skfem_joint.pod import ProperModes, orthonormal, proper_modes
+from skfem_joint.recording import Run, Save
+from skfem_joint.reduction import (
+    ReferenceModes,
+    Zone,
+    active_zones,
+    estimate_active_length,
+    interface_modes_needed,
+    snapshot_matrix,
+    structure_basis,
+)
+from skfem_joint.reference import paper_reference
+from skfem_joint.scene import Scene
+from skfem_joint.schemes import generalized_alpha
+from skfem_joint.structure import Structure, assemble, build_structure
+from skfem_joint.system import System
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+#: Slip velocities of a reduced model are wrong by about a percent of the largest one: resolving the
+#: friction law more finely than this share of it costs iterations and gains nothing.
+RESOLVED_SHARE = 1e-4
+#: A probe run takes at most so many cycles and steps a cycle.
+PROBE_CYCLES, PROBE_STEPS = 4, 100
+#: A joint slips as a whole when its least slip exceeds this share of its largest.
+GROSS_SLIP = 0.02
+
+
+@dataclass(frozen=True)
+class ZoneLength:
+    """Active length of one zone and where it comes from.
+
+    Attributes
+    ----------
+    joint : str
+    length : float
+        Used, m.
+    source : str
+        ``given``, ``probe`` or ``estimate``.
+    estimate : Estimate or None
+        By Eqs. (17)-(20), for harmonic loads.
+    """
+
+    joint: str
+    length: float
+    source: str
+    estimate: Estimate | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """One model that was run.
+
+    Attributes
+    ----------
+    name : str
+    run : Run
+    basis : ndarray, shape (n, j), or None
+        Reduced basis; None for the full model.
+    offline_s : float
+        Time for everything before the first step, s: reference run, decomposition, active length,
+        projection, compilation.
+    active_length : dict
+        Active length of each joint end where force enters, m.
+    zones : tuple of ZoneLength
+        How a reduced model got its active lengths.
+    proper : ProperModes or None
+        Decomposition that a reduced model's modes come from.
+    reference : ReferenceModes or None
+    errors : Errors or None
+        Against the full model, where both were run.
+    """
+
+    name: str
+    run: Run
+    basis: FloatArray | None
+    offline_s: float
+    active_length: dict[str, float]
+    zones: tuple[ZoneLength, ...] = ()
+    proper: ProperModes | None = None
+    reference: ReferenceModes | None = None
+    errors: Errors | None = None
+
+    def fields(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity histories on the full model's unknowns."""
+        if self.basis is None:
+            return self.run.u, self.run.v
+        return self.run.u @ self.basis.T, self.run.v @ self.basis.T
+
+    def normalised_friction(self, system: System) -> FloatArray:
+        """Friction over its limit at all contact points of the full model, (frames, m).
+
+        A reduced model evaluates friction at points of its own; here its law is evaluated at its
+        velocities of the contact nodes.
+        """
+        if self.basis is None:
+            return self.run.sigma
+        slip = (system.B @ self.fields()[1].T).T
+        return friction.force(slip, np.minimum(system.beta, self.run.system.beta.max()))
+
+
+@dataclass
+class Study:
+    """Results of a scene; ``warnings`` are whole sentences."""
+
+    scene: Scene
+    structure: Structure
+    system: System
+    models: dict[str, Model] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+
+
+def structure_of(scene: Scene) -> Structure:
+    """Structure that a scene describes."""
+    return build_structure(
+        scene.bar,
+        E=scene.material.E,
+        density=scene.material.density,
+        width=scene.section.width,
+        thickness=scene.section.thickness,
+        fixed=scene.support.fixed,
+        joints=[joint.to_joint() for joint in scene.joint],
+        stiffness_damping=scene.damping.stiffness,
+        mass_damping=scene.damping.mass,
+        lumped_mass=scene.material.mass_matrix == "lumped",
+        regions=scene.overrides,
+    )
+
+
+def run_scene(scene: Scene, progress: Progress | None = None) -> Study:
+    """Run the models that a scene asks for, and nothing else.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a model does not converge.
+    InputError
+        If the reduction does not fit the scene.
+    """
+    structure = structure_of(scene)
+    loads = [(item.on, item.to_load()) for item in scene.load]
+    system = assemble(structure, loads, scene.output_points)
+    study = Study(scene, structure, system)
+    for name in sorted(scene.models.run):  # the full model first: others compare with it
+        make = _full if name == "full" else _reduced
+        model = make(study, partial(_report, progress, f"{name} model"))
+        if "full" in study.models and not model.run.interrupted:
+            model = replace(model, errors=compare(study.models["full"].run, model.run))
+        study.models[name] = model
+        if model.run.interrupted:
+            study.interrupted = True
+            study.warnings.append(
+                f"The run was interrupted in the {name} model at t = {model.run.times[-1]:.6g} s; "
+                "results are those until then."
+            )
+            break
+        _check(study, model)
+    return study
+
+
+def _report(progress: Progress | None, label: str, done: int, total: int) -> None:
+    if progress is not None:
+        progress(label, done, total)
+
+
+def _cycle_steps(scene: Scene) -> int | None:
+    return scene.time.steps_per_cycle if scene.time.cycles is not None else None
+
+
+def _save(scene: Scene) -> Save:
+    """Store only what a picture, a file or a comparison of this scene needs."""
+    output = scene.output
+    return Save(
+        every=output.every,
+        points=output.history or output.plots or len(scene.models.run) > 1,
+        fields=output.vtk,
+        fields_every=max(1, -(-scene.n_steps // output.frames)),
+    )
+
+
+def _integrate(scene: Scene, system: System, progress: Callable[[int, int], None]) -> Run:
+    return integrate(
+        system,
+        step=scene.time_step,
+        n_steps=scene.n_steps,
+        scheme=generalized_alpha(scene.time.rho_infinity),
+        save=_save(scene),
+        cycle_steps=_cycle_steps(scene),
+        progress=progress,
+    )
+
+
+def _full(study: Study, progress: Callable[[int, int], None]) -> Model:
+    run = _integrate(study.scene, study.system, progress)
+    return Model("full", run, None, run.preparation_s, _measure(study, run))
+
+
+def _contact_rows(study: Study, nodes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Contact rows of nodes; -1 for nodes without contact."""
+    rows = np.full(study.structure.n_nodes, -1)
+    rows[study.structure.free[study.system.B.indices]] = np.arange(study.system.w.size)
+    return rows[nodes]
+
+
+def _measure(study: Study, run: Run) -> dict[str, float]:
+    """Active length of each joint from the largest slips of a run, from the end that moves most."""
+    lengths = {}
+    for joint in study.structure.joints:
+        nodes = study.structure.joint_nodes(joint)
+        position = study.structure.position[nodes]
+        peak = run.slip_peak[_contact_rows(study, nodes)]
+        if peak[-1] > peak[0]:
+            peak, position = peak[::-1], position[::-1]
+        lengths[joint.region] = measured(np.abs(position - position[0]), peak)
+    return lengths
+
+
+def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
+    begin = time.perf_counter()
+    options = study.scene.reduction
+    if study.system.contact_points == 0:
+        raise InputError(
+            "models.run: 'reduced' needs friction in a joint; every joint of this scene has zero "
+            "pressure or zero friction. Run 'full' alone."
+        )
+    maker = _basis_from_paper if options.reference == "paper" else _basis_from_itself
+    reduction = maker(study)
+    system = study.system.project(reduction.V)
+    if options.friction_points != "all":
+        asked = options.friction_points
+        count = 2 * options.modes + 2 if isinstance(asked, str) else asked
+        position = study.structure.position[study.structure.free[study.system.B.indices]]
+        system = with_friction_points(system, position, reduction.stretches, count)
+    system = replace(system, beta=np.minimum(system.beta, _beta(study, reduction.slip_velocity)))
+    before = time.perf_counter() - begin
+    run = _integrate(study.scene, system, progress)
+    return Model(
+        "reduced",
+        run,
+        reduction.V,
+        before + run.preparation_s,
+        reduction.active_length,
+        reduction.zones,
+        reduction.proper,
+        reduction.reference,
+    )
+
+
+def _beta(study: Study, slip_velocity: float) -> float:
+    """Scaling constant that a reduced model can make use of, s/m."""
+    asked = study.scene.reduction.beta
+    if not isinstance(asked, str):
+        return float(asked)
+    beta = 1.0 / (RESOLVED_SHARE * slip_velocity)
+    if np.any(study.system.beta > beta):
+        study.warnings.append(
+            f"The reduced model uses beta = {beta:.3g} s/m: its modes do not resolve slip "
+            f"velocities below {RESOLVED_SHARE:g} of the largest ({slip_velocity:.3g} m/s), where "
+            "a steeper law would differ. Set reduction.beta to choose."
+        )
+    return beta
+
+
+@dataclass(frozen=True)
+class _Reduction:
+    """Basis of a reduced model and what else the way to it has shown.
+
+    ``stretches`` holds the contact rows of each active stretch; ``slip_velocity`` the largest, m/s.
+    """
+
+    V: FloatArray
+    slip_velocity: float
+    stretches: list[NDArray[np.intp]]
+    active_length: dict[str, float]
+    proper: ProperModes
+    zones: tuple[ZoneLength, ...] = ()
+    reference: ReferenceModes | None = None
+
+
+def _probe(study: Study, zones: list[Zone]) -> Run:
+    """Quick run of the full model with exact Coulomb friction, which costs least.
+
+    Its points are the mouths of the zones; the displacement beyond the active length is exactly
+    zero, so that the length measured hardly depends on the threshold.
+    """
+    scene, system, structure = study.scene, study.system, study.structure
+    unknown = np.searchsorted(structure.free, [zone.nodes[0] for zone in zones])
+    P = np.zeros((len(zones), system.n))
+    P[np.arange(len(zones)), unknown] = 1.0
+    probe = replace(
+        system.with_beta(np.inf),
+        P=sparse.csr_array(P),
+        points=tuple(f"mouth {k}" for k in range(len(zones))),
+    )
+    cycles = scene.time.cycles
+    if cycles is None:
+        return integrate(probe, step=scene.time_step, n_steps=scene.n_steps)
+    period = scene.time_step * scene.time.steps_per_cycle
+    steps = min(scene.time.steps_per_cycle, PROBE_STEPS)
+    return integrate(probe, step=period / steps, n_steps=min(cycles, PROBE_CYCLES) * steps)
+
+
+def _basis_from_paper(study: Study) -> _Reduction:
+    """Scaled modes of the paper's reference system, carried into the structure."""
+    scene, structure, system = study.scene, study.structure, study.system
+    options = scene.reduction
+    zones = active_zones(structure, system)
+    for zone in zones:
+        if zone.tau == 0.0:
+            raise InputError(
+                f"joint {zone.name!r}: no friction acts in it, so that reference modes cannot be "
+                'scaled to its active length; leave the joint out or use reference = "self"'
+            )
+    if not zones:
+        raise InputError(
+            "reduction: no force enters any joint, so that no active length can be found; "
+            'use reference = "self"'
+        )
+    reference = paper_reference(snapshots=options.snapshots, inner_product=options.inner_product)
+    loads = [load.amplitude for load in system.loads]
+    estimates = [_estimate(structure, system, zone, loads) for zone in zones]
+    probe = _probe(study, zones)
+    lengths = [
+        _length(study, zone, guess, probe) for zone, guess in zip(zones, estimates, strict=True)
+    ]
+    _cap(study, zones, lengths)
+    highest = max((f for load in loads if (f := load.highest_frequency)), default=None)
+    interface = options.interface_modes
+    V = structure_basis(
+        structure,
+        system,
+        reference,
+        zones,
+        [length.length for length in lengths],
+        modes=options.modes,
+        interface_modes=interface_modes_needed(structure, system, highest)
+        if isinstance(interface, str)
+        else interface,
+    )
+    stretches = []
+    active: dict[str, float] = {}
+    for zone, found in zip(zones, lengths, strict=True):
+        rows = _contact_rows(study, zone.nodes)
+        stretches.append(rows[(rows >= 0) & (zone.distance < found.length)])
+        active[zone.name] = active.get(zone.name, 0.0) + found.length
+    velocity = float(np.abs(probe.point_v).max())
+    return _Reduction(V, velocity, stretches, active, reference.proper, tuple(lengths), reference)
+
+
+def _estimate(
+    structure: Structure, system: System, zone: Zone, loads: list[Load]
+) -> Estimate | None:
+    """Active length by Eqs. (17)-(20), with the amplitudes of all harmonics superposed."""
+    amplitudes = []
+    frequency = 0.0
+    for load in loads:
+        if isinstance(load, MultiHarmonic):
+            parts = load.components
+        elif isinstance(load, Harmonic):
+            parts = (load,)
+        else:
+            return None
+        amplitudes.append(sum(abs(part.amplitude) for part in parts))
+        frequency = max(frequency, *(part.frequency for part in parts))
+    return estimate_active_length(structure, system, zone, amplitudes, frequency)
+
+
+def _length(study: Study, zone: Zone, guess: Estimate | None, probe: Run) -> ZoneLength:
+    asked = study.scene.reduction.active_length
+    if isinstance(asked, dict) and zone.name in asked:
+        return ZoneLength(zone.name, asked[zone.name], "given", guess)
+    if isinstance(asked, float):
+        return ZoneLength(zone.name, asked, "given", guess)
+    if asked == "estimate":
+        if guess is None:
+            raise InputError(
+                "reduction.active_length: 'estimate' needs harmonic loads; use 'auto' or a length"
+            )
+        if not guess.converged:
+            study.warnings.append(
+                f"The estimated active length of joint '{zone.name}' did not settle: the load is "
+                "near or above its resonance, where Eq. (17) does not hold. Use "
+                "active_length = 'auto'."
+            )
+        return ZoneLength(zone.name, guess.length, "estimate", guess)
+    rows = _contact_rows(study, zone.nodes)
+    inside = rows >= 0
+    found = measured(zone.distance[inside], probe.slip_peak[rows[inside]])
+    return ZoneLength(zone.name, max(found, zone.distance[1]), "probe", guess)
+
+
+def _cap(study: Study, zones: list[Zone], lengths: list[ZoneLength]) -> None:
+    for k, (zone, found) in enumerate(zip(zones, lengths, strict=True)):
+        if found.length > zone.length:
+            study.warnings.append(
+                f"The active length of joint '{zone.name}' comes out as {found.length:.4g} m, more "
+                f"than the joint has: capped at {zone.length:.4g} m. The joint may slip as a whole "
+                "(gross slip), which the method assumes it does not."
+            )
+            lengths[k] = replace(found, length=zone.length)
+
+
+def _basis_from_itself(study: Study) -> _Reduction:
+    """Proper orthogonal modes of the scene's own full model."""
+    scene, system = study.scene, study.system
+    options = scene.reduction
+    cycle = _cycle_steps(scene)
+    steps = scene.n_steps if cycle is None else min(scene.n_steps, 3 * cycle)
+    training = integrate(
+        system,
+        step=scene.time_step,
+        n_steps=steps,
+        scheme=generalized_alpha(scene.time.rho_infinity),
+        save=Save(fields=True, points=False),
+    )
+    mass = system.M.toarray() if options.inner_product == "mass" else None
+    proper = proper_modes(snapshot_matrix(training.u, training.v, options.snapshots), mass)
+    if options.modes > proper.modes.shape[1]:
+        raise InputError(
+            f"reduction.modes: found {options.modes}, must be <= {proper.modes.shape[1]}, "
+            "the unknowns of the full model"
+        )
+    V = orthonormal(proper.modes[:, : options.modes], system.M)
+    velocity = float(np.abs(system.B @ training.v.T).max())
+    stretches = []
+    for joint in study.structure.joints:
+        rows = _contact_rows(study, study.structure.joint_nodes(joint))
+        peak = training.slip_peak[rows]
+        moving = rows[peak > THRESHOLD * peak.max()]
+        stretches += np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1)
+    stretches = [rows for rows in stretches if np.any(system.w[rows] > 0.0)]
+    return _Reduction(V, velocity, stretches, _measure(study, training), proper)
+
+
+def _check(study: Study, model: Model) -> None:
+    """Say what assumption the results violate."""
+    run = model.run
+    for joint in study.structure.joints if model.basis is None else ():
+        peak = run.slip_peak[_contact_rows(study, study.structure.joint_nodes(joint))]
+        if peak.max() > 0.0 and peak.min() > GROSS_SLIP * peak.max():
+            study.warnings.append(
+                f"Every point of joint '{joint.region}' slips, the least by {peak.min():.3g} m: "
+                "the paper's assumption of no gross slip is violated."
+            )
+    state = steady_state(run)
+    if state is not None and not state.reached:
+        study.warnings.append(
+            f"The {model.name} model has not reached a steady state: the last cycle differs by "
+            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
+            "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
+        )
+    if np.any(peaks(run) > 0.0) and run.energy_residual > 1e-8:
+        study.warnings.append(
+            f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
+            "the energy in play."
+        )

@@ -1,0 +1,90 @@
+"""Imports go one way: a module imports only from floors below its own."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import skfem_joint
+
+PACKAGE = Path(skfem_joint.__file__).parent
+
+#: Floor of each module, lowest first. A new module gets the lowest floor above all it imports.
+FLOORS = {
+    "__init__": -1.0,
+    "errors": 0.0,
+    "forms": 0.5,
+    "friction": 0.5,
+    "loads": 0.5,
+    "contact": 1.0,
+    "system": 2.0,
+    "meshing": 3.0,
+    "schemes": 3.0,
+    "recording": 3.0,
+    "kernels_tridiagonal": 3.0,
+    "kernels_dense": 3.0,
+    "structure": 3.5,
+    "steppers": 3.5,
+    "integrate": 4.0,
+    "explicit": 4.0,
+    "pod": 4.0,
+    "active_length": 4.0,
+    "pseudo_static": 4.0,
+    "reduction": 4.5,
+    "hyper_reduction": 4.5,
+    "history": 5.0,
+    "reference": 5.0,
+    "report": 6.0,
+    "vtk": 6.0,
+    "plot": 6.0,
+    "scene": 7.0,
+    "study": 7.5,
+    "output": 7.8,
+    "cli": 8.0,
+    "__main__": 8.5,
+}
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """Modules of the package that a module imports, at its top or inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if node.level or module == "skfem_joint":
+                parts = [module] if node.level and module else [a.name for a in node.names]
+                names |= {p.split(".")[0] if p in MODULES else "__init__" for p in parts}
+            elif module.startswith("skfem_joint."):
+                names.add(module.split(".")[1])
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                top, _, rest = alias.name.partition(".")
+                if top == "skfem_joint":
+                    names.add(rest.split(".")[0] or "__init__")
+    return names
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_from_below(module: str) -> None:
+    assert module in FLOORS, f"{module}.py is new: add it to FLOORS in {Path(__file__).name}"
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    too_high = sorted(name for name in imported(tree) if FLOORS[name] >= FLOORS[module])
+    assert not too_high, f"{module}.py (floor {FLOORS[module]:g}) must not import {too_high}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_heavy_libraries_are_imported_only_where_they_are_used(module: str) -> None:
+    heavy = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "numba"}
+    if module.startswith("kernels_"):
+        heavy -= {"numba"}
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.add((node.module or "").split(".")[0])
+    assert not heavy & found
