@@ -77,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
     from skfem_joint.study import run_scene
 
     scene = load_scene(options.scene)
-    output.prepare(options.out)
+    output.prepare(scene, options.out)
     with _progress() as progress:
         study = run_scene(scene, progress)
     if scene.title:

@@ -98,5 +98,7 @@ def nodal_normal_forces(
     if kind == "consistent":
         return per_node[free_nodes]
     if kind == "equal":
+        if free_nodes.size == 0:
+            return np.zeros(0)
         return np.full(free_nodes.size, per_node.sum() / free_nodes.size)
     raise InputError(f"normal_force: found {kind!r}, must be one of {', '.join(NORMAL_FORCES)}")

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from skfem_joint.errors import InputError
+
+
+def safe_name(name: str) -> str:
+    """Name of a mesh group as part of a file name."""
+    return re.sub(r"[^\w.-]", "_", name)
 
 
 @contextmanager

@@ -24,6 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
+#: Kinds of points: of the arctan law, of set-valued Coulomb friction, without friction.
+ARCTAN, COULOMB, FREE = 0, 1, 2
+
 #: Friction law names that a scene may use.
 LAWS = ("arctan", "coulomb")
 

@@ -12,6 +12,9 @@ from skfem_joint.recording import Run
 
 FloatArray = NDArray[np.float64]
 
+#: A point that moves less than this share of what moves most is at rest: it is not compared.
+AT_REST = 1e-9
+
 #: Share of its limit that the regularised friction force must reach for a point to count as
 #: slipping; under Coulomb a point slips at the limit itself.
 SLIP_SHARE = 0.9
@@ -123,13 +126,17 @@ def compare(reference: Run, other: Run) -> Errors:
     InputError
         If the stored times or the named points differ.
     """
-    if reference.times.shape != other.times.shape or reference.system.points != other.system.points:
+    same_times = reference.times.shape == other.times.shape and np.allclose(
+        reference.times, other.times, rtol=1e-9, atol=0.0
+    )
+    if not same_times or reference.system.points != other.system.points:
         raise InputError("compare: the runs must store the same times and named points")
     difference = other.point_u - reference.point_u
     by_point = {}
+    largest = np.abs(reference.point_u).max(initial=0.0)
     for k, name in enumerate(reference.system.points):
         scale = np.linalg.norm(reference.point_u[:, k])
-        if scale > 0.0:
+        if np.abs(reference.point_u[:, k]).max(initial=0.0) > AT_REST * largest:
             by_point[name] = (
                 float(np.linalg.norm(difference[:, k]) / scale),
                 float(np.abs(difference[:, k]).max() / np.abs(reference.point_u[:, k]).max()),

@@ -85,11 +85,16 @@ def with_friction_points(
     System
         Same unknowns; the new slip rows interpolate linearly between the old ones.
     """
-    rows, weights, betas = [], [], []
     B = np.asarray(system.B)
+    rows, weights, betas = [B[:0]], [np.zeros(0)], [np.zeros(0)]
     for stretch in stretches:
         order = stretch[np.argsort(position[stretch])]
         active = order[system.w[order] > 0.0]
+        if active.size <= 1 or order.size == 1:
+            rows.append(B[active])
+            weights.append(system.w[active])
+            betas.append(system.beta[active])
+            continue
         x, w = gauss_rule(position[active], system.w[active], min(count, active.size))
         right = np.clip(np.searchsorted(position[order], x), 1, order.size - 1)
         a, b = order[right - 1], order[right]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
 from skfem_joint.schemes import Scheme, generalized_alpha
-from skfem_joint.steppers import Stepper, choose
+from skfem_joint.steppers import ChainStepper, Stepper, choose
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -85,6 +85,8 @@ def integrate(
         u, v = np.zeros(system.n), np.zeros(system.n)
     else:
         u, v = (np.array(x, dtype=float) for x in initial)
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+            raise InputError("initial: must be finite")
         if u.shape != (system.n,) or v.shape != (system.n,):
             raise InputError(f"initial: shapes must be ({system.n},)")
     recorder = Recorder(system, save or Save(), n_steps, step)
@@ -119,7 +121,7 @@ def integrate(
         interrupted = True
     u, v = stepper.state()
     counts = recorder.counters
-    tiers = "nested_solves" if not system.is_dense else "line_searches"
+    tiers = "nested_solves" if isinstance(stepper, ChainStepper) else "line_searches"
     return recorder.finish(
         start_energy,
         u,
@@ -142,7 +144,7 @@ class _Layout:
     def __init__(self, step: float) -> None:
         self.step = step
         self.cuts: dict[int, list[float]] = {}
-        self.jumps: set[float] = set()
+        self.jumps: dict[float, float] = {}  # end of a step or part: the jump's own time
 
 
 def _layout(system: System, step: float, n_steps: int) -> _Layout:
@@ -157,7 +159,7 @@ def _layout(system: System, step: float, n_steps: int) -> _Layout:
             k = round(t / step)
             on_grid = abs(t - k * step) <= 1e-9 * step
             if jump:
-                layout.jumps.add(k * step if on_grid else t)
+                layout.jumps[k * step if on_grid else t] = t
                 if on_grid:
                     layout.cuts.setdefault(k - 1, [])  # a step that ends at a jump stands alone
             if not on_grid:
@@ -176,11 +178,11 @@ def _advance(
         cut = min((k for k in layout.cuts if first <= k < end), default=end)
         if cut > first:
             amplitudes = system.load_amplitudes(h * np.arange(first, cut + 1, dtype=np.float64))
+            amplitudes[:, 0] = _after(system, h * first, layout)
             amplitudes[:, -1] = _before(system, h * cut, layout)
             first += stepper.advance(h, amplitudes, first, True)
             if first < cut:
                 _halved(system, stepper, recorder, layout, first, h * first, h * (first + 1), 1)
-                recorder.halved_steps += 1
                 first += 1
             continue
         times = [h * first, *sorted(layout.cuts[first]), h * (first + 1)]
@@ -193,8 +195,13 @@ def _advance(
 def _before(system: System, t: float, layout: _Layout) -> FloatArray:
     """Load amplitudes at the end of a step: the limit from before where a load jumps."""
     if t in layout.jumps:
-        t = float(np.nextafter(t, 0.0))
+        t = float(np.nextafter(layout.jumps[t], 0.0))
     return system.load_amplitudes(np.array([t]))[:, 0]
+
+
+def _after(system: System, t: float, layout: _Layout) -> FloatArray:
+    """Load amplitudes at the start of a step: the limit from after where a load jumps."""
+    return system.load_amplitudes(np.array([layout.jumps.get(t, t)]))[:, 0]
 
 
 def _part(
@@ -209,14 +216,12 @@ def _part(
     depth: int,
 ) -> None:
     """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge."""
-    amplitudes = np.stack(
-        [system.load_amplitudes(np.array([a]))[:, 0], _before(system, b, layout)], axis=1
-    )
+    amplitudes = np.stack([_after(system, a, layout), _before(system, b, layout)], axis=1)
     whole = abs((b - a) / layout.step - 1.0) < 1e-9
     if stepper.advance(layout.step if whole else b - a, amplitudes, index, last) == 0:
         _halved(system, stepper, recorder, layout, index, a, b, depth + 1, last)
     if b in layout.jumps:
-        stepper.restart(system.load_amplitudes(np.array([b]))[:, 0])
+        stepper.restart(_after(system, b, layout))
 
 
 def _halved(
@@ -237,6 +242,7 @@ def _halved(
             f"{stepper.failure.unknown}. Nothing was returned. Try more steps per cycle, a "
             "smaller beta, or rho_infinity below 1."
         )
+    recorder.halved_steps += depth == 1
     middle = 0.5 * (a + b)
     _part(system, stepper, recorder, layout, index, a, middle, False, depth)
     _part(system, stepper, recorder, layout, index, middle, b, last, depth)

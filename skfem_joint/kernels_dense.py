@@ -9,16 +9,18 @@ models and is globally convergent for a finite beta.
 
 from __future__ import annotations
 
-from math import atan, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
-from numba import njit
+
+from skfem_joint.kernels_friction import compiled, forces
 
 ITERATIONS = 200
 SEARCH = 60
+ROUND_OFF = 16 * np.finfo(np.float64).eps
 
 
-@njit(cache=True)
+@compiled
 def _cholesky_solve(A, x):
     """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor)."""
     n = x.size
@@ -46,13 +48,7 @@ def _cholesky_solve(A, x):
     return True
 
 
-@njit(cache=True)
-def _forces(w, beta, slip, sigma):
-    for i in range(slip.size):
-        sigma[i] = 2.0 / pi * atan(beta[i] * slip[i])
-
-
-@njit(cache=True)
+@compiled
 def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
     """Minimise the step's objective from the start in ``q``.
 
@@ -66,27 +62,30 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
     r = np.empty(n)
     A = np.empty((n, n))
     d_slip = np.empty(m)
+    trial = np.empty(m)
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(g[i]))
-    for i in range(m):
-        t = 0.0
-        for j in range(n):
-            t += B[i, j] * q[j]
-        slip[i] = t
-    _forces(w, beta, slip, sigma)
-    evaluations = 1
+    evaluations = 0
     largest = 0.0
     for iteration in range(ITERATIONS + 1):
-        for i in range(n):
-            t = -g[i]
-            for j in range(n):
-                t += H[i, j] * q[j]
-                A[i, j] = H[i, j]
-            r[i] = t
         floor = 0.0
         for i in range(n):
-            floor = max(floor, H[i, i] * abs(q[i]))
+            t = -g[i]
+            size = 0.0
+            for j in range(n):
+                t += H[i, j] * q[j]
+                size += abs(H[i, j] * q[j])
+                A[i, j] = H[i, j]
+            r[i] = t
+            floor = max(floor, size)
+        for i in range(m):
+            t = 0.0
+            for j in range(n):
+                t += B[i, j] * q[j]
+            slip[i] = t
+        forces(beta, slip, sigma)
+        evaluations += 1
         for i in range(m):
             force = w[i] * sigma[i]
             z = beta[i] * slip[i]
@@ -98,9 +97,10 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
                     A[j, k] += t * B[i, k]
         largest = 0.0
         for i in range(n):
-            if not abs(r[i]) <= largest:
-                largest = abs(r[i])
-        if largest <= max(tolerance * scale, 1e-14 * floor):
+            if r[i] != r[i]:
+                return iteration, evaluations, False, r[i]
+            largest = max(largest, abs(r[i]))
+        if largest <= max(tolerance * scale, ROUND_OFF * floor):
             return iteration, evaluations, True, largest
         if iteration == ITERATIONS or not _cholesky_solve(A, r):
             break
@@ -124,8 +124,11 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
         high, slope_high = 0.0, 0.0
         length = 1.0
         for _ in range(SEARCH):
+            if not slope_0 < 0.0:
+                break  # no descent left but round-off: the full step
             for i in range(m):
-                sigma[i] = 2.0 / pi * atan(beta[i] * (slip[i] + length * d_slip[i]))
+                trial[i] = slip[i] + length * d_slip[i]
+            forces(beta, trial, sigma)
             evaluations += 1
             slope = linear + length * quadratic
             for i in range(m):
@@ -143,12 +146,10 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
             length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
         for i in range(n):
             q[i] -= length * r[i]
-        for i in range(m):
-            slip[i] += length * d_slip[i]
     return ITERATIONS, evaluations, False, largest
 
 
-@njit(cache=True)
+@compiled
 def march(
     n_steps,
     first_step,
@@ -167,17 +168,8 @@ def march(
     amplitude,
     P,
     state,
-    input_work,
-    viscous_scheme,
-    friction_work,
-    peak,
-    slip_peak,
-    counters,
-    rows_u,
-    rows_v,
-    rows_sigma,
-    rows_point_u,
-    rows_point_v,
+    sums,
+    stored,
 ):
     """Advance ``n_steps`` equal steps in place; arguments as in the tridiagonal ``march``.
 
@@ -186,6 +178,7 @@ def march(
     friction evaluations and the largest iterations of a step.
     """
     h, c_M, c_K, u_v, u_a, y_a, y_d, a_v, a_a, d_a, d_a0, d_d0, trapezoidal = coefficients
+    counters = sums.counters
     n = M.shape[0]
     m = w.size
     u, v, a, d, v_old = state[0], state[1], state[2], state[3], state[4]
@@ -196,7 +189,7 @@ def march(
         for j in range(n):
             t += B[i, j] * v[j]
         slip[i] = t
-    _forces(w, beta, slip, sigma)
+    forces(beta, slip, sigma)
     sigma_old = sigma.copy()
     q = np.empty(n)
     g = np.empty(n)
@@ -224,7 +217,7 @@ def march(
             H, B, w, beta, g, q, slip, sigma, tolerance
         )
         counters[0] += iterations
-        counters[1] += max(evaluations - iterations - 1, 0)
+        counters[1] += evaluations - 2 * iterations - 1
         counters[3] += evaluations
         counters[4] = max(counters[4], iterations)
         if not converged:
@@ -257,38 +250,40 @@ def march(
                     m_y += M[i, j] * mean_d[j]
                     m_drift += M[i, j] * drift[j]
                 dissipated += (change[i] - h * mean[i]) * m_y + mean[i] * m_drift
-        viscous_scheme[0] += viscous
-        viscous_scheme[1] += dissipated
+        sums.dissipated[0] += viscous
+        sums.dissipated[1] += dissipated
         for k in range(load_vectors.shape[1]):
             t = 0.0
             for i in range(n):
                 t += load_vectors[i, k] * change[i]
-            input_work[k] += 0.5 * (amplitude[k, step] + amplitude[k, step + 1]) * t
+            sums.input_work[k] += 0.5 * (amplitude[k, step] + amplitude[k, step + 1]) * t
         for i in range(m):
             t = 0.0
             position = 0.0
             for j in range(n):
                 t += B[i, j] * change[j]
                 position += B[i, j] * u[j]
-            friction_work[i] += 0.5 * w[i] * (sigma_old[i] + sigma[i]) * t
-            slip_peak[i] = max(slip_peak[i], abs(position))
+            sums.friction_work[i] += 0.5 * w[i] * (sigma_old[i] + sigma[i]) * t
+            sums.slip_peak[i] = max(sums.slip_peak[i], abs(position))
             sigma_old[i] = sigma[i]
-        store = rows_point_u.shape[0] > 0 and (first_step + step + 1) % every == 0
+        store = stored.point_u.shape[0] > 0 and (first_step + step + 1) % every == 0
         for k in range(P.shape[0]):
             t = 0.0
             t_v = 0.0
             for j in range(n):
                 t += P[k, j] * u[j]
                 t_v += P[k, j] * v[j]
-            peak[k] = max(peak[k], abs(t))
+            sums.peak[k] = max(sums.peak[k], abs(t))
             if store:
-                rows_point_u[rows, k] = t
-                rows_point_v[rows, k] = t_v
+                stored.point_u[rows, k] = t
+                stored.point_v[rows, k] = t_v
         if store:
             rows += 1
-        if rows_u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
-            rows_u[field_rows] = u
-            rows_v[field_rows] = v
-            rows_sigma[field_rows] = sigma
+        if stored.u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
+            for i in range(n):
+                stored.u[field_rows, i] = u[i]
+                stored.v[field_rows, i] = v[i]
+            for i in range(m):
+                stored.sigma[field_rows, i] = sigma[i]
             field_rows += 1
     return n_steps, rows, field_rows, largest, 0

@@ -5,7 +5,9 @@ tridiagonal. Newton's iteration runs on the parameter s of the law's graph (see
 :func:`skfem_joint.friction.graph_point`), not on v: both v(s) and sigma(s) are smooth with bounded
 slopes however steep the law is. Three tiers, each tried only when the one before stalls:
 
-1. Newton from the parameter extrapolated over the last two steps;
+1. Newton from the parameter extrapolated over the last two steps. Coulomb points that flip
+   between stick and slip in a cycle are flipped one at a time once their number no longer falls,
+   which ends after finitely many flips (Judice and Pires, Computers Ops Res. 21, 1994);
 2. nested iteration: the same problem on a hierarchy of coarser chains (Galerkin), each level
    starting from the one below it, so that the slip front has to move a few nodes only on each level
    and the work stays proportional to the number of nodes;
@@ -17,170 +19,240 @@ What does not converge after that is reported by status, never returned as a sol
 
 from __future__ import annotations
 
-from math import atan, inf, log1p, pi, sqrt
+from math import atan, copysign, inf, log1p, pi
 
 import numpy as np
-from numba import njit
 
-from skfem_joint import friction
-
-_graph_point = njit(cache=True, inline="always")(friction.graph_point)
+from skfem_joint.friction import ARCTAN, COULOMB, FREE
+from skfem_joint.kernels_friction import compiled, graph, scalar_resolvent
 
 FAST_ITERATIONS = 14
-LEVEL_ITERATIONS = 40
+LEVEL_ITERATIONS = 100
+LEVEL_TOLERANCE = 1e-4
+#: Iterations after which flips between stick and slip are watched, and the flips in which their
+#: number may fail to fall before they are done one at a time.
+FREE_FLIPS = 12
+PATIENCE = 4
+ABOVE_ONE = float(np.nextafter(1.0, 2.0))
 SWEEPS = 400
+NEWTON_STEPS = 6
 NESTED_PERSISTENCE = 30
-ROUND_OFF = 16 * np.finfo(np.float64).eps
+ROUND_OFF = 8 * np.finfo(np.float64).eps
 
 
-@njit(cache=True)
+@compiled
 def _residual(H0, H1, w, g, v, sigma, r):
-    """Residual r = H v + w sigma - g; its largest entry, that entry's row, and its round-off."""
+    """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
     n = v.size
+    last = n - 1
+    for i in range(1, last):
+        r[i] = H0[i] * v[i] + w[i] * sigma[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
+    if n == 1:
+        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
+    else:
+        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0] + H1[0] * v[1]
+        r[last] = H0[last] * v[last] + w[last] * sigma[last] - g[last] + H1[last - 1] * v[last - 1]
     largest = 0.0
     row = 0
-    round_off = 0.0
     for i in range(n):
-        t = H0[i] * v[i] + w[i] * sigma[i] - g[i]
-        if i > 0:
-            t += H1[i - 1] * v[i - 1]
-        if i < n - 1:
-            t += H1[i] * v[i + 1]
-        r[i] = t
-        if not abs(t) <= largest:  # also catches a residual that is not a number
-            largest = abs(t)
+        size = abs(r[i])
+        if not size <= largest and largest == largest:  # a residual that is not a number stays
+            largest = size
             row = i
-        round_off = max(round_off, H0[i] * abs(v[i]))
-    return largest, row, ROUND_OFF * round_off
+    return largest, row
 
 
-@njit(cache=True)
-def _newton(H0, H1, w, beta, kappa, g, s, work, limit, tolerance):
-    """Newton iteration on s; returns iterations, converged, residual and its row.
+@compiled
+def _round_off(H0, v, s, dv):
+    """Round-off of the residual: that of v, and that of s, which moves v by dv."""
+    largest = 0.0
+    for i in range(v.size):
+        largest = max(largest, H0[i] * (abs(v[i]) + abs(s[i]) * dv[i]))
+    return ROUND_OFF * largest
+
+
+@compiled
+def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
+    """Solve (H D + w S) x = -r, D and S the diagonals dv and dsigma; x may be r.
+
+    No pivoting: the matrix is symmetric positive definite up to its column scaling (with unit
+    columns where Coulomb points stick). Elimination runs from both ends to the middle: two
+    independent chains of divisions take little longer than one.
+    """
+    n = r.size
+    middle = n // 2
+    pivot_inverse = 0.0
+    other_inverse = 0.0
+    for j in range(middle):
+        # From the first row down ...
+        pivot = H0[j] * dv[j] + w[j] * dsigma[j]
+        right = -r[j]
+        if j > 0:
+            lower = H1[j - 1] * dv[j - 1]
+            pivot -= lower * factor[j - 1]
+            right -= lower * x[j - 1]
+        pivot_inverse = 1.0 / pivot
+        factor[j] = H1[j] * dv[j + 1] * pivot_inverse
+        x[j] = right * pivot_inverse
+        # ... and from the last row up.
+        k = n - 1 - j
+        if k > middle:
+            pivot = H0[k] * dv[k] + w[k] * dsigma[k]
+            right = -r[k]
+            if j > 0:
+                upper = H1[k] * dv[k + 1]
+                pivot -= upper * factor[k + 1]
+                right -= upper * x[k + 1]
+            other_inverse = 1.0 / pivot
+            factor[k] = H1[k - 1] * dv[k - 1] * other_inverse
+            x[k] = right * other_inverse
+    pivot = H0[middle] * dv[middle] + w[middle] * dsigma[middle]
+    right = -r[middle]
+    if middle > 0:
+        lower = H1[middle - 1] * dv[middle - 1]
+        pivot -= lower * factor[middle - 1]
+        right -= lower * x[middle - 1]
+    if middle < n - 1:
+        upper = H1[middle] * dv[middle + 1]
+        pivot -= upper * factor[middle + 1]
+        right -= upper * x[middle + 1]
+    x[middle] = right / pivot
+    for j in range(1, middle + 1):
+        x[middle - j] -= factor[middle - j] * x[middle - j + 1]
+        k = middle + j
+        if k < n:
+            x[k] -= factor[k] * x[k - 1]
+
+
+@compiled
+def _slips(s):
+    """Sign of a Coulomb point's slip; 0 if it sticks."""
+    return 1 if s > 1.0 else (-1 if s < -1.0 else 0)
+
+
+@compiled
+def _newton(chain, level, g, s, work, limit, tolerance):
+    """Newton iteration on s at one level; returns iterations, converged, residual and its row.
 
     ``work`` holds v, sigma, dv, dsigma, r and the elimination factors, row by row.
     """
-    n = g.size
-    v, sigma, dv, dsigma, r, factor = work[0], work[1], work[2], work[3], work[4], work[5]
+    a, b = chain.start[level], chain.start[level + 1]
+    n = b - a
+    H0, H1, w = chain.H0[a:b], chain.H1[a:b], chain.w[a:b]
+    kind, inverse_beta = chain.kind[a:b], chain.inverse_beta[a:b]
+    g, s = g[a:b], s[a:b]
+    v, sigma, dv = work[0, :n], work[1, :n], work[2, :n]
+    dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(g[i]))
     iteration = 0
+    fewest = n + 1
+    patience = PATIENCE
     while True:
-        for i in range(n):
-            if w[i] > 0.0:
-                v[i], sigma[i], dv[i], dsigma[i] = _graph_point(s[i], kappa, beta[i])
-            else:
-                v[i] = s[i] / kappa
-                sigma[i] = 0.0
-                dv[i] = 1.0 / kappa
-                dsigma[i] = 0.0
-        largest, row, round_off = _residual(H0, H1, w, g, v, sigma, r)
-        if largest <= max(tolerance * scale, round_off):
+        graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
+        largest, row = _residual(H0, H1, w, g, v, sigma, r)
+        if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv):
             return iteration, True, largest, row
         if iteration == limit or not largest < inf:
             return iteration, False, largest, row
         iteration += 1
-        # Elimination without pivoting: the Jacobian is a symmetric positive definite matrix
-        # with scaled columns (and unit columns where Coulomb points stick).
-        pivot = H0[0] * dv[0] + w[0] * dsigma[0]
-        r[0] = -r[0] / pivot
-        for i in range(1, n):
-            lower = H1[i - 1] * dv[i - 1]
-            factor[i - 1] = H1[i - 1] * dv[i] / pivot
-            pivot = H0[i] * dv[i] + w[i] * dsigma[i] - lower * factor[i - 1]
-            r[i] = (-r[i] - lower * r[i - 1]) / pivot
-        s[n - 1] += r[n - 1]
-        for i in range(n - 2, -1, -1):
-            r[i] -= factor[i] * r[i + 1]
+        _eliminate(H0, H1, w, dv, dsigma, r, r, factor)
+        if chain.mixed == 0 or iteration <= FREE_FLIPS:
+            for i in range(n):
+                s[i] += r[i]
+            continue
+        flips = 0
+        last = -1
+        noise = max(tolerance * scale, _round_off(H0, v, s, dv))
+        for i in range(n):
+            before = _slips(s[i])
             s[i] += r[i]
+            factor[i] = before
+            if kind[i] == COULOMB and _slips(s[i]) != before:
+                # A flip within the noise of the residual is none: stay at the edge.
+                beyond = abs(abs(s[i]) - 1.0)
+                if beyond * (w[i] if before == 0 else H0[i] / chain.kappa) <= noise:
+                    s[i] = copysign(1.0, s[i]) if before == 0 else before * ABOVE_ONE
+                else:
+                    flips += 1
+                    last = i
+        if flips < fewest:
+            fewest = flips
+            patience = PATIENCE
+        else:
+            patience -= 1
+        if patience < 0:
+            for i in range(last):
+                before = factor[i]
+                if kind[i] == COULOMB and _slips(s[i]) != before:
+                    s[i] = min(max(s[i], -1.0), 1.0) if before == 0 else before * ABOVE_ONE
 
 
-@njit(cache=True)
-def _scalar_resolvent(x, k, beta):
-    """Solve k v + sigma(v) = x for one point; returns v and sigma."""
-    if beta == inf:
-        if abs(x) <= 1.0:
-            return 0.0, x
-        v = (abs(x) - 1.0) / k
-        return (v, 1.0) if x > 0.0 else (-v, -1.0)
-    magnitude = abs(x)
-    k = k / beta
-    c = pi / 2.0
-    b = magnitude - 1.0 - k * c
-    root = sqrt(b * b + 4.0 * k * c * magnitude)
-    z = (b + root) / (2.0 * k) if b > 0.0 else 2.0 * c * magnitude / (root - b)
-    for _ in range(60):
-        step = (k * z + 2.0 / pi * atan(z) - magnitude) / (k + 2.0 / pi / (1.0 + z * z))
-        z_next = max(z - step, 0.0)
-        if abs(z_next - z) <= 4e-16 * z:
-            break
-        z = z_next
-    sigma = 2.0 / pi * atan(z)
-    return (z / beta, sigma) if x > 0.0 else (-z / beta, -sigma)
-
-
-@njit(cache=True)
-def _objective(H0, H1, w, beta, g, v):
+@compiled
+def _objective(chain, g, v):
     """Convex objective 1/2 v H v - g v + sum w psi(v) whose minimiser is the step's velocity."""
     total = 0.0
     for i in range(v.size):
-        t = 0.5 * H0[i] * v[i] - g[i]
+        t = 0.5 * chain.H0[i] * v[i] - g[i]
         if i > 0:
-            t += H1[i - 1] * v[i - 1]
+            t += chain.H1[i - 1] * v[i - 1]
         total += t * v[i]
-        if w[i] > 0.0:
-            if beta[i] == inf:
-                total += w[i] * abs(v[i])
-            else:
-                z = beta[i] * v[i]
-                total += w[i] * 2.0 / pi * (v[i] * atan(z) - 0.5 * log1p(z * z) / beta[i])
+        if chain.kind[i] == ARCTAN:
+            width = chain.inverse_beta[i]
+            z = v[i] / width
+            psi = 2.0 / pi * (v[i] * atan(z) - 0.5 * log1p(z * z) * width)
+        else:
+            psi = abs(v[i])
+        total += chain.w[i] * psi
     return total
 
 
-@njit(cache=True)
-def _descend(H0, H1, w, beta, kappa, g, s, work, trial, tolerance):
-    """Gauss-Seidel on the objective with Newton steps accepted on decrease; as `_newton`."""
-    n = g.size
-    v, sigma, r = work[0], work[1], work[4]
-    scale = 0.0
+@compiled
+def _sweep(chain, g, v, sigma, s):
+    """One Gauss-Seidel sweep down and up the finest chain; s follows v and sigma."""
+    n = chain.start[1]
+    for j in range(2 * n):
+        i = j if j < n else 2 * n - 1 - j
+        right = g[i]
+        if i > 0:
+            right -= chain.H1[i - 1] * v[i - 1]
+        if i < n - 1:
+            right -= chain.H1[i] * v[i + 1]
+        w = chain.w[i]
+        if chain.kind[i] == FREE:
+            v[i] = right / chain.H0[i]
+        else:
+            beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == ARCTAN else inf
+            v[i], sigma[i] = scalar_resolvent(right / w, chain.H0[i] / w, beta)
     for i in range(n):
-        scale = max(scale, abs(g[i]))
-        v[i] = 0.0
-        sigma[i] = 0.0
-    best = 0.0
+        if chain.kind[i] == ARCTAN:
+            width = chain.inverse_beta[i]
+            z = abs(v[i]) / width
+            s[i] = copysign(chain.kappa * width * z + z / (z + 1.0), v[i])
+        else:
+            s[i] = chain.kappa * v[i] + sigma[i]
+
+
+@compiled
+def _descend(chain, g, s, work, trial, tolerance):
+    """Gauss-Seidel on the objective, Newton steps accepted on decrease; returns as `_newton`."""
+    n = chain.start[1]
+    v, sigma = work[0, :n], work[1, :n]
+    # Plain integers: numba compiles a function anew for each literal that it is called with.
+    finest, few = np.int64(0), np.int64(NEWTON_STEPS)
+    largest, row = inf, 0
     for sweep in range(SWEEPS):
-        for j in range(2 * n):
-            i = j if j < n else 2 * n - 1 - j
-            right = g[i]
-            if i > 0:
-                right -= H1[i - 1] * v[i - 1]
-            if i < n - 1:
-                right -= H1[i] * v[i + 1]
-            if w[i] > 0.0:
-                v[i], sigma[i] = _scalar_resolvent(right / w[i], H0[i] / w[i], beta[i])
-            else:
-                v[i] = right / H0[i]
-        largest, row, round_off = _residual(H0, H1, w, g, v, sigma, r)
-        for i in range(n):
-            if w[i] > 0.0 and beta[i] < inf:
-                z = abs(beta[i] * v[i])
-                s[i] = kappa / beta[i] * z + z / (z + 1.0)
-                if v[i] < 0.0:
-                    s[i] = -s[i]
-            else:
-                s[i] = kappa * v[i] + sigma[i]
-        if largest <= max(tolerance * scale, round_off):
-            return sweep + 1, True, largest, row
-        best = _objective(H0, H1, w, beta, g, v)
+        _sweep(chain, g, v, sigma, s)
+        best = _objective(chain, g, v)
         for i in range(n):
             trial[0, i] = v[i]
             trial[1, i] = sigma[i]
             trial[2, i] = s[i]
-        _, converged, largest, row = _newton(H0, H1, w, beta, kappa, g, s, work, 3, tolerance)
+        _, converged, largest, row = _newton(chain, finest, g, s, work, few, tolerance)
         if converged:
             return sweep + 1, True, largest, row
-        if not _objective(H0, H1, w, beta, g, v) < best:
+        if not _objective(chain, g, v) < best:
             for i in range(n):
                 v[i] = trial[0, i]
                 sigma[i] = trial[1, i]
@@ -188,15 +260,15 @@ def _descend(H0, H1, w, beta, kappa, g, s, work, trial, tolerance):
     return SWEEPS, False, largest, row
 
 
-@njit(cache=True)
-def _nested(level_start, H0, H1, w, beta, kappa, g, s, work, tolerance):
-    """Solve coarse to fine; level k occupies level_start[k]:level_start[k + 1], 0 the finest."""
-    levels = level_start.size - 1
+@compiled
+def _nested(chain, g, s, work, tolerance):
+    """Solve coarse to fine, each level from the one below it; returns as `_newton`."""
+    start = chain.start
+    levels = start.size - 1
     for k in range(levels - 1):
-        fine, coarse, end = level_start[k], level_start[k + 1], level_start[k + 2]
-        n_fine = coarse - fine
+        fine, coarse, end = start[k], start[k + 1], start[k + 2]
         n_coarse = end - coarse
-        shift = n_fine - 1 - 2 * (n_coarse - 1)  # fine index of the first coarse node: 0 or 1
+        shift = coarse - fine - 1 - 2 * (n_coarse - 1)  # fine index of the first coarse node
         for j in range(n_coarse):
             i = fine + 2 * j + shift
             t = g[i]
@@ -206,12 +278,14 @@ def _nested(level_start, H0, H1, w, beta, kappa, g, s, work, tolerance):
                 t += 0.5 * g[i + 1]
             g[coarse + j] = t
     iterations = 0
+    limit = np.int64(LEVEL_ITERATIONS)
+    converged, largest, row = False, inf, 0
     for k in range(levels - 1, -1, -1):
-        a, b = level_start[k], level_start[k + 1]
+        a, b = start[k], start[k + 1]
         if k == levels - 1:
             s[a:b] = 0.0
         else:
-            n_coarse = level_start[k + 2] - b
+            n_coarse = start[k + 2] - b
             shift = b - a - 1 - 2 * (n_coarse - 1)
             for j in range(n_coarse):
                 i = a + 2 * j + shift
@@ -219,16 +293,7 @@ def _nested(level_start, H0, H1, w, beta, kappa, g, s, work, tolerance):
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))
         count, converged, largest, row = _newton(
-            H0[a:b],
-            H1[a:b],
-            w[a:b],
-            beta[a:b],
-            kappa,
-            g[a:b],
-            s[a:b],
-            work[:, : b - a],
-            LEVEL_ITERATIONS,
-            tolerance if k == 0 else 1e-4,
+            chain, k, g, s, work, limit, tolerance if k == 0 else LEVEL_TOLERANCE
         )
         iterations += count
         if not largest < inf:
@@ -236,83 +301,70 @@ def _nested(level_start, H0, H1, w, beta, kappa, g, s, work, tolerance):
     return iterations, converged, largest, row
 
 
-@njit(cache=True)
-def solve_step(level_start, H0, H1, w, beta, kappa, g, s, work, trial, tolerance, start_nested):
+@compiled
+def solve_step(chain, g, s, work, trial, tolerance, start_nested):
     """Solve H v + w sigma(v) = g by the three tiers.
+
+    Parameters
+    ----------
+    g, s : ndarray, shape (chain.start[-1],)
+        Right-hand side and start of the parameter on the finest level; room for the others.
+    work, trial : ndarray, shape (6, n) and (3, n)
+        Room.
 
     Returns
     -------
     iterations, tier, converged, residual, row
-        The solution is in ``work[0]`` (v), ``work[1]`` (sigma) and ``s`` (level 0).
+        The solution is in ``work[0]`` (v), ``work[1]`` (sigma) and ``s`` (finest level).
     """
-    n = level_start[1]
+    deep = chain.start.size > 2
     iterations = 0
     if not start_nested:
-        iterations, converged, largest, row = _newton(
-            H0[:n],
-            H1[:n],
-            w[:n],
-            beta[:n],
-            kappa,
-            g[:n],
-            s[:n],
-            work[:, :n],
-            FAST_ITERATIONS if level_start.size > 2 else LEVEL_ITERATIONS,
-            tolerance,
-        )
+        limit = np.int64(FAST_ITERATIONS if deep else LEVEL_ITERATIONS)
+        finest = np.int64(0)
+        iterations, converged, largest, row = _newton(chain, finest, g, s, work, limit, tolerance)
         if converged:
             return iterations, 0, True, largest, row
-    if level_start.size > 2:
-        count, converged, largest, row = _nested(
-            level_start, H0, H1, w, beta, kappa, g, s, work, tolerance
-        )
+    if deep:
+        count, converged, largest, row = _nested(chain, g, s, work, tolerance)
         iterations += count
         if converged:
             return iterations, 1, True, largest, row
-    count, converged, largest, row = _descend(
-        H0[:n], H1[:n], w[:n], beta[:n], kappa, g[:n], s[:n], work[:, :n], trial, tolerance
-    )
+    if not largest < inf:
+        work[:2] = 0.0
+    count, converged, largest, row = _descend(chain, g, s, work, trial, tolerance)
     return iterations + count, 2, converged, largest, row
 
 
-@njit(cache=True)
+@compiled
+def _product(A0, A1, x, y):
+    """Compute y = A x for a symmetric tridiagonal A."""
+    last = x.size - 1
+    for i in range(1, last):
+        y[i] = A0[i] * x[i] + A1[i - 1] * x[i - 1] + A1[i] * x[i + 1]
+    y[0] = A0[0] * x[0]
+    if last > 0:
+        y[0] += A1[0] * x[1]
+        y[last] = A0[last] * x[last] + A1[last - 1] * x[last - 1]
+
+
+@compiled
 def march(
     n_steps,
     first_step,
     every,
     fields_every,
     coefficients,
-    M0,
-    M1,
-    C0,
-    C1,
-    K0,
-    K1,
-    level_start,
-    H0,
-    H1,
-    w,
-    beta,
-    kappa,
+    bands,
+    chain,
     tolerance,
-    load_start,
-    load_node,
-    load_value,
+    loads,
     amplitude,
     point_node,
     contact_node,
     state,
-    input_work,
-    viscous_scheme,
-    friction_work,
-    peak,
-    slip_peak,
-    counters,
-    rows_u,
-    rows_v,
-    rows_sigma,
-    rows_point_u,
-    rows_point_v,
+    sums,
+    stored,
 ):
     """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
 
@@ -320,39 +372,38 @@ def march(
     ----------
     coefficients : tuple of float
         See :meth:`skfem_joint.schemes.Scheme.coefficients`.
-    M0, M1, C0, C1, K0, K1 : ndarray, shape (n,) and (n - 1,)
+    bands : tuple of ndarray
         Diagonals and off-diagonals of mass, damping and stiffness.
-    level_start, H0, H1, w, beta
-        Hierarchy of the step's problem, level 0 first.
-    load_start, load_node, load_value
-        Spatial load vectors in compressed rows; ``amplitude`` has shape (loads, n_steps + 1).
+    chain : Chain
+    loads : LoadRows
+    amplitude : ndarray, shape (loads, n_steps + 1)
+        N.
     state : ndarray, shape (7, n)
         Displacement, velocity, auxiliary acceleration, acceleration, s, previous s, sigma.
-    input_work, viscous_scheme, friction_work : ndarray
-        Accumulated work by load (J); viscous and scheme dissipation (J); friction by contact (J).
-    counters : ndarray of int64
-        Iterations, nested solves, descents, points evaluated, largest iterations of a step,
-        steps left in which to start nested.
+    sums : Sums
+    stored : Rows
 
     Returns
     -------
     done, rows, field_rows, residual, row
         Steps completed (fewer than ``n_steps`` when a step did not converge), rows stored of
-        the points and of the fields,
-        and the residual (N) and unknown of the last solve.
+        the points and of the fields, and the residual (N) and unknown of the last solve.
     """
     h, c_M, c_K, u_v, u_a, y_a, y_d, a_v, a_a, d_a, d_a0, d_d0, trapezoidal = coefficients
+    M0, M1, C0, C1, K0, K1 = bands
     n = M0.size
     u, v, a, d = state[0], state[1], state[2], state[3]
     s, s_old, sigma = state[4], state[5], state[6]
-    total = level_start[-1]
-    s_all = np.empty(total)
-    g = np.empty(total)
+    counters = sums.counters
+    s_all = np.empty(chain.start[-1])
+    g = np.empty(chain.start[-1])
     work = np.zeros((6, n))
     trial = np.zeros((3, n))
     y = np.empty(n)
+    image = np.empty(n)
     change = np.empty(n)
     mean = np.empty(n)
+    drift = np.empty(n)
     rows = 0
     field_rows = 0
     largest = 0.0
@@ -361,21 +412,17 @@ def march(
         for i in range(n):
             u[i] += u_v * v[i] + u_a * a[i]  # predictor; completed by c_K v below
             y[i] = c_M * v[i] + y_a * a[i] + y_d * d[i]
-        for i in range(n):
-            t = M0[i] * y[i] - K0[i] * u[i]
-            if i > 0:
-                t += M1[i - 1] * y[i - 1] - K1[i - 1] * u[i - 1]
-            if i < n - 1:
-                t += M1[i] * y[i + 1] - K1[i] * u[i + 1]
-            g[i] = t
-        for k in range(load_start.size - 1):
-            f = amplitude[k, step + 1]
-            for j in range(load_start[k], load_start[k + 1]):
-                g[load_node[j]] += f * load_value[j]
-        for i in range(n):
             s_all[i] = 2.0 * s[i] - s_old[i]
+        _product(M0, M1, y, g[:n])
+        _product(K0, K1, u, image)
+        for i in range(n):
+            g[i] -= image[i]
+        for k in range(loads.start.size - 1):
+            f = amplitude[k, step + 1]
+            for j in range(loads.start[k], loads.start[k + 1]):
+                g[loads.node[j]] += f * loads.value[j]
         iterations, tier, converged, largest, row = solve_step(
-            level_start, H0, H1, w, beta, kappa, g, s_all, work, trial, tolerance, counters[5] > 0
+            chain, g, s_all, work, trial, tolerance, counters[5] > 0
         )
         counters[0] += iterations
         counters[3] += iterations + 1
@@ -399,57 +446,49 @@ def march(
             mean[i] = 0.5 * (v[i] + v_new[i])
             u[i] += c_K * v_new[i]
             y[i] = 0.5 * (d[i] + d_new)
-            trial[0, i] = v_new[i] - v[i]
+            drift[i] = h * y[i] - (v_new[i] - v[i])
             a[i] = a_new
             d[i] = d_new
             v[i] = v_new[i]
             s_old[i] = s[i]
             s[i] = s_all[i]
+        _product(C0, C1, mean, image)
         viscous = 0.0
-        dissipated = 0.0
         for i in range(n):
-            t = C0[i] * mean[i]
-            if i > 0:
-                t += C1[i - 1] * mean[i - 1]
-            if i < n - 1:
-                t += C1[i] * mean[i + 1]
-            viscous += t * change[i]
+            viscous += image[i] * change[i]
+        sums.dissipated[0] += viscous
         if not trapezoidal:
+            dissipated = 0.0
+            _product(M0, M1, y, image)
             for i in range(n):
-                slack = change[i] - h * mean[i]
-                drift = h * y[i] - trial[0, i]
-                m_y = M0[i] * y[i]
-                m_drift = M0[i] * drift
-                if i > 0:
-                    m_y += M1[i - 1] * y[i - 1]
-                    m_drift += M1[i - 1] * (h * y[i - 1] - trial[0, i - 1])
-                if i < n - 1:
-                    m_y += M1[i] * y[i + 1]
-                    m_drift += M1[i] * (h * y[i + 1] - trial[0, i + 1])
-                dissipated += slack * m_y + mean[i] * m_drift
-        viscous_scheme[0] += viscous
-        viscous_scheme[1] += dissipated
-        for k in range(load_start.size - 1):
+                dissipated += (change[i] - h * mean[i]) * image[i]
+            _product(M0, M1, drift, image)
+            for i in range(n):
+                dissipated += mean[i] * image[i]
+            sums.dissipated[1] += dissipated
+        for k in range(loads.start.size - 1):
             f = 0.5 * (amplitude[k, step] + amplitude[k, step + 1])
-            for j in range(load_start[k], load_start[k + 1]):
-                input_work[k] += f * load_value[j] * change[load_node[j]]
+            for j in range(loads.start[k], loads.start[k + 1]):
+                sums.input_work[k] += f * loads.value[j] * change[loads.node[j]]
         for j in range(contact_node.size):
             i = contact_node[j]
-            friction_work[j] += 0.5 * w[i] * (sigma[i] + sigma_new[i]) * change[i]
-            slip_peak[j] = max(slip_peak[j], abs(u[i]))
+            force = 0.5 * chain.w[i] * (sigma[i] + sigma_new[i])
+            sums.friction_work[j] += force * change[i]
+            sums.slip_peak[j] = max(sums.slip_peak[j], abs(u[i]))
         for i in range(n):
             sigma[i] = sigma_new[i]
         for j in range(point_node.size):
-            peak[j] = max(peak[j], abs(u[point_node[j]]))
-        if rows_u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
-            rows_u[field_rows] = u
-            rows_v[field_rows] = v
+            sums.peak[j] = max(sums.peak[j], abs(u[point_node[j]]))
+        if stored.u.shape[0] > 0 and (first_step + step + 1) % fields_every == 0:
+            for i in range(n):
+                stored.u[field_rows, i] = u[i]
+                stored.v[field_rows, i] = v[i]
             for j in range(contact_node.size):
-                rows_sigma[field_rows, j] = sigma[contact_node[j]]
+                stored.sigma[field_rows, j] = sigma[contact_node[j]]
             field_rows += 1
-        if rows_point_u.shape[0] > 0 and (first_step + step + 1) % every == 0:
+        if stored.point_u.shape[0] > 0 and (first_step + step + 1) % every == 0:
             for j in range(point_node.size):
-                rows_point_u[rows, j] = u[point_node[j]]
-                rows_point_v[rows, j] = v[point_node[j]]
+                stored.point_u[rows, j] = u[point_node[j]]
+                stored.point_v[rows, j] = v[point_node[j]]
             rows += 1
     return n_steps, rows, field_rows, largest, row

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -9,19 +10,27 @@ import numpy as np
 
 from skfem_joint import report
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing
+from skfem_joint.files import replacing, safe_name
 from skfem_joint.history import slip_state
+from skfem_joint.scene import Scene
 from skfem_joint.study import Model, Study
 
 
-def prepare(folder: Path) -> None:
-    """Make the output folder and see that it can be written to, before anything is computed.
+def prepare(scene: Scene, folder: Path) -> None:
+    """See that the output can be made, before anything is computed: libraries and the folder.
 
     Raises
     ------
     InputError
-        If it cannot.
+        If a library is missing or the folder cannot be written to.
     """
+    needed = {"matplotlib": ("plots", "plot"), "pyvista": ("vtk", "vtk")}
+    for library, (key, extra) in needed.items():
+        if getattr(scene.output, key) and importlib.util.find_spec(library) is None:
+            raise InputError(
+                f"output.{key}: needs {library}; pip install 'skfem-joint[{extra}]', or set "
+                f"output.{key} = false"
+            )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -102,9 +111,11 @@ def _plots(study: Study, folder: Path) -> list[Path]:
     rows = None
     if scene.time.cycles is not None and scene.time.steps_per_cycle % scene.output.every == 0:
         rows = scene.time.steps_per_cycle // scene.output.every
-    for k, load in enumerate(study.system.loads):
+    loads = study.system.loads
+    for k, load in enumerate(loads):
         if load.on in points:
-            path = folder / f"hysteresis_{load.on}.png"
+            number = f"_load_{k}" if len(loads) > 1 else ""
+            path = folder / f"hysteresis_{safe_name(load.on)}{number}.png"
             paths.append(plot.hysteresis(path, runs, load.on, k, cycle_rows=rows))
     if scene.time.cycles is not None:
         paths.append(plot.energies(folder / "energies.png", runs))

@@ -77,7 +77,7 @@ def proper_modes(snapshots: FloatArray, mass: FloatArray | None = None) -> Prope
     return ProperModes(np.linalg.solve(factor.T, rows.T), values)
 
 
-def orthonormal(V: FloatArray, M: FloatArray, tolerance: float = 1e-9) -> FloatArray:
+def orthonormal(V: FloatArray, M: FloatArray, tolerance: float = 3e-7) -> FloatArray:
     """Basis of the span of ``V`` with V^T M V = I; directions that depend on others are dropped.
 
     Parameters
@@ -87,7 +87,8 @@ def orthonormal(V: FloatArray, M: FloatArray, tolerance: float = 1e-9) -> FloatA
     M : ndarray or sparse array, shape (n, n)
         Mass, kg.
     tolerance : float
-        Relative singular value below which a direction is dropped.
+        Relative singular value below which a direction is dropped; not below the square root of
+        the round-off.
     """
     scale = np.sqrt(np.einsum("ij,ij->j", V, M @ V))
     V = V[:, scale > 0.0] / scale[scale > 0.0]

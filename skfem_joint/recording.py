@@ -14,7 +14,7 @@ zero for the trapezoidal rule.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +186,42 @@ class Run:
         return np.asarray(self.point_u[:, self.system.points.index(name)])
 
 
+class Sums(NamedTuple):
+    """What steps add up in place.
+
+    Attributes
+    ----------
+    input_work : ndarray, shape (loads,)
+        Work of each load, J.
+    dissipated : ndarray, shape (2,)
+        Viscous and scheme dissipation, J.
+    friction_work : ndarray, shape (m,)
+        Friction dissipation of each contact point, J.
+    peak, slip_peak : ndarray
+        Largest displacement of the named points and of the contact points, m.
+    counters : ndarray of int64
+        Iterations, nested solves, descents, evaluations of the law on all points, largest
+        iterations of a step, steps left in which to start nested.
+    """
+
+    input_work: Any
+    dissipated: Any
+    friction_work: Any
+    peak: Any
+    slip_peak: Any
+    counters: Any
+
+
+class Rows(NamedTuple):
+    """Where rows are stored: fields, and displacement and velocity of the named points."""
+
+    u: Any
+    v: Any
+    sigma: Any
+    point_u: Any
+    point_v: Any
+
+
 @dataclass
 class Recorder:
     """Arrays that steppers fill in place while a run goes on."""
@@ -216,10 +252,21 @@ class Recorder:
         self.run_peak = np.zeros(p)
         self.slip_peak = np.zeros(m)
 
-    def remaining_rows(self) -> tuple[FloatArray, ...]:
-        """Give views of the stored rows from the next free one on, as the kernels take them."""
+    def sums(self) -> Sums:
+        """What the compiled steps add up."""
+        return Sums(
+            self.input_work,
+            self.dissipated,
+            self.friction_work,
+            self.peak,
+            self.slip_peak,
+            self.counters,
+        )
+
+    def free_rows(self) -> Rows:
+        """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
-        return self.u[f:], self.v[f:], self.sigma[f:], self.point_u[k:], self.point_v[k:]
+        return Rows(self.u[f:], self.v[f:], self.sigma[f:], self.point_u[k:], self.point_v[k:])
 
     def store(self, step: int, u: FloatArray, v: FloatArray, sigma: FloatArray) -> None:
         """Store what is due after ``step`` steps."""

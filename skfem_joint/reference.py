@@ -60,14 +60,23 @@ def run_lap_joint(
     steps_per_cycle: int = 200,
     fields: bool = True,
 ) -> Run:
-    """Harmonic run of a lap joint from rest, pulled at its free end."""
-    return integrate(
+    """Harmonic run of a lap joint from rest, pulled at its free end.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it is interrupted: half a run makes no modes.
+    """
+    run = integrate(
         assemble(structure, [("free_end", Harmonic(force, frequency))]),
         step=1.0 / frequency / steps_per_cycle,
         n_steps=cycles * steps_per_cycle,
         cycle_steps=steps_per_cycle,
         save=Save(fields=fields),
     )
+    if run.interrupted:
+        raise KeyboardInterrupt
+    return run
 
 
 def modes_of_lap_joint(

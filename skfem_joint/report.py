@@ -25,7 +25,7 @@ def write_json(path: Path, content: Any) -> None:
 def write_history(path: Path, runs: dict[str, Run]) -> None:
     """Histories of the named points as ``history.npz``.
 
-    Arrays: ``time`` (s), ``load_<name>`` (N) and, for each model and point,
+    Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s).
     """
     arrays: dict[str, Any] = {}

@@ -15,6 +15,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from skfem_joint import friction
+from skfem_joint.chain import Chain, LoadRows, bands, build_chain
 from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
 from skfem_joint.schemes import Scheme
@@ -22,10 +23,7 @@ from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
 
-#: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
-#: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
-#: from the diagonal of H fail on fine meshes because they grow with the mesh.
-KAPPA = 3.0
+#: Stride of rows that are never stored.
 NEVER = 2**62
 
 
@@ -146,7 +144,11 @@ class LinearStepper:
             predictor = u + c.u_v * v + c.u_a * a
             right = self.vectors @ amplitudes[:, k + 1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            self.v = solve(right)
+            v_new = solve(right)
+            if not np.all(np.isfinite(v_new)):
+                self.failure = Failure(float("nan"), int(np.flatnonzero(~np.isfinite(v_new))[0]))
+                return k
+            self.v = v_new
             self.u = predictor + c.c_K * self.v
             self.a = c.a_v * (self.v - v) + c.a_a * a
             self.d = c.d_a * self.a + c.d_a0 * a + c.d_d0 * d
@@ -177,59 +179,6 @@ def _factorised(A: Any) -> Any:
     return splu(sparse.csc_array(A)).solve
 
 
-def _bands(A: Any) -> tuple[FloatArray, FloatArray]:
-    return (
-        np.ascontiguousarray(A.diagonal(), dtype=float),
-        np.ascontiguousarray(A.diagonal(1), dtype=float),
-    )
-
-
-@dataclass(frozen=True)
-class Hierarchy:
-    """Step problem on a chain and its coarser chains, concatenated, finest first."""
-
-    level_start: NDArray[np.int64]
-    H0: FloatArray
-    H1: FloatArray
-    w: FloatArray
-    beta: FloatArray
-    kappa: float
-
-
-def build_hierarchy(H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray) -> Hierarchy:
-    """Galerkin hierarchy by halving the chain down to a few dozen nodes.
-
-    Coarse node j sits on fine node 2 j (or 2 j + 1, so that the last node stays), its
-    neighbours get half its value.
-    """
-    n = H0.size
-    start, parts = [0], []
-    while True:
-        parts.append((H0, np.append(H1, 0.0), w, beta))
-        start.append(start[-1] + n)
-        if n < 48:
-            break
-        n_coarse = (n + 1) // 2
-        shift = n - 1 - 2 * (n_coarse - 1)
-        fine = 2 * np.arange(n_coarse) + shift
-        P = sparse.lil_array((n, n_coarse))
-        P[fine, np.arange(n_coarse)] = 1.0
-        left = fine > 0
-        P[fine[left] - 1, np.flatnonzero(left)] = 0.5
-        right = fine < n - 1
-        P[fine[right] + 1, np.flatnonzero(right)] = 0.5
-        P = P.tocsr()
-        H = P.T @ (sparse.diags_array([H1, H0, H1], offsets=[-1, 0, 1]).tocsr() @ P)
-        H0, H1 = _bands(H)
-        w, beta, n = P.T @ w, beta[fine], n_coarse
-    first = parts[0]
-    bands = np.zeros((2, first[0].size))
-    bands[0, 1:], bands[1] = first[1][:-1], first[0]
-    reach = np.abs(linalg.solveh_banded(bands, first[2])).max()
-    H0, H1, w, beta = (np.concatenate([part[i] for part in parts]) for i in range(4))
-    return Hierarchy(np.array(start, dtype=np.int64), H0, H1, w, beta, KAPPA / reach)
-
-
 @dataclass
 class ChainStepper:
     """Steps of a tridiagonal system whose slip rows each pick one unknown."""
@@ -250,9 +199,9 @@ class ChainStepper:
         self.w[self.contact] = s.w
         self.beta = np.full(n, np.inf)
         self.beta[self.contact] = s.beta
-        self.bands = (*_bands(s.M), *_bands(s.C), *_bands(s.K))
+        self.bands = (*bands(s.M), *bands(s.C), *bands(s.K))
         vectors = sparse.csr_array(s.load_vectors().T)
-        self.loads = (
+        self.loads = LoadRows(
             np.asarray(vectors.indptr, dtype=np.int64),
             np.asarray(vectors.indices, dtype=np.int64),
             np.asarray(vectors.data, dtype=float),
@@ -261,7 +210,7 @@ class ChainStepper:
         self.rows = np.zeros((7, n))
         self.rows[0], self.rows[1] = self.u, self.v
         self.rows[6] = np.where(self.w > 0.0, friction.force(self.v, self.beta), 0.0)
-        self.hierarchies: dict[float, Hierarchy] = {}
+        self.chains: dict[float, Chain] = {}
         self.current: float | None = None
 
     def restart(self, amplitudes: FloatArray) -> None:
@@ -279,25 +228,12 @@ class ChainStepper:
             # The acceleration of points at rest obeys the law that their velocity will.
             M0, M1 = self.bands[:2]
             w = np.where(free_to_stick, self.w, 0.0)
-            problem = build_hierarchy(M0, M1, w, np.full(w.size, np.inf))
-            n = w.size
-            unknown = np.zeros(problem.H0.size)
-            padded = np.zeros(problem.H0.size)
-            padded[:n] = right
-            work, trial = np.zeros((6, n)), np.zeros((3, n))
+            chain = build_chain(M0, M1, w, np.full(w.size, np.inf))
+            g, parameter = np.zeros(chain.H0.size), np.zeros(chain.H0.size)
+            g[: w.size] = right
+            work, trial = np.zeros((6, w.size)), np.zeros((3, w.size))
             _, _, converged, _, row = kernels.solve_step(
-                problem.level_start,
-                problem.H0,
-                problem.H1,
-                problem.w,
-                problem.beta,
-                problem.kappa,
-                padded,
-                unknown,
-                work,
-                trial,
-                self.tolerance,
-                False,
+                chain, g, parameter, work, trial, self.tolerance, False
             )
             if not converged:
                 raise InputError(
@@ -317,17 +253,17 @@ class ChainStepper:
         from skfem_joint import kernels_tridiagonal as kernels
 
         c = self.scheme.coefficients(h)
-        if h not in self.hierarchies:
+        if h not in self.chains:
             M0, M1, C0, C1, K0, K1 = self.bands
-            self.hierarchies[h] = build_hierarchy(
+            self.chains[h] = build_chain(
                 c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1, self.w, self.beta
             )
             self.recorder.factorizations += 1
-        problem = self.hierarchies[h]
+        chain = self.chains[h]
         if self.current != h:
             # The parameter's scale changes with the step: start again from the law's point.
             v, sigma = self.rows[1], self.rows[6]
-            self.rows[4] = self.rows[5] = friction.parameter(v, sigma, problem.kappa, self.beta)
+            self.rows[4] = self.rows[5] = friction.parameter(v, sigma, chain.kappa, self.beta)
             self.current = h
         r = self.recorder
         done, rows, field_rows, residual, unknown = kernels.march(
@@ -335,26 +271,16 @@ class ChainStepper:
             first_step,
             *_strides(r, store),
             tuple(c),
-            *self.bands,
-            problem.level_start,
-            problem.H0,
-            problem.H1,
-            problem.w,
-            problem.beta,
-            problem.kappa,
+            self.bands,
+            chain,
             self.tolerance,
-            *self.loads,
+            self.loads,
             amplitudes,
             self.point_node,
             self.contact,
             self.rows,
-            r.input_work,
-            r.dissipated,
-            r.friction_work,
-            r.peak,
-            r.slip_peak,
-            r.counters,
-            *r.remaining_rows(),
+            r.sums(),
+            r.free_rows(),
         )
         r.rows += rows
         r.field_rows += field_rows
@@ -394,6 +320,7 @@ class DenseStepper:
                 "point, which a reduced or dense system has not; use System.with_beta with a "
                 "finite beta"
             )
+        self.beta = np.where(s.w > 0.0, s.beta, 1.0)
         self.matrices = (_dense(s.M), _dense(s.C), _dense(s.K))
         self.B, self.P = _dense(s.B), _dense(s.P)
         self.vectors = np.ascontiguousarray(s.load_vectors())
@@ -429,19 +356,14 @@ class DenseStepper:
             c.c_M * M + C + c.c_K * K,
             self.B,
             s.w,
-            s.beta,
+            self.beta,
             self.tolerance,
             self.vectors,
             amplitudes,
             self.P,
             self.rows,
-            r.input_work,
-            r.dissipated,
-            r.friction_work,
-            r.peak,
-            r.slip_peak,
-            r.counters,
-            *r.remaining_rows(),
+            r.sums(),
+            r.free_rows(),
         )
         r.rows += rows
         r.field_rows += field_rows

@@ -265,6 +265,11 @@ def assemble(
     beta = np.full(structure.n_nodes, np.nan)
     for joint in structure.joints:
         nodes = structure.joint_nodes(joint)
+        if nodes.size == 0:
+            raise InputError(
+                f"joint {joint.region!r} has no free node: all its nodes are fixed, nothing in it "
+                "can slip; refine it or leave it out"
+            )
         normal = nodal_normal_forces(
             basis,
             bar.regions[joint.region],

@@ -43,7 +43,9 @@ Progress = Callable[[str, int, int], None]
 RESOLVED_SHARE = 1e-4
 #: A probe run takes at most so many cycles and steps a cycle.
 PROBE_CYCLES, PROBE_STEPS = 4, 100
-#: A joint slips as a whole when its least slip exceeds this share of its largest.
+#: Slip velocity of a joint that sticks throughout, for the choice of beta, m/s.
+STUCK_VELOCITY = 1e-3
+#: A joint slips as a whole when its least relative slip exceeds this share of its largest.
 GROSS_SLIP = 0.02
 
 
@@ -165,14 +167,22 @@ def run_scene(scene: Scene, progress: Progress | None = None) -> Study:
     study = Study(scene, structure, system)
     for name in sorted(scene.models.run):  # the full model first: others compare with it
         make = _full if name == "full" else _reduced
-        model = make(study, partial(_report, progress, f"{name} model"))
+        try:
+            model = make(study, partial(_report, progress, f"{name} model"))
+        except KeyboardInterrupt:
+            if not study.models:
+                raise
+            study.interrupted = True
+            study.warnings.append(f"The run was interrupted while the {name} model was made.")
+            break
         if "full" in study.models and not model.run.interrupted:
             model = replace(model, errors=compare(study.models["full"].run, model.run))
         study.models[name] = model
         if model.run.interrupted:
             study.interrupted = True
             study.warnings.append(
-                f"The run was interrupted in the {name} model at t = {model.run.times[-1]:.6g} s; "
+                f"The run was interrupted in the {name} model at t = "
+                f"{model.run.counters.steps * scene.time_step:.6g} s; "
                 "results are those until then."
             )
             break
@@ -253,7 +263,11 @@ def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
         count = 2 * options.modes + 2 if isinstance(asked, str) else asked
         position = study.structure.position[study.structure.free[study.system.B.indices]]
         system = with_friction_points(system, position, reduction.stretches, count)
-    system = replace(system, beta=np.minimum(system.beta, _beta(study, reduction.slip_velocity)))
+    if isinstance(options.beta, str):
+        beta = np.minimum(system.beta, _resolvable_beta(study, reduction.slip_velocity))
+    else:
+        beta = np.full_like(system.beta, options.beta)
+    system = replace(system, beta=beta)
     before = time.perf_counter() - begin
     run = _integrate(study.scene, system, progress)
     return Model(
@@ -268,11 +282,8 @@ def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
     )
 
 
-def _beta(study: Study, slip_velocity: float) -> float:
+def _resolvable_beta(study: Study, slip_velocity: float) -> float:
     """Scaling constant that a reduced model can make use of, s/m."""
-    asked = study.scene.reduction.beta
-    if not isinstance(asked, str):
-        return float(asked)
     beta = 1.0 / (RESOLVED_SHARE * slip_velocity)
     if np.any(study.system.beta > beta):
         study.warnings.append(
@@ -281,6 +292,13 @@ def _beta(study: Study, slip_velocity: float) -> float:
             "a steeper law would differ. Set reduction.beta to choose."
         )
     return beta
+
+
+def _finished(run: Run) -> Run:
+    """Pass on a whole run; half of one makes neither modes nor an active length."""
+    if run.interrupted:
+        raise KeyboardInterrupt
+    return run
 
 
 @dataclass(frozen=True)
@@ -316,10 +334,11 @@ def _probe(study: Study, zones: list[Zone]) -> Run:
     )
     cycles = scene.time.cycles
     if cycles is None:
-        return integrate(probe, step=scene.time_step, n_steps=scene.n_steps)
+        return _finished(integrate(probe, step=scene.time_step, n_steps=scene.n_steps))
     period = scene.time_step * scene.time.steps_per_cycle
     steps = min(scene.time.steps_per_cycle, PROBE_STEPS)
-    return integrate(probe, step=period / steps, n_steps=min(cycles, PROBE_CYCLES) * steps)
+    n_steps = min(cycles, PROBE_CYCLES) * steps
+    return _finished(integrate(probe, step=period / steps, n_steps=n_steps))
 
 
 def _basis_from_paper(study: Study) -> _Reduction:
@@ -338,10 +357,17 @@ def _basis_from_paper(study: Study) -> _Reduction:
             "reduction: no force enters any joint, so that no active length can be found; "
             'use reference = "self"'
         )
+    probe = _probe(study, zones)
+    if "full" not in study.models:
+        _warn_of_gross_slip(study, probe)
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError(
+            "reduction: all loads are zero: nothing moves, so that no joint has an active length; "
+            "give an amplitude, or run 'full' alone"
+        )
     reference = paper_reference(snapshots=options.snapshots, inner_product=options.inner_product)
     loads = [load.amplitude for load in system.loads]
     estimates = [_estimate(structure, system, zone, loads) for zone in zones]
-    probe = _probe(study, zones)
     lengths = [
         _length(study, zone, guess, probe) for zone, guess in zip(zones, estimates, strict=True)
     ]
@@ -365,7 +391,8 @@ def _basis_from_paper(study: Study) -> _Reduction:
         rows = _contact_rows(study, zone.nodes)
         stretches.append(rows[(rows >= 0) & (zone.distance < found.length)])
         active[zone.name] = active.get(zone.name, 0.0) + found.length
-    velocity = float(np.abs(probe.point_v).max())
+    # Where every mouth sticks throughout, any velocity will do.
+    velocity = float(np.abs(probe.point_v).max()) or STUCK_VELOCITY
     return _Reduction(V, velocity, stretches, active, reference.proper, tuple(lengths), reference)
 
 
@@ -398,11 +425,12 @@ def _length(study: Study, zone: Zone, guess: Estimate | None, probe: Run) -> Zon
             raise InputError(
                 "reduction.active_length: 'estimate' needs harmonic loads; use 'auto' or a length"
             )
-        if not guess.converged:
+        if not guess.converged or guess.frequency_ratio > 0.5:
             study.warnings.append(
-                f"The estimated active length of joint '{zone.name}' did not settle: the load is "
-                "near or above its resonance, where Eq. (17) does not hold. Use "
-                "active_length = 'auto'."
+                f"The estimated active length of joint '{zone.name}' "
+                + ("" if guess.converged else "did not settle and ")
+                + f"is doubtful: the load has {guess.frequency_ratio:.2g} times the natural "
+                "frequency, and Eq. (17) holds up to half of it. Use active_length = 'auto'."
             )
         return ZoneLength(zone.name, guess.length, "estimate", guess)
     rows = _contact_rows(study, zone.nodes)
@@ -412,14 +440,22 @@ def _length(study: Study, zone: Zone, guess: Estimate | None, probe: Run) -> Zon
 
 
 def _cap(study: Study, zones: list[Zone], lengths: list[ZoneLength]) -> None:
-    for k, (zone, found) in enumerate(zip(zones, lengths, strict=True)):
-        if found.length > zone.length:
+    """Keep active lengths inside their joints, and those from both ends of one joint apart."""
+    asked = list(lengths)
+    for k, (zone, found) in enumerate(zip(zones, asked, strict=True)):
+        both = [
+            other.length
+            for other_zone, other in zip(zones, asked, strict=True)
+            if set(zone.nodes) == set(other_zone.nodes)
+        ]
+        share = found.length / sum(both)
+        if found.length > share * zone.length:
             study.warnings.append(
                 f"The active length of joint '{zone.name}' comes out as {found.length:.4g} m, more "
-                f"than the joint has: capped at {zone.length:.4g} m. The joint may slip as a whole "
-                "(gross slip), which the method assumes it does not."
+                f"than the joint has for it: capped at {share * zone.length:.4g} m. The joint may "
+                "slip as a whole (gross slip), which the method assumes it does not."
             )
-            lengths[k] = replace(found, length=zone.length)
+            lengths[k] = replace(found, length=share * zone.length)
 
 
 def _basis_from_itself(study: Study) -> _Reduction:
@@ -435,6 +471,7 @@ def _basis_from_itself(study: Study) -> _Reduction:
         scheme=generalized_alpha(scene.time.rho_infinity),
         save=Save(fields=True, points=False),
     )
+    _finished(training)
     mass = system.M.toarray() if options.inner_product == "mass" else None
     proper = proper_modes(snapshot_matrix(training.u, training.v, options.snapshots), mass)
     if options.modes > proper.modes.shape[1]:
@@ -457,13 +494,8 @@ def _basis_from_itself(study: Study) -> _Reduction:
 def _check(study: Study, model: Model) -> None:
     """Say what assumption the results violate."""
     run = model.run
-    for joint in study.structure.joints if model.basis is None else ():
-        peak = run.slip_peak[_contact_rows(study, study.structure.joint_nodes(joint))]
-        if peak.max() > 0.0 and peak.min() > GROSS_SLIP * peak.max():
-            study.warnings.append(
-                f"Every point of joint '{joint.region}' slips, the least by {peak.min():.3g} m: "
-                "the paper's assumption of no gross slip is violated."
-            )
+    if model.basis is None:
+        _warn_of_gross_slip(study, run)
     state = steady_state(run)
     if state is not None and not state.reached:
         study.warnings.append(
@@ -476,3 +508,28 @@ def _check(study: Study, model: Model) -> None:
             f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
             "the energy in play."
         )
+
+
+def _warn_of_gross_slip(study: Study, run: Run) -> None:
+    """Say so when a joint has no point left that sticks.
+
+    Points near a fixed end can move but little: their slip is compared with that of a bar strained
+    evenly between the fixed end and the point that moves most.
+    """
+    structure = study.structure
+    fixed = structure.position[structure.fixed_nodes]
+    for joint in structure.joints:
+        nodes = structure.joint_nodes(joint)
+        held = np.intersect1d(structure.bar.region_nodes(joint.region), structure.fixed_nodes)
+        peak = run.slip_peak[_contact_rows(study, nodes)]
+        room = np.ones(nodes.size)
+        if held.size:
+            room = np.abs(structure.position[nodes][:, np.newaxis] - fixed).min(axis=1)
+        least = (peak / room).min() / (peak.max() / room.max()) if peak.max() > 0.0 else 0.0
+        # Under a regularised law all points creep a little while they stick.
+        creep = study.scene.n_steps * study.scene.time_step / joint.beta
+        if least > GROSS_SLIP and peak.max() > 10.0 * creep:
+            study.warnings.append(
+                f"Every point of joint '{joint.region}' slips, the least by {peak.min():.3g} m: "
+                "the paper's assumption of no gross slip is violated."
+            )

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bars import LapJoint, tridiagonal
+from bars import CASE_I, LapJoint, tridiagonal
 from scipy import sparse
 
 from skfem_joint import friction, kernels_dense
 from skfem_joint import kernels_tridiagonal as kernels
+from skfem_joint.chain import build_chain
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.integrate import HALVINGS, integrate
 from skfem_joint.loads import Rectangle
@@ -26,7 +27,6 @@ from skfem_joint.steppers import (
     DenseStepper,
     LinearStepper,
     Stepper,
-    build_hierarchy,
     choose,
 )
 from skfem_joint.system import System
@@ -92,10 +92,10 @@ def test_points_without_pressure_need_no_law_in_a_reduced_system() -> None:
 # The step's problem
 
 
-def problem(n: int, beta: float, seed: int) -> tuple[Any, ...]:
+def problem(n: int, beta: float, seed: int, stiffness: float = 50.0) -> tuple[Any, ...]:
     """Random step problem: H a stiff chain, g a mixture of forces above and below the limits."""
     rng = np.random.default_rng(seed)
-    springs = rng.uniform(0.5, 2.0, n + 1) * 50.0
+    springs = rng.uniform(0.5, 2.0, n + 1) * stiffness
     H0 = rng.uniform(0.5, 2.0, n) + springs[:-1] + springs[1:]
     H1 = -springs[1:-1]
     w = rng.uniform(0.5, 1.5, n) * (rng.random(n) < 0.8)
@@ -106,20 +106,16 @@ def problem(n: int, beta: float, seed: int) -> tuple[Any, ...]:
 def solve(method: str, H0: Any, H1: Any, w: Any, beta: Any, g: Any) -> tuple[bool, Any, Any]:
     """Solution by one tier alone: converged, v and sigma."""
     n = g.size
-    hierarchy = build_hierarchy(H0, H1, w, beta)
-    padded, s = np.zeros(hierarchy.H0.size), np.zeros(hierarchy.H0.size)
+    chain = build_chain(H0, H1, w, beta)
+    padded, s = np.zeros(chain.H0.size), np.zeros(chain.H0.size)
     padded[:n] = g
     work, trial = np.zeros((6, n)), np.zeros((3, n))
-    fine = (hierarchy.H0[:n], hierarchy.H1[:n], hierarchy.w[:n], hierarchy.beta[:n])
     if method == "newton":
-        converged = kernels._newton(*fine, hierarchy.kappa, g, s[:n], work, 200, 1e-12)[1]
+        converged = kernels._newton(chain, 0, padded, s, work, 200, 1e-12)[1]
     elif method == "descend":
-        converged = kernels._descend(*fine, hierarchy.kappa, g, s[:n], work, trial, 1e-12)[1]
+        converged = kernels._descend(chain, padded, s, work, trial, 1e-12)[1]
     else:
-        converged = kernels._nested(
-            hierarchy.level_start, hierarchy.H0, hierarchy.H1, hierarchy.w, hierarchy.beta,
-            hierarchy.kappa, padded, s, work, 1e-12,
-        )[1]  # fmt: skip
+        converged = kernels._nested(chain, padded, s, work, 1e-12)[1]
     return bool(converged), work[0].copy(), work[1].copy()
 
 
@@ -146,6 +142,18 @@ def test_every_tier_finds_the_minimiser_of_the_step(method: str, beta: float, n:
             np.testing.assert_allclose(sigma[pressed], expected, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("stiffness", [50.0, 1e3, 1e5])
+def test_flips_of_coulomb_points_end(stiffness: float) -> None:
+    # Flipping all points at once cycles in a tenth of these; one at a time must come to an end.
+    for n in (40, 60, 130):
+        for seed in range(100):
+            H0, H1, w, beta, g = problem(n, np.inf, seed, stiffness)
+            converged, v, sigma = solve("newton", H0, H1, w, beta, g)
+            assert converged, (n, seed)
+            slips = (w > 0.0) & (v != 0.0)
+            np.testing.assert_array_equal(sigma[slips], np.sign(v[slips]))
+
+
 @pytest.mark.parametrize("beta", [1e2, 1e5, 1e9, np.inf])
 def test_the_tiers_agree(beta: float) -> None:
     for seed in range(5):
@@ -168,7 +176,7 @@ def test_solution_has_the_least_objective() -> None:
 
         lowest = objective(v)
         assert lowest == pytest.approx(
-            kernels._objective(H0, np.append(H1, 0.0), w, betas, g, v), rel=1e-12
+            kernels._objective(build_chain(H0, H1, w, betas), g, v), rel=1e-12
         )
         for size in (1e-6, 1e-3, 1.0):
             for _ in range(20):
@@ -178,17 +186,17 @@ def test_solution_has_the_least_objective() -> None:
 @pytest.mark.parametrize("n", [47, 48, 97, 100, 1001])
 def test_coarse_problems_are_galerkin_projections_of_the_fine_one(n: int) -> None:
     H0, H1, w, beta, _ = problem(n, 1e5, 0)
-    hierarchy = build_hierarchy(H0, H1, w, beta)
-    start = hierarchy.level_start
+    chain = build_chain(H0, H1, w, beta)
+    start = chain.start
     assert start[1] == n
     assert start[-1] - start[-2] < 48
     total = w.sum()
     for a, b in pairwise(start):
-        H = tridiagonal(hierarchy.H0[a:b], hierarchy.H1[a : b - 1])
+        H = tridiagonal(chain.H0[a:b], chain.H1[a : b - 1])
         assert np.linalg.eigvalsh(H)[0] > 0.0
         # Interpolation preserves constants but at an end that is dropped.
-        assert 0.9 * total <= hierarchy.w[a:b].sum() <= total * (1 + 1e-12)
-    assert hierarchy.kappa > 0.0
+        assert 0.9 * total <= chain.w[a:b].sum() <= total * (1 + 1e-12)
+    assert chain.kappa > 0.0
 
 
 @pytest.mark.parametrize("beta", [1e5, np.inf])
@@ -198,6 +206,29 @@ def test_large_chains_converge_by_nested_solves(beta: float) -> None:
     assert run.counters.newton_iterations <= 60 * run.counters.steps
     assert run.counters.nested_solves > 0
     assert run.energy_residual < 1e-10
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+@pytest.mark.parametrize("joint", [LapJoint(), CASE_I], ids=["reference", "case_I"])
+def test_long_chains_need_neither_descents_nor_halved_steps(joint: LapJoint, beta: float) -> None:
+    system = replace(joint, elements=10_000, beta=beta).system
+    run = integrate(system, step=0.01 / joint.frequency, n_steps=45)
+    counters = run.counters
+    assert counters.steps == 45
+    assert counters.descents == counters.halved_steps == 0
+    assert counters.newton_iterations <= 60 * counters.steps
+    assert run.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize("normal_force", ["equal", "consistent"])
+def test_coulomb_points_at_the_edge_of_slip_do_not_flip_for_ever(normal_force: str) -> None:
+    # Without rules for flips between stick and slip, Newton's iteration cycles in steps 50 to 65:
+    # some of them then take descents, and some are halved.
+    joint = LapJoint(elements=10_000, beta=np.inf, normal_force=normal_force)
+    run = integrate(joint.system, step=1e-5, n_steps=65)
+    assert run.counters.descents == run.counters.halved_steps == 0
+    assert run.counters.largest_iterations <= 100
+    assert run.energy_residual < 1e-9
 
 
 @pytest.mark.parametrize("beta", [1e5, np.inf])

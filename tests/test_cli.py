@@ -1,0 +1,428 @@
+"""The command line: exit statuses, messages, and the files it leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skfem_joint import __version__, cli, study
+from skfem_joint.errors import ConvergenceError
+
+ROOT = Path(__file__).parent.parent
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Callable[..., Path]:
+    """Write the harmonic structure of ``examples/``, short, with some of its text replaced."""
+
+    def write(*changes: tuple[str, str]) -> Path:
+        text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
+        meshes = (ROOT / "meshes").as_posix()
+        short = (
+            ("../meshes/", f"{meshes}/"),
+            ("cycles = 12", "cycles = 2"),
+            ("vtk = true\nplots = true", "vtk = false\nplots = false"),
+        )
+        for old, new in (*short, *changes):
+            assert text.count(old) == 1, f"{old!r} must stand in the scene once"
+            text = text.replace(old, new)
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+FULL_ONLY = ('run = ["full", "reduced"]', 'run = ["full"]')
+NO_OUTPUT = "vtk = false\nplots = false"
+
+
+def files_below(folder: Path) -> list[str]:
+    return sorted(str(file.relative_to(folder)) for file in folder.rglob("*"))
+
+
+def start(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "skfem_joint", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["check"]])
+def test_help_of_every_command(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*command, "--help"])
+    assert ended.value.code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"usage: {' '.join(['skfem-joint', *command])}")
+    assert "SCENE.toml" in shown or not command
+
+
+def test_help_and_version_of_the_module() -> None:
+    shown = start("--help")
+    assert shown.returncode == 0
+    for command in ("run", "check"):
+        assert re.search(rf"^\s+{command}\s", shown.stdout, re.MULTILINE)
+    assert start("--version").stdout.strip() == __version__
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["run"], ["run", "scene.toml"], ["check", "a", "b"]]
+)
+def test_wrong_usage_ends_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    assert ended.value.code == 2
+    assert "usage: skfem-joint" in capsys.readouterr().err
+
+
+def test_check_of_a_valid_scene_writes_nothing(
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = scene((NO_OUTPUT, "vtk = true\nplots = true"))
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["check", str(path)]) == 0
+    shown = capsys.readouterr()
+    assert "valid. 200 unknowns, 100 contact points, 400 steps of 1e-05 s" in shown.out
+    assert "50 % of the friction limit" in shown.out
+    assert shown.err == ""
+    assert files_below(tmp_path) == ["scene.toml"]
+
+
+@pytest.mark.parametrize("name", ["lap_joint_case_I", "lap_joint_reference", "structure_harmonic",
+                                  "structure_impulse"])  # fmt: skip
+def test_examples_are_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", str(ROOT / "examples" / f"{name}.toml")]) == 0
+    assert "valid." in capsys.readouterr().out
+
+
+def test_check_loads_no_library_that_draws(scene: Callable[..., Path]) -> None:
+    code = (
+        "import sys; from skfem_joint.cli import main; main(sys.argv[1:]); "
+        "print(sorted({'matplotlib', 'pyvista', 'vtk', 'numba'} & set(sys.modules)))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "check", str(scene())],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
+def test_run_writes_what_the_scene_asks_for(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "deep" / "results"
+    path = scene((NO_OUTPUT, "vtk = true\nframes = 4\nplots = true"))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""  # no progress bar where there is no terminal
+    assert "Jointed structure, harmonic load" in shown.out
+    assert "friction energy per cycle, J" in shown.out
+    assert "Written to" in shown.out
+
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary["models"]) == {"full", "reduced"}
+    for model in summary["models"].values():
+        assert model["steps"] == 400
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert history["time"].size == 401
+        assert history["reduced_free_end_displacement"].size == 401
+    pictures = sorted(out.glob("*.png"))
+    assert len(pictures) >= 4
+    assert all(picture.read_bytes().startswith(PNG) for picture in pictures)
+    series = ET.parse(out / "fields.pvd").getroot().findall(".//DataSet")
+    assert len({data.get("timestep") for data in series}) == 5
+    assert all((out / str(data.get("file"))).is_file() for data in series)
+    assert not list(out.rglob(".*"))  # no leftovers
+
+
+def test_run_writes_nothing_that_the_scene_does_not_ask_for(
+    scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    path = scene(FULL_ONLY, (NO_OUTPUT, "history = false"))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 0
+    assert files_below(out) == ["summary.json"]
+
+
+def test_run_as_a_module(scene: Callable[..., Path], tmp_path: Path) -> None:
+    ended = start("run", scene(), "--out", tmp_path / "out")
+    assert ended.returncode == 0
+    assert ended.stderr == ""
+    assert files_below(tmp_path / "out") == ["history.npz", "summary.json"]
+
+
+def test_warnings_are_shown_as_notes(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["run", str(scene()), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert len(written) >= 2
+    assert all(f"Note: {sentence}" in shown for sentence in written)
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+    """Lines of the message of a command that ends with 2."""
+    assert cli.main(arguments) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("skfem-joint: ")
+    assert "Traceback" not in shown.err
+    for word in words:
+        assert word in shown.err
+    return shown.err.splitlines()
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_every_mistake_of_a_scene_is_told_at_once(
+    command: str,
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = scene(
+        ("E = 200e9", "E = -1.0"),
+        ("pressure = 50e6", "pressure = nan"),
+        ('on = "free_end"', 'on = "free"'),
+        ("cycles = 2", "cycles = 0"),
+        ('title = "', 'colour = "red"\ntitle = "'),
+    )
+    out = tmp_path / "out"
+    arguments = [command, str(path), *(["--out", str(out)] if command == "run" else [])]
+    lines = refused(arguments, capsys, "did you mean 'free_end'?")
+    keys = ("colour", "material.E", "joint[0].pressure", "load[0].on", "time.cycles")
+    assert len(lines) == len(keys)
+    assert all(any(f": {key}: " in line for line in lines) for key in keys)
+    assert not out.exists()
+
+
+def test_bad_scene_in_a_process_of_its_own(scene: Callable[..., Path], tmp_path: Path) -> None:
+    ended = start("run", scene(("friction = 0.7", "friction = -1")), "--out", tmp_path / "out")
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert len(ended.stderr.splitlines()) == 1
+    assert "joint[0].friction: found -1, must be >= 0" in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("content", [None, b"", b"[mesh", b"\xff\xfe", b"a" * 100])
+def test_missing_or_broken_scene(
+    content: bytes | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "scene.toml"
+    if content is not None:
+        path.write_bytes(content)
+    refused(["run", str(path), "--out", str(tmp_path / "out")], capsys, str(path))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.95])
+def test_cut_mesh(
+    share: float, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = (ROOT / "meshes" / "structure.msh").read_bytes()
+    cut = tmp_path / "cut.msh"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    path = scene((f"{(ROOT / 'meshes').as_posix()}/structure.msh", cut.as_posix()))
+    refused(["run", str(path), "--out", str(tmp_path / "out")], capsys, "mesh.file", "cut.msh")
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_mesh(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = scene(("/structure.msh", "/nothing.msh"))
+    refused(["check", str(path)], capsys, "mesh.file", "nothing.msh")
+
+
+@pytest.mark.parametrize("below", ["", "/deeper/still"])
+def test_output_folder_that_is_a_file(
+    below: str, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("mine")
+    refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "--out", "taken")
+    assert (tmp_path / "taken").read_text() == "mine"
+    assert files_below(tmp_path) == ["scene.toml", "taken"]
+
+
+def test_reduction_that_does_not_fit_the_scene(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = scene(('on = "free_end"', 'on = "joint"'))
+    out = tmp_path / "out"
+    refused(["run", str(path), "--out", str(out)], capsys, "a load acts inside it", "self")
+    assert not out.exists() or files_below(out) == []
+
+
+@pytest.mark.parametrize(
+    ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
+)
+def test_missing_optional_library_is_told_before_the_run(
+    library: str,
+    asked: str,
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for module in [name for name in sys.modules if name.split(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)
+    path = scene(FULL_ONLY, (NO_OUTPUT, asked))
+    refused(["run", str(path), "--out", str(tmp_path / "out")], capsys, "skfem-joint[")
+
+
+def test_run_that_does_not_converge_ends_with_3(
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*args: object, **options: object) -> None:
+        raise ConvergenceError("step 7 at t = 7e-05 s did not converge")
+
+    monkeypatch.setattr(study, "integrate", fail)
+    out = tmp_path / "out"
+    assert cli.main(["run", str(scene()), "--out", str(out)]) == 3
+    assert capsys.readouterr().err == "skfem-joint: step 7 at t = 7e-05 s did not converge\n"
+    assert files_below(out) == []
+
+
+def interrupting(monkeypatch: pytest.MonkeyPatch, call: int, wanted: str = "full model") -> None:
+    """Make the progress of a model raise as Ctrl-C does, at its n-th call."""
+    left = [call]
+
+    def progress(label: str, done: int, total: int) -> None:
+        left[0] -= label == wanted
+        if left[0] == 0:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def bar() -> Iterator[study.Progress]:
+        yield progress
+
+    monkeypatch.setattr(cli, "_progress", bar)
+
+
+def test_interrupted_run_leaves_valid_files_of_what_was_done(
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    interrupting(monkeypatch, 3)
+    out = tmp_path / "out"
+    path = scene(("cycles = 2", "cycles = 6"), (NO_OUTPUT, "vtk = true\nframes = 6\nplots = true"))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 130
+    assert "interrupted in the full model at t = 0.006 s" in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())
+    assert list(summary["models"]) == ["full"]
+    assert summary["models"]["full"]["interrupted"] is True
+    assert summary["models"]["full"]["steps"] == 600
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert history["time"][-1] == pytest.approx(0.006, rel=1e-12)
+        assert np.abs(history["full_free_end_displacement"][-200:]).max() > 4e-4
+    times = {
+        float(str(data.get("timestep")))
+        for data in ET.parse(out / "fields.pvd").getroot().findall(".//DataSet")
+    }
+    assert sorted(times) == pytest.approx([0.0, 0.002, 0.004, 0.006])
+    assert all(picture.read_bytes().startswith(PNG) for picture in out.glob("*.png"))
+
+
+def test_run_interrupted_in_its_second_model_keeps_the_first(
+    scene: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupting(monkeypatch, 1, "reduced model")
+    out = tmp_path / "out"
+    path = scene((NO_OUTPUT, "plots = true"))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 130
+    models = json.loads((out / "summary.json").read_text())["models"]
+    assert [model["steps"] for model in models.values()] == [400, 200]
+    assert [model["interrupted"] for model in models.values()] == [False, True]
+
+
+def test_interrupted_run_without_histories(
+    scene: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupting(monkeypatch, 1)
+    out = tmp_path / "out"
+    path = scene(FULL_ONLY, (NO_OUTPUT, "history = false"))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 130
+    assert json.loads((out / "summary.json").read_text())["models"]["full"]["steps"] == 200
+
+
+def test_ctrl_c_on_a_terminal(scene: Callable[..., Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    path = scene(FULL_ONLY, ("cycles = 2", "cycles = 100000"), ("every = 1", "every = 1000"))
+    master, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skfem_joint", "run", str(path), "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        text=True,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(terminal)
+    try:
+        shown = b""
+        deadline = time.monotonic() + 60.0
+        while not re.search(rb"[1-9]\d*%", shown):  # the bar moves: steps are being done
+            assert time.monotonic() < deadline, shown
+            shown += os.read(master, 4096)
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60.0)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
+    assert b"full model" in shown
+    assert process.returncode == 130
+    assert "interrupted in the full model" in printed
+    steps = json.loads((out / "summary.json").read_text())["models"]["full"]["steps"]
+    assert 0 < steps < 20_000_000
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert abs(history["time"].size - 1 - steps / 1000) <= 1
+
+
+@pytest.mark.parametrize("name", ["free/end", "free end", "freie Länge"])
+def test_points_may_have_any_name(name: str, tmp_path: Path, scene: Callable[..., Path]) -> None:
+    from skfem_joint.meshing import build_bar, write_mesh
+
+    bar = build_bar(
+        [("joint", 0.1, 10), ("linear", 0.5, 10)], {"fixed": 0.0, "junction": 0.1, name: 0.6}
+    )
+    write_mesh(bar, tmp_path / "named.msh")
+    path = scene(
+        FULL_ONLY,
+        (f"{(ROOT / 'meshes').as_posix()}/structure.msh", "named.msh"),
+        ('on = "free_end"', f'on = "{name}"'),
+        ('points = ["free_end", "junction"]', f'points = ["{name}"]'),
+        (NO_OUTPUT, "plots = true"),
+    )
+    out = tmp_path / "out"
+    assert cli.main(["run", str(path), "--out", str(out)]) == 0
+    assert len(list(out.glob("hysteresis*.png"))) == 1
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert f"full_{name}_displacement" in history
