@@ -144,7 +144,7 @@ def test_every_tier_finds_the_minimiser_of_the_step(method: str, beta: float, n:
 
 @pytest.mark.parametrize("stiffness", [50.0, 1e3, 1e5])
 def test_flips_of_coulomb_points_end(stiffness: float) -> None:
-    # Flipping all points at once cycles in a tenth of these; one at a time must come to an end.
+    # Flipping all points at once cycles in about one in twelve; one at a time must come to an end.
     for n in (40, 60, 130):
         for seed in range(100):
             H0, H1, w, beta, g = problem(n, np.inf, seed, stiffness)
