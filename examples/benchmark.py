@@ -51,7 +51,9 @@ def main() -> None:
     print(f"reference system, {STEPS} steps a period, average acceleration\n")
     print("elements  law       us a step  ns a step and element  iterations a step")
     for elements in (100, 1_000, 10_000, 100_000):
-        n_steps, repeats = (300, 15) if elements <= 1_000 else (100, 3) if elements < 1e5 else (40, 1)
+        n_steps, repeats = (
+            (300, 15) if elements <= 1_000 else (100, 3) if elements < 1e5 else (40, 1)
+        )
         systems = {
             "arctan": reference_system(elements, 1e5),
             "Coulomb": reference_system(elements, np.inf),

@@ -48,6 +48,21 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="validate a scene without running it")
     check.add_argument("scene", type=Path, metavar="SCENE.toml")
     check.set_defaults(command=_check)
+
+    reproduce = commands.add_parser(
+        "reproduce", help="the paper's tables and figures beside their published values"
+    )
+    reproduce.add_argument(
+        "items", nargs="*", metavar="ITEM", help="e.g. table3 fig19; everything if none is named"
+    )
+    reproduce.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the page, its pictures and the curves",
+    )
+    reproduce.set_defaults(command=_reproduce)
     return parser
 
 
@@ -88,6 +103,25 @@ def _run(options: argparse.Namespace) -> int:
     files = output.write(study, options.out)
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return INTERRUPTED if study.interrupted else 0
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from skfem_joint import output
+    from skfem_joint.paper import page
+    from skfem_joint.paper.workspace import Workspace
+    from skfem_joint.reproduce import chosen, reproduce
+
+    chosen(options.items)
+    output.prepare_folder(options.out)
+    with _progress() as progress:
+        reproduce(
+            options.items,
+            Workspace(options.out),
+            progress,
+            lambda item: print(page.text_table(item), end="\n\n"),
+        )
+    print(f"Written to {options.out}: reproduction.md, pictures/, curves/")
+    return 0
 
 
 @contextmanager

@@ -31,6 +31,17 @@ def prepare(scene: Scene, folder: Path) -> None:
                 f"output.{key}: needs {library}; pip install 'skfem-joint[{extra}]', or set "
                 f"output.{key} = false"
             )
+    prepare_folder(folder)
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make a folder and see that it can be written to.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

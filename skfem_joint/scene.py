@@ -15,7 +15,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
@@ -889,13 +889,42 @@ def load_scene(path: str | Path) -> Scene:
     path = Path(path)
     raw = _read_toml(path)
     bar, problems = _read_mesh(raw, path.parent)
+    return scene_from(raw, bar, path, problems)
+
+
+def scene_from(
+    raw: Mapping[str, Any],
+    bar: BarMesh | None,
+    path: str | Path = "scene",
+    problems: Sequence[str] = (),
+) -> Scene:
+    """Scene from its tables and its mesh, as `load_scene` makes it from files.
+
+    Parameters
+    ----------
+    raw : mapping
+        The tables, as in a scene file; ``mesh.file`` is not read.
+    bar : BarMesh or None
+        The mesh; None if it could not be read, which is then among the problems.
+    path : str or Path
+        Name of the scene in messages; files that loads name are relative to it.
+    problems : sequence of str
+        Mistakes found so far.
+
+    Raises
+    ------
+    InputError
+        If anything is wrong, as in `load_scene`.
+    """
+    path = Path(path)
+    found = list(problems)
     context = {"bar": bar, "folder": path.parent}
     try:
         scene = Scene.model_validate(raw, context=context)
         tables = {name: getattr(scene, name) for name in Scene.model_fields}
     except ValidationError as error:
         scene = None
-        problems += [line for details in error.errors() for line in _sentences(details)]
+        found += [line for details in error.errors() for line in _sentences(details)]
         wrong = {details["loc"][0] for details in error.errors()}
         tables = {}
         for name, field in Scene.model_fields.items():
@@ -903,8 +932,8 @@ def load_scene(path: str | Path) -> Scene:
                 adapter = TypeAdapter(field.rebuild_annotation())
                 given = raw.get(name, field.default)
                 tables[name] = adapter.validate_python(given, context=context)
-    problems += _relations(tables, bar)
-    if scene is None or problems:
-        raise InputError([f"{path}: {problem}" for problem in dict.fromkeys(problems)])
+    found += _relations(tables, bar)
+    if scene is None or found:
+        raise InputError([f"{path}: {problem}" for problem in dict.fromkeys(found)])
     scene._bar, scene._path = bar, path
     return scene

@@ -321,6 +321,8 @@ def _distribution(structure: Structure, basis: Any, on: str) -> FloatArray:
         shares[bar.points[on]] = 1.0
         return shares
     elements = bar.regions[on]
+    if elements.size == 0:
+        raise InputError(f"load on {on!r}: the region has no elements to spread the force over")
     length = float(np.diff(structure.position)[elements].sum())
     region = basis.with_elements(elements)
     return np.asarray(line_load().assemble(region, force_per_length=1.0 / length + 0.0 * region.dx))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.contact import PressureTable
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing
+from skfem_joint.files import replacing, safe_name
 from skfem_joint.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -95,7 +94,7 @@ def write_series(
     """
     index = Path(path)
     times = np.asarray(times, dtype=float)
-    blocks = [re.sub(r"[^\w.-]", "_", field.name) for field in fields]
+    blocks = [safe_name(field.name) for field in fields]
     problems = _problems(index, structure, times, fields, blocks, shape)
     if problems:
         raise InputError(problems)

@@ -153,17 +153,3 @@ def test_parameter_is_the_inverse_of_graph_point(beta: float, kappa: float) -> N
     for s in PARAMETERS:
         v, sigma, _, _ = friction.graph_point(float(s), kappa, beta)
         assert float(friction.parameter(v, sigma, kappa, beta)) == pytest.approx(s, rel=8 * EPS)
-
-
-def test_compiled_graph_point_and_scalar_resolvent_are_those_of_the_law() -> None:
-    from skfem_joint import kernels_tridiagonal as kernels
-
-    for beta in (1e3, 1e6, inf):
-        for s in PARAMETERS:
-            compiled = kernels._graph_point(float(s), 2.0, beta)
-            np.testing.assert_allclose(
-                compiled, friction.graph_point(float(s), 2.0, beta), rtol=1e-12
-            )
-            v, sigma = kernels._scalar_resolvent(float(s), 2.0, beta)
-            assert v == pytest.approx(float(friction.resolvent(s, 2.0, beta)), rel=1e-12)
-            assert 2.0 * v + sigma == pytest.approx(s, rel=8 * EPS)

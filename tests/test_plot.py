@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import subprocess
 import sys
@@ -206,7 +205,8 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
     tmp_path: Path, runs: dict[str, Run], proper: ProperModes, figures: dict[str, Figure]
 ) -> None:
     xi = np.linspace(0.0, 1.0, proper.modes.shape[0])
-    folder = tmp_path / "new" / "deep"
+    folder = tmp_path / "pictures"
+    folder.mkdir()
     written = {
         "histories": plot.histories(folder / "a.png", runs, ["free_end"]),
         "hysteresis": plot.hysteresis(folder / "b.png", runs, "free_end", cycle_rows=ROWS),
@@ -231,7 +231,7 @@ def test_an_interruption_leaves_the_old_picture_whole(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(os, "replace", interrupted)
+    monkeypatch.setattr("skfem_joint.files.os.replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         plot.proper_values(path, proper)
     assert list(tmp_path.iterdir()) == [path]
@@ -244,6 +244,9 @@ def test_a_place_that_cannot_be_written_is_an_input_error(
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         plot.proper_values(tmp_path / "file" / "a.png", proper)
+    with pytest.raises(InputError, match=r"a\.png: cannot be written: No such file or directory"):
+        plot.proper_values(tmp_path / "missing" / "a.png", proper)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.parametrize(

@@ -220,8 +220,17 @@ BAD: list[tuple[tuple[str, str], str, list[str]]] = [
     (("[[load]]", "[damping]\nstiffness = -1e-5\n[[load]]"), "damping.stiffness", ["must be >= 0"]),
     (("[[load]]", "[damping]\nmass = nan\n[[load]]"), "damping.mass", ["must be finite"]),
     (("[[load]]", "[load]"), "load", ["must be a list of tables", "[[load]]"]),
-    (('on = "free_end"', 'on = "fre_end"'), "load[0].on", ["no such point", "'free_end'"]),
-    (('on = "free_end"', 'on = "linear"'), "load[0].on", ["a region; a point is needed"]),
+    (
+        ('on = "free_end"', 'on = "fre_end"'),
+        "load[0].on",
+        [
+            "no such point or region",
+            "'fixed', 'free_end', 'junction', 'middle'",
+            "'all', 'joint', 'linear', 'second', 'third'",
+            "did you mean 'free_end'",
+        ],
+    ),
+    (('on = "free_end"', 'on = "linaer"'), "load[0].on", ["did you mean 'linear'"]),
     (('on = "free_end"', 'on = "fixed"'), "load[0].on", ["support", "'free_end'"]),
     (("frequency = 500.0", "frequency = -5"), "load[0].frequency", ["found -5, must be > 0"]),
     (("frequency = 500.0", "frequncy = 500"), "load[0].frequncy", ["did you mean 'frequency'"]),
@@ -291,8 +300,16 @@ BAD: list[tuple[tuple[str, str], str, list[str]]] = [
         ["linear scene", "nothing to reduce"],
     ),
     (("modes = 5", "modes = 0"), "reduction.modes", ["must be >= 1"]),
-    (("modes = 5", 'active_length = "all"'), "reduction.active_length", ["'auto'", "length in m"]),
-    (("modes = 5", "active_length = [1]"), "reduction.active_length", ["'auto'", "length in m"]),
+    (
+        ("modes = 5", 'active_length = "all"'),
+        "reduction.active_length",
+        ["'auto', 'estimate'", "length in m"],
+    ),
+    (
+        ("modes = 5", "active_length = [1]"),
+        "reduction.active_length",
+        ["'auto', 'estimate'", "length in m"],
+    ),
     (("modes = 5", "active_length = 0"), "reduction.active_length", ["must be > 0"]),
     (("modes = 5", "active_length = 0.11"), "reduction.active_length", ["<= 0.1", "'joint'"]),
     (
@@ -309,6 +326,18 @@ BAD: list[tuple[tuple[str, str], str, list[str]]] = [
     (("modes = 5", "interface_modes = -1"), "reduction.interface_modes", ["must be >= 0"]),
     (("modes = 5", "interface_modes = 1.5"), "reduction.interface_modes", ["'auto' or a whole"]),
     (("modes = 5", 'beta = "high"'), "reduction.beta", ["'auto' or a steepness"]),
+    (("modes = 5", "friction_points = 0"), "reduction.friction_points", ["must be >= 1"]),
+    (
+        ("modes = 5", 'friction_points = "few"'),
+        "reduction.friction_points",
+        ["found 'few'", "'auto', 'all' or a whole number"],
+    ),
+    (("modes = 5", "friction_points = 1.5"), "reduction.friction_points", ["a whole number"]),
+    (
+        ("modes = 5", 'snapshots = "velocity"'),
+        "reduction.snapshots",
+        ["found 'velocity'", "'both' or 'displacement'"],
+    ),
     (("modes = 5", 'inner_product = "energy"'), "reduction.inner_product", ["'mass'"]),
     (("every = 1", "every = 0"), "output.every", ["must be >= 1"]),
     (("every = 1", "vtk = 1"), "output.vtk", ["found 1", "true or false"]),
@@ -461,6 +490,8 @@ def test_defaults_are_those_documented(scene_file: Callable[..., Path]) -> None:
         "reference": "paper",
         "interface_modes": "auto",
         "beta": "auto",
+        "friction_points": "auto",
+        "snapshots": "both",
         "inner_product": "euclidean",
     }
     assert scene.output.model_dump() == {
@@ -499,6 +530,29 @@ def test_what_a_scene_may_leave_out_or_give_another_way(scene_file: Callable[...
     assert joint.pressure(np.array([0.05, 0.075])) == pytest.approx([5e6, 2.5e6 + 0.5])
     assert scene.reduction.active_length == {"joint": 0.1}
     assert (scene.reduction.interface_modes, scene.reduction.beta) == (0, 1e3)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "value"),
+    [
+        ("active_length", '"estimate"', "estimate"),
+        ("active_length", "0.05", 0.05),
+        ("friction_points", '"all"', "all"),
+        ("friction_points", "12", 12),
+        ("snapshots", '"displacement"', "displacement"),
+    ],
+)
+def test_other_ways_to_reduce_arrive_as_given(
+    scene_file: Callable[..., Path], key: str, text: str, value: object
+) -> None:
+    reduction = load_scene(scene_file(("modes = 5", f"{key} = {text}"))).reduction
+    assert reduction.model_dump(exclude_unset=True) == {key: value}
+
+
+@pytest.mark.parametrize("on", ["linear", "joint", "free_end"])
+def test_a_load_may_act_on_a_region_or_on_a_point(scene_file: Callable[..., Path], on: str) -> None:
+    scene = load_scene(scene_file(('on = "free_end"', f'on = "{on}"')))
+    assert scene.load[0].on == on
 
 
 @pytest.mark.parametrize(

@@ -145,12 +145,18 @@ def test_a_force_spread_along_a_region_is_a_line_load() -> None:
 
 
 @pytest.mark.parametrize("kind", ["equal", "consistent"])
-def test_a_joint_between_two_supports_has_no_contact_point(kind: str) -> None:
-    bar = build_bar([("joint", 0.1, 1), ("rest", 0.1, 2)], {"fixed": 0.0, "other": 0.1})
+def test_a_joint_between_two_supports_is_refused_until_it_is_refined(kind: str) -> None:
     joint = Joint("joint", 8e6, MU, normal_force=kind)
-    system = assemble(bar_structure(bar, [joint], fixed=["fixed", "other"]))
-    assert system.w.shape == (0,)
-    assert system.contact_points == 0
+
+    def system(elements: int) -> System:
+        bar = build_bar([("joint", 0.1, elements), ("rest", 0.1, 2)], {"fixed": 0.0, "other": 0.1})
+        return assemble(bar_structure(bar, [joint], fixed=["fixed", "other"]))
+
+    with pytest.raises(InputError, match="'joint' has no free node: all its nodes are fixed"):
+        system(1)
+    # Its one free node takes the whole pressure, or that of the half elements beside it.
+    share = {"equal": 1.0, "consistent": 0.5}[kind]
+    np.testing.assert_allclose(system(2).w, [share * MU * 8e6 * WIDTH * 0.1], rtol=1e-12)
 
 
 def limits(elements: int, pressure: Any, kind: str, fixed: list[str] | None = None) -> np.ndarray:

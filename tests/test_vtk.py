@@ -166,7 +166,7 @@ def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
             raise KeyboardInterrupt
         replace(source, target)
 
-    monkeypatch.setattr("skfem_joint.vtk.os.replace", interrupted)
+    monkeypatch.setattr("skfem_joint.files.os.replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_series(tmp_path / "a.pvd", bar, TIMES, models)
     assert not list(tmp_path.rglob(".*"))
@@ -189,7 +189,7 @@ def test_a_reader_never_sees_half_a_file(tmp_path: Path, monkeypatch: pytest.Mon
         replace(source, target)
         whole.append(Path(target).name)
 
-    monkeypatch.setattr("skfem_joint.vtk.os.replace", watched)
+    monkeypatch.setattr("skfem_joint.files.os.replace", watched)
     files = write_series(tmp_path / "a.pvd", bar, TIMES, [field("full", 3, bar.n_nodes)])
     assert whole == [file.name for file in [*files[1:], files[0]]]
 
