@@ -10,16 +10,13 @@ and all of them are raised together as one `InputError`.
 
 from __future__ import annotations
 
-import difflib
-import json
 import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar, get_args
+from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -35,30 +32,24 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
 
 from skfem_joint import contact, loads, structure
 from skfem_joint.errors import InputError
 from skfem_joint.meshing import BarMesh, load_mesh
+from skfem_joint.scene_messages import (
+    NUMBER,
+    TABLE,
+    WORD,
+    closest,
+    found_text,
+    key_path,
+    listed,
+    mistake,
+    sentences,
+)
 
 _FEWEST_STEPS_PER_PERIOD = 4
 _MOST = 10**9  # steps, modes, frames: beyond it a number is a slip of the keyboard
-
-
-def _mistake(text: str, key: str = "") -> PydanticCustomError:
-    """Error with a text of one's own, at a key below the place where it is raised."""
-    return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
-
-
-def _listed(names: Any) -> str:
-    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
-
-
-def _closest(word: str, words: Any) -> str:
-    """Ask whether another word was meant, if one is close enough."""
-    lower = {other.lower(): other for other in words}
-    match = difflib.get_close_matches(word.lower(), lower, n=1)
-    return f"; did you mean '{lower[match[0]]}'?" if match else ""
 
 
 def _bar(info: ValidationInfo) -> BarMesh | None:
@@ -72,11 +63,11 @@ def _check_name(name: str, bar: BarMesh, wanted: Literal["point", "region"]) -> 
     other = "region" if wanted == "point" else "point"
     if name in groups[wanted]:
         return
-    exist = f"{wanted}s of the mesh: {_listed(groups[wanted])}"
+    exist = f"{wanted}s of the mesh: {listed(groups[wanted])}"
     if name in groups[other]:
-        raise _mistake(f"found '{name}', which is a {other}; a {wanted} is needed; {exist}")
-    raise _mistake(
-        f"found '{name}', no such {wanted} in the mesh; {exist}{_closest(name, groups[wanted])}"
+        raise mistake(f"found '{name}', which is a {other}; a {wanted} is needed; {exist}")
+    raise mistake(
+        f"found '{name}', no such {wanted} in the mesh; {exist}{closest(name, groups[wanted])}"
     )
 
 
@@ -92,24 +83,24 @@ def _is_region(name: str, info: ValidationInfo) -> str:
     if bar is not None:
         _check_name(name, bar, "region")
         if len(bar.regions[name]) == 0:
-            raise _mistake(f"found '{name}', a region without elements; it must hold at least one")
+            raise mistake(f"found '{name}', a region without elements; it must hold at least one")
     return name
 
 
 def _is_place(name: str, info: ValidationInfo) -> str:
     bar = _bar(info)
     if bar is not None and name not in bar.points and name not in bar.regions:
-        raise _mistake(
+        raise mistake(
             f"found '{name}', no such point or region in the mesh; points of the mesh: "
-            f"{_listed(bar.points)}; regions: {_listed(bar.regions)}"
-            f"{_closest(name, [*bar.points, *bar.regions])}"
+            f"{listed(bar.points)}; regions: {listed(bar.regions)}"
+            f"{closest(name, [*bar.points, *bar.regions])}"
         )
     return name
 
 
 def _is_file_name(name: str) -> str:
     if not name or "\0" in name:
-        raise _mistake(f"found {name!r}, must be the name of a file")
+        raise mistake(f"found {name!r}, must be the name of a file")
     return name
 
 
@@ -119,7 +110,7 @@ T = TypeVar("T")
 def _has_no_repeats(values: tuple[T, ...]) -> tuple[T, ...]:
     repeated = [value for i, value in enumerate(values) if value in values[:i]]
     if repeated:
-        raise _mistake(f"found '{repeated[0]}' more than once, must not repeat")
+        raise mistake(f"found '{repeated[0]}' more than once, must not repeat")
     return values
 
 
@@ -133,17 +124,14 @@ FileName = Annotated[str, AfterValidator(_is_file_name)]
 _A_LIST = Field(strict=False)
 PointNames = Annotated[tuple[PointName, ...], _A_LIST, AfterValidator(_has_no_repeats)]
 
-# Tags of the forms a value may take; they turn up in pydantic's locations and are cut out there.
-_WORD, _NUMBER, _TABLE = _TAGS = ("form: word", "form: number", "form: table")
-
 
 def _form(value: object) -> str:
     if isinstance(value, str):
-        return _WORD
-    return _TABLE if isinstance(value, Mapping | BaseModel) else _NUMBER
+        return WORD
+    return TABLE if isinstance(value, Mapping | BaseModel) else NUMBER
 
 
-Auto = Annotated[Literal["auto"], Tag(_WORD)]
+Auto = Annotated[Literal["auto"], Tag(WORD)]
 
 
 class SceneTable(BaseModel):
@@ -163,7 +151,7 @@ class _Override(SceneTable):
     @model_validator(mode="after")
     def _sets_something(self) -> Self:
         if not self.model_fields_set:
-            raise _mistake(f"found an empty table, must set {' or '.join(type(self).model_fields)}")
+            raise mistake(f"found an empty table, must set {' or '.join(type(self).model_fields)}")
         return self
 
 
@@ -207,7 +195,7 @@ class Support(SceneTable):
     @model_validator(mode="after")
     def _holds_the_bar(self) -> Self:
         if not self.fixed:
-            raise _mistake(
+            raise mistake(
                 "found no point; a bar without support is a free body that drifts away, "
                 "name at least one point",
                 "fixed",
@@ -238,11 +226,11 @@ class PressureByPosition(SceneTable):
         steps = zip(self.positions, self.positions[1:], strict=False)
         for i, (left, right) in enumerate(steps, start=1):
             if right <= left:
-                raise _mistake(
+                raise mistake(
                     f"found {right:g}, must be > {left:g}, the position before", f"positions[{i}]"
                 )
         if len(self.values) != len(self.positions):
-            raise _mistake(
+            raise mistake(
                 f"found {len(self.values)} values, must be one for each of the "
                 f"{len(self.positions)} positions",
                 "values",
@@ -255,8 +243,8 @@ class Joint(SceneTable):
 
     region: RegionName = Field(description="name of a region of the mesh")
     pressure: Annotated[
-        Annotated[NotNegative, Tag(_NUMBER)] | Annotated[PressureByPosition, Tag(_TABLE)],
-        Discriminator(lambda value: _TABLE if _form(value) == _TABLE else _NUMBER),
+        Annotated[NotNegative, Tag(NUMBER)] | Annotated[PressureByPosition, Tag(TABLE)],
+        Discriminator(lambda value: TABLE if _form(value) == TABLE else NUMBER),
     ] = Field(description="a pressure in Pa or a table { positions = [m], values = [Pa] }")
     friction: NotNegative = Field(description="friction coefficient")
     law: Literal["arctan", "coulomb"] = "arctan"
@@ -266,7 +254,7 @@ class Joint(SceneTable):
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Self:
         if self.law == "coulomb" and "beta" in self.model_fields_set:
-            raise _mistake(
+            raise mistake(
                 f"found {self.beta:g} beside law = 'coulomb', which has no beta; "
                 "leave it out or choose law = 'arctan'",
                 "beta",
@@ -277,7 +265,7 @@ class Joint(SceneTable):
             first, last = self.pressure.positions[0], self.pressure.positions[-1]
             tolerance = 1e-9 * bar.length
             if first > start + tolerance or last < end - tolerance:
-                raise _mistake(
+                raise mistake(
                     f"found {first:g} to {last:g} m, must cover the joint, "
                     f"which reaches from {start:g} to {end:g} m",
                     "pressure.positions",
@@ -389,7 +377,7 @@ class TableLoad(_LoadOn):
         try:
             self._table = loads.read_table(folder / self.file)
         except InputError as error:
-            raise _mistake("\n".join(error.problems), "file") from error
+            raise mistake("\n".join(error.problems), "file") from error
         return self
 
     def to_load(self) -> loads.Table:
@@ -420,17 +408,17 @@ class Time(SceneTable):
         by_duration = self.model_fields_set & {"duration", "step"}
         choice = "must be either cycles (and steps_per_cycle), or duration and step"
         if by_cycles and by_duration:
-            raise _mistake(f"found {', '.join(sorted(by_cycles | by_duration))}; {choice}")
+            raise mistake(f"found {', '.join(sorted(by_cycles | by_duration))}; {choice}")
         if by_duration:
             if self.duration is None or self.step is None:
                 missing = "duration" if self.duration is None else "step"
-                raise _mistake(f"missing beside {next(iter(by_duration))}; {choice}", missing)
+                raise mistake(f"missing beside {next(iter(by_duration))}; {choice}", missing)
             if self.step > self.duration:
-                raise _mistake(
+                raise mistake(
                     f"found {self.step:g}, must be <= duration, {self.duration:g}", "step"
                 )
         elif self.cycles is None:
-            raise _mistake(f"missing; {choice}", "cycles")
+            raise mistake(f"missing; {choice}", "cycles")
         return self
 
 
@@ -459,9 +447,9 @@ class Reduction(SceneTable):
 
     modes: int = Field(default=5, ge=1, le=_MOST)
     active_length: Annotated[
-        Annotated[Literal["auto", "estimate"], Tag(_WORD)]
-        | Annotated[Positive, Tag(_NUMBER)]
-        | Annotated[dict[RegionName, Positive], Tag(_TABLE)],
+        Annotated[Literal["auto", "estimate"], Tag(WORD)]
+        | Annotated[Positive, Tag(NUMBER)]
+        | Annotated[dict[RegionName, Positive], Tag(TABLE)],
         Discriminator(_form),
     ] = Field(
         default="auto",
@@ -469,17 +457,17 @@ class Reduction(SceneTable):
     )
     reference: Literal["paper", "self"] = "paper"
     interface_modes: Annotated[
-        Auto | Annotated[int, Field(ge=0, le=_MOST), Tag(_NUMBER)],
-        Discriminator(lambda value: _WORD if _form(value) == _WORD else _NUMBER),
+        Auto | Annotated[int, Field(ge=0, le=_MOST), Tag(NUMBER)],
+        Discriminator(lambda value: WORD if _form(value) == WORD else NUMBER),
     ] = Field(default="auto", description="'auto' or a whole number >= 0")
     beta: Annotated[
-        Auto | Annotated[Positive, Tag(_NUMBER)],
-        Discriminator(lambda value: _WORD if _form(value) == _WORD else _NUMBER),
+        Auto | Annotated[Positive, Tag(NUMBER)],
+        Discriminator(lambda value: WORD if _form(value) == WORD else NUMBER),
     ] = Field(default="auto", description="'auto' or a steepness in s/m > 0")
     friction_points: Annotated[
-        Annotated[Literal["auto", "all"], Tag(_WORD)]
-        | Annotated[int, Field(ge=1, le=_MOST), Tag(_NUMBER)],
-        Discriminator(lambda value: _WORD if _form(value) == _WORD else _NUMBER),
+        Annotated[Literal["auto", "all"], Tag(WORD)]
+        | Annotated[int, Field(ge=1, le=_MOST), Tag(NUMBER)],
+        Discriminator(lambda value: WORD if _form(value) == WORD else NUMBER),
     ] = Field(default="auto", description="'auto', 'all' or a whole number >= 1")
     snapshots: Literal["both", "displacement"] = "both"
     inner_product: Literal["euclidean", "mass"] = "euclidean"
@@ -596,8 +584,8 @@ def _check_overrides(key: str, regions: Mapping[str, _Override], bar: BarMesh) -
         both = one.model_fields_set & other.model_fields_set
         if both and np.intersect1d(bar.regions[name], bar.regions[other_name]).size:
             yield (
-                f"{_key((key, 'regions', other_name))}: found {' and '.join(sorted(both))}, which "
-                f"region '{name}' also sets; the two regions share elements, so only one may"
+                f"{key_path((key, 'regions', other_name))}: found {' and '.join(sorted(both))}, "
+                f"which region '{name}' also sets; the two regions share elements, so only one may"
             )
 
 
@@ -613,14 +601,14 @@ def _check_joints(joints: tuple[Joint, ...], bar: BarMesh) -> Iterator[str]:
         elif nodes.size and one.to_joint().beta != other.to_joint().beta:
             key = "beta" if one.law == other.law else "law"
             yield (
-                f"joint[{j}].{key}: found {_found(getattr(other, key))}, must be "
-                f"{_found(getattr(one, key))} as in joint[{i}], with which it shares a node"
+                f"joint[{j}].{key}: found {found_text(getattr(other, key))}, must be "
+                f"{found_text(getattr(one, key))} as in joint[{i}], with which it shares a node"
             )
 
 
 def _check_points(tables: Mapping[str, Any], bar: BarMesh) -> Iterator[str]:
     held = {bar.points[name] for name in tables["support"].fixed}
-    free = _listed(name for name, node in bar.points.items() if node not in held)
+    free = listed(name for name, node in bar.points.items() if node not in held)
     for i, item in enumerate(tables.get("load", ())):
         if bar.points.get(item.on) in held:
             yield (
@@ -686,10 +674,12 @@ def _check_reduction(
         wanted = [((*key, region), region, length) for region, length in asked.items()]
     for where, region, length in wanted:
         if region not in lengths:
-            yield f"{_key(where)}: found '{region}', which is no joint; joints: {_listed(lengths)}"
+            yield (
+                f"{key_path(where)}: found '{region}', which is no joint; joints: {listed(lengths)}"
+            )
         elif length > lengths[region] * (1 + 1e-9):
             yield (
-                f"{_key(where)}: found {length:g}, must be <= {lengths[region]:g}, "
+                f"{key_path(where)}: found {length:g}, must be <= {lengths[region]:g}, "
                 f"the length of joint '{region}'"
             )
 
@@ -714,125 +704,6 @@ def _relations(tables: Mapping[str, Any], bar: BarMesh | None) -> Iterator[str]:
             )
         elif bar is not None and joints and "reduction" in tables:
             yield from _check_reduction(tables["reduction"], joints, bar)
-
-
-def _key(location: tuple[int | str, ...]) -> str:
-    """Write a key path as TOML does, list positions in brackets."""
-    text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            bare = re.fullmatch(r"[A-Za-z0-9_-]+", part)
-            text += ("." if text else "") + (part if bare else json.dumps(part, ensure_ascii=False))
-    return text
-
-
-def _found(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, list | tuple):
-        return "a list" if value else "an empty list"
-    text = repr(value) if isinstance(value, str | float | int) else str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """List the tables a value of this type may be."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
-
-
-def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
-    """Values allowed for the key ``kind``; none for a table without it."""
-    field = model.model_fields.get("kind")
-    return get_args(field.annotation) if field else ()
-
-
-def _follow(location: tuple[int | str, ...]) -> tuple[list[type[BaseModel]], str]:
-    """Find the tables that may stand at one of pydantic's locations, and its key's description."""
-    models: list[type[BaseModel]] = [Scene]
-    description = ""
-    is_name = False
-    for part in location:
-        if isinstance(part, int) or part in _TAGS or is_name:
-            is_name = False
-            continue
-        kinds = [model for model in models if part in _kinds(model)]
-        if kinds:
-            models = kinds
-            continue
-        field = next((m.model_fields[part] for m in models if part in m.model_fields), None)
-        models = _models_in(field.annotation) if field else []
-        description = (field.description or "") if field else ""
-        is_name = part == "regions"
-    return models, description
-
-
-_MUST_BE: Mapping[str, str] = MappingProxyType(
-    {
-        "greater_than": "must be > {gt:g}",
-        "greater_than_equal": "must be >= {ge:g}",
-        "less_than": "must be < {lt:g}",
-        "less_than_equal": "must be <= {le:g}",
-        "finite_number": "must be finite",
-        "float_type": "must be a number",
-        "int_type": "must be a whole number",
-        "string_type": "must be a text in quotes",
-        "bool_type": "must be true or false",
-        "literal_error": "must be {expected}",
-        "union_tag_invalid": "must be one of {expected_tags}",
-        "tuple_type": "must be a list",
-        "dict_type": "must be a table",
-        "model_type": "must be a table",
-        "model_attributes_type": "must be a table",
-        "too_short": "must have {min_length} or more entries",
-    }
-)
-
-
-def _sentences(error: ErrorDetails) -> list[str]:
-    """One of pydantic's errors as key, what was found, what is allowed."""
-    location, kind, context = error["loc"], error["type"], error.get("ctx", {})
-    has_kind = location[:1] == ("load",) and len(location) > 2
-    places = [
-        part
-        for i, part in enumerate(location)
-        if part not in (*_TAGS, "[key]") and not (has_kind and i == 2)
-    ]
-    models, description = _follow(location)
-    if kind == "scene":
-        key = ".".join(filter(None, [_key(tuple(places)), context["key"]]))
-        return [f"{key}: {line}" for line in context["text"].split("\n")]
-    if kind == "extra_forbidden":
-        parents, _ = _follow(location[:-1])
-        keys = list(dict.fromkeys(key for model in parents for key in model.model_fields))
-        closest = _closest(str(location[-1]), keys)
-        return [f"{_key(tuple(places))}: unknown key{closest}; allowed: {', '.join(keys)}"]
-    if kind == "missing":
-        needed = f": {description}" if description else ""
-        return [f"{_key(tuple(places))}: missing, must be given{needed}"]
-    if kind == "union_tag_not_found":
-        kinds = [kind for model in models for kind in _kinds(model)]
-        return [f"{_key((*places, 'kind'))}: missing, must be one of {_listed(kinds)}"]
-
-    if kind == "too_short" and len(error["input"]) >= context["min_length"]:
-        return []  # pydantic does not count the entries that are wrong in themselves
-
-    found, closest = _found(error["input"]), ""
-    if kind == "union_tag_invalid":
-        places.append("kind")
-        found = _found(error["input"]["kind"])
-        closest = _closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
-    must_be = _MUST_BE[kind].format_map(context) if kind in _MUST_BE else error["msg"]
-    if location[-1] in _TAGS and kind in ("literal_error", "float_type", "int_type"):
-        must_be = f"must be {description}"
-    if kind == "tuple_type" and places in (["joint"], ["load"]):
-        must_be += f" of tables, each under [[{places[0]}]]"
-    return [f"{_key(tuple(places))}: found {found}, {must_be}{closest}"]
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -864,7 +735,7 @@ def _read_mesh(raw: Mapping[str, Any], folder: Path) -> tuple[BarMesh | None, li
     except InputError as error:
         return None, [f"mesh.file: {problem}" for problem in error.problems]
     except OSError as error:  # a name too long, or a folder that may not be searched
-        return None, [f"mesh.file: {_found(mesh.file)} cannot be read: {error.strerror}"]
+        return None, [f"mesh.file: {found_text(mesh.file)} cannot be read: {error.strerror}"]
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -924,7 +795,7 @@ def scene_from(
         tables = {name: getattr(scene, name) for name in Scene.model_fields}
     except ValidationError as error:
         scene = None
-        found += [line for details in error.errors() for line in _sentences(details)]
+        found += [line for details in error.errors() for line in sentences(details, Scene)]
         wrong = {details["loc"][0] for details in error.errors()}
         tables = {}
         for name, field in Scene.model_fields.items():
