@@ -43,6 +43,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results"
     )
+    run.add_argument(
+        "--certify",
+        action="store_true",
+        help="estimate the errors of time step, mesh, beta and number of modes (more runs)",
+    )
     run.set_defaults(command=_run)
 
     check = commands.add_parser("check", help="validate a scene without running it")
@@ -88,19 +93,28 @@ def _check(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from skfem_joint import output, report
+    from skfem_joint.certificate import certify
     from skfem_joint.scene import load_scene
     from skfem_joint.study import run_scene
 
     scene = load_scene(options.scene)
     output.prepare(scene, options.out)
+    certificate = {}
     with _progress() as progress:
         study = run_scene(scene, progress)
+        if options.certify and not study.interrupted:
+            certificate = {
+                model: {one.source: one.errors for one in certify(scene, model, progress)}
+                for model in study.models
+            }
     if scene.title:
         print(f"{scene.title}\n")
     print(report.table(output.summary(study)))
+    if certificate:
+        print("\n" + report.certificate_table(certificate))
     for warning in study.warnings:
         print(f"\nNote: {warning}")
-    files = output.write(study, options.out)
+    files = output.write(study, options.out, certificate)
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return INTERRUPTED if study.interrupted else 0
 

@@ -190,6 +190,24 @@ def build_bar(regions: Sequence[tuple[str, float, int]], points: Mapping[str, fl
     return BarMesh(_skfem_mesh(position, named, nodes), coordinates, named, nodes, "")
 
 
+def refined(bar: BarMesh) -> BarMesh:
+    """Bar with every element halved; names stay."""
+    s = bar.mesh.p[0]
+    middle = 0.5 * (s[:-1] + s[1:])
+    coordinates = np.empty((2 * s.size - 1, 3))
+    coordinates[::2] = bar.coordinates
+    coordinates[1::2] = 0.5 * (bar.coordinates[:-1] + bar.coordinates[1:])
+    nodes = np.empty(2 * s.size - 1)
+    nodes[::2], nodes[1::2] = s, middle
+    regions = {
+        name: (2 * elements[:, np.newaxis] + np.arange(2)).ravel()
+        for name, elements in bar.regions.items()
+    }
+    points = {name: 2 * node for name, node in bar.points.items()}
+    mesh = _skfem_mesh(nodes, regions, points)
+    return BarMesh(mesh, coordinates, regions, points, bar.path)
+
+
 def write_mesh(bar: BarMesh, path: str | Path) -> None:
     """Write a bar as Gmsh 4.1 ASCII with its regions and points as physical groups.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -71,12 +72,15 @@ def summary(study: Study) -> dict[str, Any]:
     }
 
 
-def write(study: Study, folder: Path) -> list[Path]:
+def write(study: Study, folder: Path, certificate: Mapping[str, Any] | None = None) -> list[Path]:
     """Write what the scene asks for; returns the main files."""
     output = study.scene.output
     runs = {name: model.run for name, model in study.models.items()}
     written = [folder / "summary.json"]
-    report.write_json(written[0], summary(study))
+    content = summary(study)
+    if certificate:
+        content["certificate"] = certificate
+    report.write_json(written[0], content)
     if output.history:
         written.append(folder / "history.npz")
         report.write_history(written[-1], runs)

@@ -95,6 +95,24 @@ def _by_point(run: Run, values: Any) -> dict[str, float]:
     return {name: float(value) for name, value in zip(run.system.points, values, strict=True)}
 
 
+def certificate_table(certificate: dict[str, dict[str, dict[str, float]]]) -> str:
+    """Estimated errors by model and source, percent, for reading."""
+    lines = [f"{'estimated error, %':26}" + "".join(f"{name:>20}" for name in _HEADINGS.values())]
+    for model, sources in certificate.items():
+        for source, errors in sources.items():
+            numbers = "".join(f"{100.0 * errors[key]:20.2g}" for key in _HEADINGS)
+            lines.append(f"{model + ', ' + source:26}{numbers}")
+    return "\n".join(lines)
+
+
+_HEADINGS = {
+    "displacement_rms": "displacement",
+    "peak_displacement": "peak",
+    "friction_energy": "friction energy",
+    "loop_energy": "loop energy",
+}
+
+
 def _entry(key: str, name: str, model: dict[str, Any]) -> float | None:
     """Entry of a table by name, mm."""
     value = model[key].get(name)

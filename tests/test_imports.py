@@ -46,6 +46,7 @@ FLOORS = {
     "scene_messages": 6.5,
     "scene": 7.0,
     "study": 7.5,
+    "certificate": 7.6,
     "output": 7.6,
     "paper.__init__": 7.6,
     "paper.items": 7.6,
