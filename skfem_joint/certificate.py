@@ -12,6 +12,8 @@ beta
     model chooses its beta below its truncation error.
 modes
     j against j + 2 modes; no full model is run.
+friction points
+    The reduced model's few friction points against all contact nodes.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ class Estimate:
     Attributes
     ----------
     source : str
-        ``time step``, ``mesh``, ``beta`` or ``modes``.
+        ``time step``, ``mesh``, ``beta``, ``modes`` or ``friction points``.
     errors : dict
         By quantity, see `QUANTITIES`; not negative.
     order : float or None
@@ -200,6 +202,8 @@ def certify(scene: Scene, model: str, progress: Progress | None = None) -> list[
             plan.append(_variant(scene, model, joint={"law": "coulomb"}))
     else:
         plan.append(_variant(scene, model, reduction={"modes": scene.reduction.modes + 2}))
+        if scene.reduction.friction_points != "all":
+            plan.append(_variant(scene, model, reduction={"friction_points": "all"}))
     runs: list[Run] = []
     for done, one in enumerate(plan):
         if progress is not None:
@@ -209,7 +213,10 @@ def certify(scene: Scene, model: str, progress: Progress | None = None) -> list[
         progress(f"certifying the {model} model", len(plan), len(plan))
     estimates = [_halved_twice("time step", runs[:3])]
     if not full:
-        return [*estimates, Estimate("modes", _difference(runs[0], runs[3]))]
+        estimates.append(Estimate("modes", _difference(runs[0], runs[3])))
+        if len(runs) > 4:
+            estimates.append(Estimate("friction points", _difference(runs[0], runs[4])))
+        return estimates
     estimates.append(_halved_twice("mesh", [runs[0], *runs[3:5]]))
     if regularised:
         estimates.append(Estimate("beta", _difference(runs[0], runs[5])))

@@ -15,6 +15,20 @@ slopes however steep the law is. Three tiers, each tried only when the one befor
    with Newton steps accepted only when they decrease it further.
 
 What does not converge after that is reported by status, never returned as a solution.
+
+What was tried, in microseconds a step (reference system of the paper, 100 elements, 100 steps a
+period, beta = 1e5, 7.4 iterations a step; one core of a 2-core virtual Intel Xeon):
+
+=========================================================================  =====
+one point after the other, library arctangent, elimination from one end     22.9
+without numba's checks for division by zero                                 22.9
+law on all points without branches, own arctangent, elimination from both   13.4
+ends
+=========================================================================  =====
+
+Extrapolating the parameter over two steps saves 4 % of the iterations at 100 steps a period and
+14 % at 1000. Scaling the parameter by the diagonal of H instead of by the reach of friction
+(``chain.KAPPA``) fails on most steps from 800 elements on.
 """
 
 from __future__ import annotations

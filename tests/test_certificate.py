@@ -78,7 +78,7 @@ def test_mode_error_shrinks_with_modes_and_needs_no_full_run(
     errors = []
     for modes in (2, 5, 9):
         base = coarse(run=("full", "reduced"), reduction={"modes": modes})
-        (_, estimate) = certify(base, "reduced")
-        assert estimate.source == "modes"
+        (_, estimate, points) = certify(base, "reduced")
+        assert (estimate.source, points.source) == ("modes", "friction points")
         errors.append(estimate.errors["displacement_rms"])
     assert errors[0] > errors[1] > errors[2]
