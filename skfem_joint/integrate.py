@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -91,7 +92,8 @@ def integrate(
             raise InputError(f"initial: shapes must be ({system.n},)")
     recorder = Recorder(system, save or Save(), n_steps, step)
     stepper = choose(system, scheme or generalized_alpha(), u, v, tolerance, recorder)
-    layout = _layout(system, step, n_steps)
+    driver = _Driver(system, stepper, recorder, step)
+    driver.lay_out(n_steps)
     start_energy = system.stored_energy(u, v)
     begin = time.perf_counter()
     at_start = system.load_amplitudes(np.array([0.0]))
@@ -110,7 +112,7 @@ def integrate(
             if cycle_steps is not None:
                 end = min(end, (done // cycle_steps + 1) * cycle_steps)
             begin = time.perf_counter()
-            _advance(system, stepper, recorder, layout, done, end)
+            driver.advance(done, end)
             elapsed += time.perf_counter() - begin
             done = end
             if cycle_steps is not None and done % cycle_steps == 0:
@@ -138,111 +140,98 @@ def integrate(
     )
 
 
-class _Layout:
-    """Where the steps are cut: by step index, the times inside it; and where loads jump."""
+@dataclass
+class _Driver:
+    """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
-    def __init__(self, step: float) -> None:
-        self.step = step
-        self.cuts: dict[int, list[float]] = {}
-        self.jumps: dict[float, float] = {}  # end of a step or part: the jump's own time
+    Attributes
+    ----------
+    cuts : dict
+        By step index: the times at which the step is cut (none if it only has to stand alone).
+    jumps : dict
+        By end of a step or part: the time of the load's jump there.
+    """
 
+    system: System
+    stepper: Stepper
+    recorder: Recorder
+    h: float
+    cuts: dict[int, list[float]] = field(default_factory=dict)
+    jumps: dict[float, float] = field(default_factory=dict)
 
-def _layout(system: System, step: float, n_steps: int) -> _Layout:
-    layout = _Layout(step)
-    for load in system.loads:
-        corners = [t for t in load.amplitude.corners if 0.0 < t < n_steps * step]
-        for t in corners:
-            before, after = np.asarray(load.amplitude(np.array([np.nextafter(t, 0.0), t])))
-            jump = abs(after - before) > 1e-9 * max(abs(after), abs(before))
-            if not jump and len(corners) > MOST_KINKS:
+    def lay_out(self, n_steps: int) -> None:
+        """Find where the steps have to be cut."""
+        h = self.h
+        for load in self.system.loads:
+            corners = [t for t in load.amplitude.corners if 0.0 < t < n_steps * h]
+            for t in corners:
+                before, after = np.asarray(load.amplitude(np.array([np.nextafter(t, 0.0), t])))
+                jump = abs(after - before) > 1e-9 * max(abs(after), abs(before))
+                if not jump and len(corners) > MOST_KINKS:
+                    continue
+                k = round(t / h)
+                on_grid = abs(t - k * h) <= 1e-9 * h
+                if jump:
+                    self.jumps[k * h if on_grid else t] = t
+                    if on_grid:
+                        self.cuts.setdefault(k - 1, [])  # a step that ends at a jump stands alone
+                if not on_grid:
+                    cuts = self.cuts.setdefault(int(t // h), [])
+                    if t not in cuts:
+                        cuts.append(t)
+
+    def advance(self, first: int, end: int) -> None:
+        """Advance from step ``first`` to step ``end``."""
+        h = self.h
+        while first < end:
+            cut = min((k for k in self.cuts if first <= k < end), default=end)
+            if cut > first:
+                times = h * np.arange(first, cut + 1, dtype=np.float64)
+                amplitudes = self.system.load_amplitudes(times)
+                amplitudes[:, 0] = self._after(h * first)
+                amplitudes[:, -1] = self._before(h * cut)
+                first += self.stepper.advance(h, amplitudes, first, True)
+                if first < cut:
+                    self._halves(first, h * first, h * (first + 1), True, 1)
+                    first += 1
                 continue
-            k = round(t / step)
-            on_grid = abs(t - k * step) <= 1e-9 * step
-            if jump:
-                layout.jumps[k * step if on_grid else t] = t
-                if on_grid:
-                    layout.cuts.setdefault(k - 1, [])  # a step that ends at a jump stands alone
-            if not on_grid:
-                cuts = layout.cuts.setdefault(int(t // step), [])
-                if t not in cuts:
-                    cuts.append(t)
-    return layout
+            times = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
+            for a, b in pairwise(times):
+                self._part(first, a, b, b == times[-1], 0)
+            first += 1
 
+    def _before(self, t: float) -> FloatArray:
+        """Load amplitudes at the end of a step: the limit from before where a load jumps."""
+        if t in self.jumps:
+            t = float(np.nextafter(self.jumps[t], 0.0))
+        return self.system.load_amplitudes(np.array([t]))[:, 0]
 
-def _advance(
-    system: System, stepper: Stepper, recorder: Recorder, layout: _Layout, first: int, end: int
-) -> None:
-    """Advance from step ``first`` to step ``end``."""
-    h = layout.step
-    while first < end:
-        cut = min((k for k in layout.cuts if first <= k < end), default=end)
-        if cut > first:
-            amplitudes = system.load_amplitudes(h * np.arange(first, cut + 1, dtype=np.float64))
-            amplitudes[:, 0] = _after(system, h * first, layout)
-            amplitudes[:, -1] = _before(system, h * cut, layout)
-            first += stepper.advance(h, amplitudes, first, True)
-            if first < cut:
-                _halved(system, stepper, recorder, layout, first, h * first, h * (first + 1), 1)
-                first += 1
-            continue
-        times = [h * first, *sorted(layout.cuts[first]), h * (first + 1)]
-        for i, (a, b) in enumerate(pairwise(times)):
-            last = i == len(times) - 2
-            _part(system, stepper, recorder, layout, first, a, b, last, 0)
-        first += 1
+    def _after(self, t: float) -> FloatArray:
+        """Load amplitudes at the start of a step: the limit from after where a load jumps."""
+        return self.system.load_amplitudes(np.array([self.jumps.get(t, t)]))[:, 0]
 
+    def _part(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge.
 
-def _before(system: System, t: float, layout: _Layout) -> FloatArray:
-    """Load amplitudes at the end of a step: the limit from before where a load jumps."""
-    if t in layout.jumps:
-        t = float(np.nextafter(layout.jumps[t], 0.0))
-    return system.load_amplitudes(np.array([t]))[:, 0]
+        ``last`` tells whether step ``index`` ends with it, so that rows may be stored.
+        """
+        amplitudes = np.stack([self._after(a), self._before(b)], axis=1)
+        whole = abs((b - a) / self.h - 1.0) < 1e-9
+        if self.stepper.advance(self.h if whole else b - a, amplitudes, index, last) == 0:
+            self._halves(index, a, b, last, depth + 1)
+        if b in self.jumps:
+            self.stepper.restart(self._after(b))
 
-
-def _after(system: System, t: float, layout: _Layout) -> FloatArray:
-    """Load amplitudes at the start of a step: the limit from after where a load jumps."""
-    return system.load_amplitudes(np.array([layout.jumps.get(t, t)]))[:, 0]
-
-
-def _part(
-    system: System,
-    stepper: Stepper,
-    recorder: Recorder,
-    layout: _Layout,
-    index: int,
-    a: float,
-    b: float,
-    last: bool,
-    depth: int,
-) -> None:
-    """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge."""
-    amplitudes = np.stack([_after(system, a, layout), _before(system, b, layout)], axis=1)
-    whole = abs((b - a) / layout.step - 1.0) < 1e-9
-    if stepper.advance(layout.step if whole else b - a, amplitudes, index, last) == 0:
-        _halved(system, stepper, recorder, layout, index, a, b, depth + 1, last)
-    if b in layout.jumps:
-        stepper.restart(_after(system, b, layout))
-
-
-def _halved(
-    system: System,
-    stepper: Stepper,
-    recorder: Recorder,
-    layout: _Layout,
-    index: int,
-    a: float,
-    b: float,
-    depth: int,
-    last: bool = True,
-) -> None:
-    if depth > HALVINGS:
-        raise ConvergenceError(
-            f"step {index} at t = {a:.6g} s did not converge, even with a step of {b - a:.3g} s: "
-            f"force residual {stepper.failure.residual:.3g} N, largest at unknown "
-            f"{stepper.failure.unknown}. Nothing was returned. Try more steps per cycle, a "
-            "smaller beta, or rho_infinity below 1."
-        )
-    recorder.halved_steps += depth == 1
-    middle = 0.5 * (a + b)
-    _part(system, stepper, recorder, layout, index, a, middle, False, depth)
-    _part(system, stepper, recorder, layout, index, middle, b, last, depth)
+    def _halves(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        if depth > HALVINGS:
+            failure = self.stepper.failure
+            raise ConvergenceError(
+                f"step {index} at t = {a:.6g} s did not converge, even with a step of "
+                f"{b - a:.3g} s: force residual {failure.residual:.3g} N, largest at unknown "
+                f"{failure.unknown}. Nothing was returned. Try more steps per cycle, a smaller "
+                "beta, or rho_infinity below 1."
+            )
+        self.recorder.halved_steps += depth == 1
+        middle = 0.5 * (a + b)
+        self._part(index, a, middle, False, depth)
+        self._part(index, middle, b, last, depth)

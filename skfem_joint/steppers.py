@@ -180,8 +180,8 @@ def _factorised(A: Any) -> Any:
 
 
 @dataclass
-class ChainStepper:
-    """Steps of a tridiagonal system whose slip rows each pick one unknown."""
+class _CompiledStepper:
+    """What the compiled steppers share: ``rows`` holds their state, displacement first."""
 
     system: System
     scheme: Scheme
@@ -190,6 +190,23 @@ class ChainStepper:
     tolerance: float
     recorder: Recorder
     failure: Failure = field(default_factory=Failure)
+    rows: FloatArray = field(init=False)
+
+    def _note(self, done: int, rows: int, fields: int, residual: float, unknown: int) -> int:
+        """Note what a compiled loop returned; give the steps that it did."""
+        self.recorder.rows += rows
+        self.recorder.field_rows += fields
+        self.failure = Failure(residual, unknown)
+        return int(done)
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Displacement and velocity."""
+        return self.rows[0], self.rows[1]
+
+
+@dataclass
+class ChainStepper(_CompiledStepper):
+    """Steps of a tridiagonal system whose slip rows each pick one unknown."""
 
     def __post_init__(self) -> None:
         s = self.system
@@ -266,7 +283,7 @@ class ChainStepper:
             self.rows[4] = self.rows[5] = friction.parameter(v, sigma, chain.kappa, self.beta)
             self.current = h
         r = self.recorder
-        done, rows, field_rows, residual, unknown = kernels.march(
+        result = kernels.march(
             amplitudes.shape[1] - 1,
             first_step,
             *_strides(r, store),
@@ -282,14 +299,7 @@ class ChainStepper:
             r.sums(),
             r.free_rows(),
         )
-        r.rows += rows
-        r.field_rows += field_rows
-        self.failure = Failure(residual, unknown)
-        return int(done)
-
-    def state(self) -> tuple[FloatArray, FloatArray]:
-        """Displacement and velocity."""
-        return self.rows[0], self.rows[1]
+        return self._note(*result)
 
     def normalised_friction(self) -> FloatArray:
         """Friction force over its limit at the contact points."""
@@ -301,16 +311,8 @@ def _dense(A: Any) -> FloatArray:
 
 
 @dataclass
-class DenseStepper:
+class DenseStepper(_CompiledStepper):
     """Steps of a small dense system."""
-
-    system: System
-    scheme: Scheme
-    u: FloatArray
-    v: FloatArray
-    tolerance: float
-    recorder: Recorder
-    failure: Failure = field(default_factory=Failure)
 
     def __post_init__(self) -> None:
         s = self.system
@@ -345,7 +347,7 @@ class DenseStepper:
         s, r = self.system, self.recorder
         if r.factorizations == 0:
             r.factorizations = 1
-        done, rows, field_rows, residual, unknown = kernels.march(
+        result = kernels.march(
             amplitudes.shape[1] - 1,
             first_step,
             *_strides(r, store),
@@ -365,14 +367,7 @@ class DenseStepper:
             r.sums(),
             r.free_rows(),
         )
-        r.rows += rows
-        r.field_rows += field_rows
-        self.failure = Failure(residual, unknown)
-        return int(done)
-
-    def state(self) -> tuple[FloatArray, FloatArray]:
-        """Displacement and velocity."""
-        return self.rows[0], self.rows[1]
+        return self._note(*result)
 
     def normalised_friction(self) -> FloatArray:
         """Friction force over its limit at the contact points."""
