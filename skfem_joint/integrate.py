@@ -195,9 +195,9 @@ class _Driver:
                     self._halves(first, h * first, h * (first + 1), True, 1)
                     first += 1
                 continue
-            times = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
-            for a, b in pairwise(times):
-                self._part(first, a, b, b == times[-1], 0)
+            ends = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
+            for a, b in pairwise(ends):
+                self._part(first, a, b, b == ends[-1], 0)
             first += 1
 
     def _before(self, t: float) -> FloatArray:
