@@ -15,9 +15,10 @@ FloatArray = NDArray[np.float64]
 #: A point that moves less than this share of what moves most is at rest: it is not compared.
 AT_REST = 1e-9
 
-#: Share of its limit that the regularised friction force must reach for a point to count as
-#: slipping; under Coulomb a point slips at the limit itself.
-SLIP_SHARE = 0.9
+#: Under the regularised law a point slips while it is faster than this share of its own largest
+#: velocity; points whose own largest velocity is below `GREY_SHARE` of the joint's always stick.
+SLIP_SHARE = 0.05
+GREY_SHARE = 1e-3
 
 
 def hysteresis_loop(
@@ -39,18 +40,25 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(sigma: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
+def slip_state(slip_velocity: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
     """1 where a contact point slips, 0 where it sticks.
+
+    Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
+    regularised law every point creeps, and its friction may stay near the limit while it does, so
+    that the velocity decides.
 
     Parameters
     ----------
-    sigma : ndarray, shape (frames, m)
-        Normalised friction force, as in ``Run.sigma``.
+    slip_velocity : ndarray, shape (frames, m)
+        m/s.
     beta : ndarray, shape (m,)
         Scaling constant of the law of each point, s/m.
     """
-    limit = np.where(np.isinf(beta), 1.0 - 1e-12, SLIP_SHARE)
-    return (np.abs(sigma) >= limit).astype(np.int8)
+    speed = np.abs(slip_velocity)
+    own = speed.max(axis=0, initial=0.0)
+    limit = np.where(np.isinf(beta), 0.0, SLIP_SHARE * own)
+    active = np.isinf(beta) | (own > GREY_SHARE * own.max(initial=0.0))
+    return ((speed > limit) & active).astype(np.int8)
 
 
 @dataclass(frozen=True)

@@ -87,11 +87,12 @@ def write(study: Study, folder: Path, certificate: Mapping[str, Any] | None = No
     if output.plots:
         written += _plots(study, folder)
     if output.vtk:
-        written.append(_series(study, folder / "fields.pvd"))
+        written.append(write_series(study, folder / "fields.pvd"))
     return written
 
 
-def _series(study: Study, path: Path) -> Path:
+def write_series(study: Study, path: Path) -> Path:
+    """Write the models' stored fields as a series for ParaView; returns the index, ``path``."""
     from skfem_joint import vtk
 
     fields = [_field(study, model) for model in study.models.values()]
@@ -112,7 +113,7 @@ def _field(study: Study, model: Model) -> Any:
         nodes = structure.free[system.B.indices]
         sigma = model.normalised_friction(system)
         force[:, nodes] = -system.w * sigma
-        state[:, nodes] = slip_state(sigma, system.beta)
+        state[:, nodes] = slip_state(v[:, system.B.indices], system.beta)
     return vtk.Field(model.name, structure.expand(u), structure.expand(v), force, state)
 
 

@@ -21,7 +21,7 @@ ITEMS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "table3": ("harmonic", "table3", ("table3", "fig8", "fig9")),
     "fig10": ("active", "fig10", ("fig10",)),
     "table4": ("harmonic", "table4", ("table4", "fig11")),
-    "table5": ("harmonic", "table5", ("table5", "fig12", "fig13", "fig14")),
+    "table5": ("vicinity", "table5", ("table5", "fig12", "fig13", "fig14")),
     "fig15": ("impulse", "fig15", ("fig15", "fig16", "fig17")),
     "section7.3": ("structure_runs", "section7_3", ("section7.3", "fig18", "fig19")),
     "section7.4": ("structure_runs", "section7_4", ("section7.4", "fig20", "fig21")),

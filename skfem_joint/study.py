@@ -283,12 +283,17 @@ def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
 
 
 def _resolvable_beta(study: Study, slip_velocity: float) -> float:
-    """Scaling constant that a reduced model can make use of, s/m."""
-    beta = 1.0 / (RESOLVED_SHARE * slip_velocity)
+    """Scaling constant that a reduced model can make use of, s/m.
+
+    A free decay comes to rest, where a law less steep would let the joint creep: there the share
+    of the slip velocity that is resolved is a hundred times smaller.
+    """
+    share = RESOLVED_SHARE if study.scene.time.cycles is not None else 0.01 * RESOLVED_SHARE
+    beta = 1.0 / (share * slip_velocity)
     if np.any(study.system.beta > beta):
         study.warnings.append(
             f"The reduced model uses beta = {beta:.3g} s/m: its modes do not resolve slip "
-            f"velocities below {RESOLVED_SHARE:g} of the largest ({slip_velocity:.3g} m/s), where "
+            f"velocities below {share:g} of the largest ({slip_velocity:.3g} m/s), where "
             "a steeper law would differ. Set reduction.beta to choose."
         )
     return beta
