@@ -58,7 +58,7 @@ def slip_state(slip_velocity: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
     own = speed.max(axis=0, initial=0.0)
     limit = np.where(np.isinf(beta), 0.0, SLIP_SHARE * own)
     active = np.isinf(beta) | (own > GREY_SHARE * own.max(initial=0.0))
-    return ((speed > limit) & active).astype(np.int8)
+    return np.asarray((speed > limit) & active, dtype=np.int8)
 
 
 @dataclass(frozen=True)

@@ -142,9 +142,10 @@ def _notes_on_fig10(high: FloatArray) -> list[str]:
         "\n".join(lines),
         f"The printed {printed['active_50_percent_4500_hz_percent']:g} and "
         f"{printed['actual_70_percent']:g} % cannot test the rule: 99 % is where the last free "
-        "node of 100 elements lies, so that the whole joint was active and the length "
-        "cut off there. At 4500 Hz the rule comes out a little too short for every shape, more so "
-        "with less damping. No match with the paper's numbers is claimed for any shape.",
+        "node of 100 elements lies, so that, measured at nodes as here, the whole joint was active "
+        "and the length cut off there. At 4500 Hz the rule comes out a little too short for every "
+        "shape, more so with less damping. No match with the paper's numbers is claimed for any "
+        "shape.",
     ]
 
 
