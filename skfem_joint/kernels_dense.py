@@ -49,8 +49,30 @@ def _cholesky_solve(A, x):
 
 
 @compiled
-def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
+def _round_off(H, B, w, beta, q, slip, sigma):
+    """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
+    n = q.size
+    largest = 0.0
+    for j in range(n):
+        total = 0.0
+        for k in range(n):
+            total += abs(H[j, k] * q[k])
+        for i in range(slip.size):
+            size = 0.0
+            for k in range(n):
+                size += abs(B[i, k] * q[k])
+            z = beta[i] * slip[i]
+            slope = 2.0 / pi * beta[i] / (1.0 + z * z)
+            total += abs(B[i, j]) * w[i] * (abs(sigma[i]) + slope * size)
+        largest = max(largest, total)
+    return ROUND_OFF * largest
+
+
+@compiled
+def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
     """Minimise the step's objective from the start in ``q``.
+
+    ``room`` is a tuple of arrays of shape (n,), (n, n), (m,) and (m,).
 
     Returns
     -------
@@ -59,33 +81,28 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
     """
     n = q.size
     m = slip.size
-    r = np.empty(n)
-    A = np.empty((n, n))
-    d_slip = np.empty(m)
-    trial = np.empty(m)
+    r, A, d_slip, trial = room
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(g[i]))
     evaluations = 0
     largest = 0.0
+    known = False  # whether slip and sigma belong to q
     for iteration in range(ITERATIONS + 1):
-        floor = 0.0
         for i in range(n):
             t = -g[i]
-            size = 0.0
             for j in range(n):
                 t += H[i, j] * q[j]
-                size += abs(H[i, j] * q[j])
                 A[i, j] = H[i, j]
             r[i] = t
-            floor = max(floor, size)
-        for i in range(m):
-            t = 0.0
-            for j in range(n):
-                t += B[i, j] * q[j]
-            slip[i] = t
-        forces(beta, slip, sigma)
-        evaluations += 1
+        if not known:
+            for i in range(m):
+                t = 0.0
+                for j in range(n):
+                    t += B[i, j] * q[j]
+                slip[i] = t
+            forces(beta, slip, sigma)
+            evaluations += 1
         for i in range(m):
             force = w[i] * sigma[i]
             z = beta[i] * slip[i]
@@ -100,7 +117,9 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
             if r[i] != r[i]:
                 return iteration, evaluations, False, r[i]
             largest = max(largest, abs(r[i]))
-        if largest <= max(tolerance * scale, ROUND_OFF * floor):
+        if largest <= tolerance * scale or (
+            largest <= 1e-6 * scale and largest <= _round_off(H, B, w, beta, q, slip, sigma)
+        ):
             return iteration, evaluations, True, largest
         if iteration == ITERATIONS or not _cholesky_solve(A, r):
             break
@@ -123,6 +142,7 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
         low, slope_low = 0.0, slope_0
         high, slope_high = 0.0, 0.0
         length = 1.0
+        known = False
         for _ in range(SEARCH):
             if not slope_0 < 0.0:
                 break  # no descent left but round-off: the full step
@@ -134,9 +154,9 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
             for i in range(m):
                 slope += w[i] * sigma[i] * d_slip[i]
             # Accept a step short of the minimum along the line, or one just past it.
-            if slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0):
-                break
-            if slope > 0.0 and slope <= -0.05 * slope_0 and length == 1.0:
+            short = slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0)
+            if short or (length == 1.0 and 0.0 < slope <= -0.05 * slope_0):
+                known = True
                 break
             if slope > 0.0:
                 high, slope_high = length, slope
@@ -146,6 +166,9 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance):
             length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
         for i in range(n):
             q[i] -= length * r[i]
+        if known:
+            for i in range(m):
+                slip[i] = trial[i]
     return ITERATIONS, evaluations, False, largest
 
 
@@ -191,6 +214,7 @@ def march(
         slip[i] = t
     forces(beta, slip, sigma)
     sigma_old = sigma.copy()
+    room = (np.empty(n), np.empty((n, n)), np.empty(m), np.empty(m))
     q = np.empty(n)
     g = np.empty(n)
     y = np.empty(n)
@@ -214,10 +238,10 @@ def march(
             g[i] = t
             q[i] = 2.0 * v[i] - v_old[i]
         iterations, evaluations, converged, largest = solve_step(
-            H, B, w, beta, g, q, slip, sigma, tolerance
+            H, B, w, beta, g, q, slip, sigma, tolerance, room
         )
         counters[0] += iterations
-        counters[1] += evaluations - 2 * iterations - 1
+        counters[1] += evaluations - iterations - 1
         counters[3] += evaluations
         counters[4] = max(counters[4], iterations)
         if not converged:

@@ -11,7 +11,7 @@ import numpy as np
 
 from skfem_joint import report
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing, safe_name
+from skfem_joint.files import remove_unfinished, replacing, safe_name
 from skfem_joint.history import slip_state
 from skfem_joint.scene import Scene
 from skfem_joint.study import Model, Study
@@ -36,7 +36,7 @@ def prepare(scene: Scene, folder: Path) -> None:
 
 
 def prepare_folder(folder: Path) -> None:
-    """Make a folder and see that it can be written to.
+    """Make a folder, see that it can be written to, and clear it of half-written files.
 
     Raises
     ------
@@ -49,6 +49,7 @@ def prepare_folder(folder: Path) -> None:
         raise InputError(
             f"--out {folder}: cannot be made a folder ({error.strerror}); choose another"
         ) from error
+    remove_unfinished(folder)
     with replacing(folder / ".writable"):
         pass
     (folder / ".writable").unlink()

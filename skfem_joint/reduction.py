@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -224,16 +225,19 @@ def estimate_active_length(
         at_mouth += abs(float((K[[mouth]][:, linear] @ u)[0]))
     static = at_mouth / zone.tau
 
+    @cache
+    def frequency_up_to(node: int) -> float:
+        """Natural frequency of what moves when the zone moves up to one of its nodes."""
+        moving = unknown[zone.nodes[:node]]
+        moving = np.union1d(np.append(moving[moving >= 0], mouth), linear)
+        return _first_frequency(K, M, moving)
+
     def frequency_of(length: float) -> float:
         """Natural frequency, interpolated between the nodes on both sides of the length."""
-        inside = np.flatnonzero(zone.distance[1:] < length) + 1
-        found = []
-        for count in (inside.size, inside.size + 1):
-            moving = unknown[zone.nodes[: min(count, zone.nodes.size - 1) + 0]]
-            moving = np.union1d(np.append(moving[moving >= 0], mouth), linear)
-            reach = zone.distance[min(count, zone.nodes.size - 1)]
-            found.append((reach, _first_frequency(K, M, moving)))
-        (a, fa), (b, fb) = found
+        last = zone.nodes.size - 1
+        node = min(int(np.searchsorted(zone.distance, length)) - 1, last)
+        a, b = zone.distance[node], zone.distance[min(node + 1, last)]
+        fa, fb = frequency_up_to(node), frequency_up_to(min(node + 1, last))
         if b == a or length >= b:
             # Beyond the joint the moving length is capped only by the formula.
             return fb * (b / length if linear.size == 0 else 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,7 @@ def modes_of_lap_joint(
     )
 
 
+@cache
 def paper_reference(*, snapshots: str = "both", inner_product: str = "euclidean") -> ReferenceModes:
     """Modes of the paper's reference run: three periods from rest (section 4)."""
     structure = lap_joint()

@@ -439,8 +439,8 @@ class Reduction(SceneTable):
         Measured in a quick probe run, estimated by Eqs. (17)-(20), one length for every joint, or
         lengths by joint region (a joint not named there is probed), m.
     friction_points : "auto", "all" or int
-        Points at which the friction of a joint's end is evaluated: two more than twice the modes,
-        every contact node as in the paper, or so many.
+        Points at which the friction of a joint's end is evaluated: four for each mode, every
+        contact node as in the paper, or so many.
     snapshots : "both" or "displacement"
         Whether the modes span displacement and velocity, or displacement alone as in the paper.
     """

@@ -13,6 +13,7 @@ from scipy import sparse
 
 from skfem_joint import friction
 from skfem_joint.active_length import THRESHOLD, Estimate, measured
+from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.history import Errors, compare, peaks, steady_state
 from skfem_joint.hyper_reduction import with_friction_points
@@ -43,6 +44,9 @@ Progress = Callable[[str, int, int], None]
 RESOLVED_SHARE = 1e-4
 #: A probe run takes at most so many cycles and steps a cycle.
 PROBE_CYCLES, PROBE_STEPS = 4, 100
+#: Friction points of an active stretch for each mode, by default: enough that the quadrature
+#: changes less than the modes leave out, whatever the mesh.
+POINTS_PER_MODE = 4
 #: Slip velocity of a joint that sticks throughout, for the choice of beta, m/s.
 STUCK_VELOCITY = 1e-3
 #: A joint slips as a whole when its least relative slip exceeds this share of its largest.
@@ -151,16 +155,28 @@ def structure_of(scene: Scene) -> Structure:
     )
 
 
-def run_scene(scene: Scene, progress: Progress | None = None) -> Study:
+def run_scene(
+    scene: Scene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
+) -> Study:
     """Run the models that a scene asks for, and nothing else.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (what is done, steps done, steps in all).
+    checkpoints : Checkpoints, optional
+        Where to save the models as they run. A model that was saved whole is not integrated again;
+        the modes of a reduced one are found again.
 
     Raises
     ------
     ConvergenceError
         If a step of a model does not converge.
     InputError
-        If the reduction does not fit the scene.
+        If the reduction does not fit the scene, or a checkpoint the run.
     """
+    origin = _origin(scene) if checkpoints is not None else ""
     structure = structure_of(scene)
     loads = [(item.on, item.to_load()) for item in scene.load]
     system = assemble(structure, loads, scene.output_points)
@@ -168,7 +184,8 @@ def run_scene(scene: Scene, progress: Progress | None = None) -> Study:
     for name in sorted(scene.models.run):  # the full model first: others compare with it
         make = _full if name == "full" else _reduced
         try:
-            model = make(study, partial(_report, progress, f"{name} model"))
+            checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
+            model = make(study, partial(_report, progress, f"{name} model"), checkpoint)
         except KeyboardInterrupt:
             if not study.models:
                 raise
@@ -190,6 +207,16 @@ def run_scene(scene: Scene, progress: Progress | None = None) -> Study:
     return study
 
 
+def _origin(scene: Scene) -> str:
+    """Fingerprint of a scene, its mesh and the tables of its loads."""
+    bar = scene.bar
+    return fingerprint(
+        scene.model_dump(mode="json"),
+        [item.to_load() for item in scene.load],
+        [bar.mesh.p, bar.coordinates, bar.regions, bar.points],
+    )
+
+
 def _report(progress: Progress | None, label: str, done: int, total: int) -> None:
     if progress is not None:
         progress(label, done, total)
@@ -199,7 +226,7 @@ def _cycle_steps(scene: Scene) -> int | None:
     return scene.time.steps_per_cycle if scene.time.cycles is not None else None
 
 
-def _save(scene: Scene) -> Save:
+def save_of(scene: Scene) -> Save:
     """Store only what a picture, a file or a comparison of this scene needs."""
     output = scene.output
     return Save(
@@ -210,20 +237,28 @@ def _save(scene: Scene) -> Save:
     )
 
 
-def _integrate(scene: Scene, system: System, progress: Callable[[int, int], None]) -> Run:
+def _integrate(
+    scene: Scene,
+    system: System,
+    progress: Callable[[int, int], None],
+    checkpoint: Checkpoint | None,
+) -> Run:
     return integrate(
         system,
         step=scene.time_step,
         n_steps=scene.n_steps,
         scheme=generalized_alpha(scene.time.rho_infinity),
-        save=_save(scene),
+        save=save_of(scene),
         cycle_steps=_cycle_steps(scene),
         progress=progress,
+        checkpoint=checkpoint,
     )
 
 
-def _full(study: Study, progress: Callable[[int, int], None]) -> Model:
-    run = _integrate(study.scene, study.system, progress)
+def _full(
+    study: Study, progress: Callable[[int, int], None], checkpoint: Checkpoint | None
+) -> Model:
+    run = _integrate(study.scene, study.system, progress, checkpoint)
     return Model("full", run, None, run.preparation_s, _measure(study, run))
 
 
@@ -247,7 +282,9 @@ def _measure(study: Study, run: Run) -> dict[str, float]:
     return lengths
 
 
-def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
+def _reduced(
+    study: Study, progress: Callable[[int, int], None], checkpoint: Checkpoint | None
+) -> Model:
     begin = time.perf_counter()
     options = study.scene.reduction
     if study.system.contact_points == 0:
@@ -260,7 +297,7 @@ def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
     system = study.system.project(reduction.V)
     if options.friction_points != "all":
         asked = options.friction_points
-        count = 2 * options.modes + 2 if isinstance(asked, str) else asked
+        count = POINTS_PER_MODE * options.modes if isinstance(asked, str) else asked
         position = study.structure.position[study.structure.free[study.system.B.indices]]
         system = with_friction_points(system, position, reduction.stretches, count)
     if isinstance(options.beta, str):
@@ -269,7 +306,7 @@ def _reduced(study: Study, progress: Callable[[int, int], None]) -> Model:
         beta = np.full_like(system.beta, options.beta)
     system = replace(system, beta=beta)
     before = time.perf_counter() - begin
-    run = _integrate(study.scene, system, progress)
+    run = _integrate(study.scene, system, progress, checkpoint)
     return Model(
         "reduced",
         run,

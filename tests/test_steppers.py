@@ -410,8 +410,9 @@ def test_one_entry_that_is_not_a_number_is_seen_wherever_it_is(row: int) -> None
     for method in ("newton", "nested", "descend"):
         assert not solve(method, H0, H1, w, beta, g)[0]
     q, slip, sigma = np.zeros(10), np.zeros(10), np.zeros(10)
+    room = (np.empty(10), np.empty((10, 10)), np.empty(10), np.empty(10))
     converged = kernels_dense.solve_step(
-        tridiagonal(H0, H1), np.eye(10), w, beta, g, q, slip, sigma, 1e-12
+        tridiagonal(H0, H1), np.eye(10), w, beta, g, q, slip, sigma, 1e-12, room
     )[2]
     assert not converged
 

