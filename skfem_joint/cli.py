@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from skfem_joint import __version__
-from skfem_joint.errors import JointError
+from skfem_joint.errors import InputError, JointError
 from skfem_joint.study import Progress
 
 INTERRUPTED = 130
@@ -24,6 +26,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except JointError as error:
         print(f"skfem-joint: {error}", file=sys.stderr)
         return error.exit_status
+    except OSError as error:  # a disk that is full where a library keeps its compiled code
+        print(f"skfem-joint: the system refuses a file: {error}", file=sys.stderr)
+        return InputError.exit_status
     except KeyboardInterrupt:
         print("skfem-joint: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -48,6 +53,24 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="estimate the errors of time step, mesh, beta and number of modes (more runs)",
     )
+    run.add_argument(
+        "--checkpoint-every",
+        type=int,
+        metavar="STEPS",
+        help="save the run about every so many steps (whole cycles or chunks of a second or so), "
+        "until its results are written",
+    )
+    run.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the checkpoints in DIR, if there are any: same results to the bit",
+    )
+    run.add_argument(
+        "--memory-limit",
+        type=float,
+        metavar="GIB",
+        help="refuse a run that would need more (default: 80 %% of the memory available)",
+    )
     run.set_defaults(command=_run)
 
     check = commands.add_parser("check", help="validate a scene without running it")
@@ -68,10 +91,33 @@ def _parser() -> argparse.ArgumentParser:
         help="folder for the page, its pictures and the curves",
     )
     reproduce.set_defaults(command=_reproduce)
+
+    error_time = commands.add_parser(
+        "error-time", help="error against run time of many models and integrators on one scene"
+    )
+    error_time.add_argument("scene", type=Path, metavar="SCENE.toml")
+    error_time.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for table and picture"
+    )
+    error_time.add_argument(
+        "--bound",
+        type=float,
+        default=60.0,
+        metavar="SECONDS",
+        help="longest run of a ready-made integrator (default 60)",
+    )
+    error_time.add_argument(
+        "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
+    )
+    error_time.add_argument(
+        "--quick", action="store_true", help="few points, ready-made integrators for a second"
+    )
+    error_time.set_defaults(command=_error_time)
     return parser
 
 
 def _check(options: argparse.Namespace) -> int:
+    from skfem_joint import memory
     from skfem_joint.scene import load_scene
     from skfem_joint.structure import assemble
     from skfem_joint.study import structure_of
@@ -88,20 +134,27 @@ def _check(options: argparse.Namespace) -> int:
     for on, load in loads:
         if limit > 0.0:
             print(f"Load on {on}: {100.0 * load.peak_value / limit:.3g} % of the friction limit.")
+    print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
     return 0
 
 
 def _run(options: argparse.Namespace) -> int:
-    from skfem_joint import output, report
+    from skfem_joint import memory, output, report
     from skfem_joint.certificate import certify
+    from skfem_joint.checkpoint import Checkpoints
     from skfem_joint.scene import load_scene
     from skfem_joint.study import run_scene
 
     scene = load_scene(options.scene)
+    limit = options.memory_limit
+    memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
+    checkpoints = None
+    if options.checkpoint_every is not None or options.resume:
+        checkpoints = Checkpoints(options.out, options.checkpoint_every, options.resume)
     output.prepare(scene, options.out)
     certificate = {}
     with _progress() as progress:
-        study = run_scene(scene, progress)
+        study = run_scene(scene, progress, checkpoints)
         if options.certify and not study.interrupted:
             certificate = {
                 model: {one.source: one.errors for one in certify(scene, model, progress)}
@@ -115,6 +168,8 @@ def _run(options: argparse.Namespace) -> int:
     for warning in study.warnings:
         print(f"\nNote: {warning}")
     files = output.write(study, options.out, certificate)
+    if checkpoints is not None and not study.interrupted:
+        checkpoints.remove()
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return INTERRUPTED if study.interrupted else 0
 
@@ -135,6 +190,36 @@ def _reproduce(options: argparse.Namespace) -> int:
             lambda item: print(page.text_table(item), end="\n\n"),
         )
     print(f"Written to {options.out}: reproduction.md, pictures/, curves/")
+    return 0
+
+
+def _error_time(options: argparse.Namespace) -> int:
+    from skfem_joint import output
+    from skfem_joint.error_time import report, table
+    from skfem_joint.scene import load_scene
+
+    scene = load_scene(options.scene)
+    if not report.threads_pinned(os.environ):
+        # Read when numpy starts, so that it takes another process.
+        again = [sys.executable, "-m", "skfem_joint", "error-time", str(options.scene)]
+        again += ["--out", str(options.out), "--bound", str(options.bound)]
+        again += ["--repeats", str(options.repeats), *(["--quick"] if options.quick else [])]
+        pinned = os.environ | dict.fromkeys(report.THREADS, "1")
+        return subprocess.run(again, env=pinned, check=False).returncode
+    output.prepare_folder(options.out)
+    with _progress() as progress:
+        found = report.error_time(
+            scene,
+            bound=options.bound,
+            repeats=options.repeats,
+            quick=options.quick,
+            progress=progress,
+        )
+    for level in table.LEVELS:
+        print(table.advice(found.points, level), end="\n\n")
+    print(table.ratio_table(found.points))
+    files = found.write(options.out)
+    print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return 0
 
 

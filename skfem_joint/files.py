@@ -10,10 +10,20 @@ from pathlib import Path
 
 from skfem_joint.errors import InputError
 
+#: Start of the name of a file that is not whole yet; only a process that is killed leaves one.
+_UNFINISHED = ".unfinished-"
+
 
 def safe_name(name: str) -> str:
     """Name of a mesh group as part of a file name."""
     return re.sub(r"[^\w.-]", "_", name)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what processes that were killed left of files they had begun."""
+    for path in folder.rglob(f"{_UNFINISHED}*"):
+        with suppress(OSError):
+            path.unlink()
 
 
 @contextmanager
@@ -25,7 +35,7 @@ def replacing(path: Path) -> Iterator[Path]:
     InputError
         If it cannot be written.
     """
-    temporary = path.with_name(f".{os.getpid()}-{path.name}")
+    temporary = path.with_name(f"{_UNFINISHED}{os.getpid()}-{path.name}")
     try:
         temporary.write_bytes(b"")
         yield temporary

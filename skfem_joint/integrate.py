@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from skfem_joint.checkpoint import Checkpoint, fingerprint
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
 from skfem_joint.schemes import Scheme, generalized_alpha
@@ -42,6 +43,7 @@ def integrate(
     initial: tuple[FloatArray, FloatArray] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[int, int], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Run:
     """Integrate a system over ``n_steps`` equal steps.
 
@@ -64,6 +66,9 @@ def integrate(
         Largest force residual of a step relative to its largest force.
     progress : callable, optional
         Called with (steps done, steps in all).
+    checkpoint : Checkpoint, optional
+        Where to save the run as it goes on, and to take it up again. Neither changes a bit of the
+        result but the times that it took.
 
     Returns
     -------
@@ -74,7 +79,8 @@ def integrate(
     ConvergenceError
         If a step does not converge, even in 256 parts.
     InputError
-        If the step or the number of steps is not positive, or no stepper fits the system.
+        If the step or the number of steps is not positive, no stepper fits the system, or the
+        checkpoint cannot be written or is not one of this run.
     """
     if not (step > 0.0 and np.isfinite(step)):
         raise InputError(f"step: found {step}, must be > 0")
@@ -90,8 +96,13 @@ def integrate(
             raise InputError("initial: must be finite")
         if u.shape != (system.n,) or v.shape != (system.n,):
             raise InputError(f"initial: shapes must be ({system.n},)")
-    recorder = Recorder(system, save or Save(), n_steps, step)
-    stepper = choose(system, scheme or generalized_alpha(), u, v, tolerance, recorder)
+    save, scheme = save or Save(), scheme or generalized_alpha()
+    saved, identity = None, ""
+    if checkpoint is not None:
+        identity = fingerprint(system, step, n_steps, scheme, save, cycle_steps, u, v, tolerance)
+        saved = checkpoint.load(identity)
+    recorder = Recorder(system, save, n_steps, step)
+    stepper = choose(system, scheme, u, v, tolerance, recorder)
     driver = _Driver(system, stepper, recorder, step)
     driver.lay_out(n_steps)
     start_energy = system.stored_energy(u, v)
@@ -100,11 +111,18 @@ def integrate(
     stepper.restart(at_start[:, 0])
     stepper.advance(step, at_start, 0, False)  # no step: prepares and compiles
     preparation = time.perf_counter() - begin
-    recorder.observe(u)
-    recorder.store(0, u, v, stepper.normalised_friction())
-    chunk = max(1, min(20_000, 2_000_000 // system.n))
     elapsed = 0.0
     done = 0
+    if saved is None:
+        recorder.observe(u)
+        recorder.store(0, u, v, stepper.normalised_friction())
+    else:
+        arrays, done, elapsed = saved
+        recorder.restore(arrays)
+        stepper.restore(arrays)
+    last_saved = done
+    # Checkpoints are written between chunks, never shorten one: steps are the same with them.
+    chunk = max(1, min(20_000, 2_000_000 // system.n))
     interrupted = False
     try:
         while done < n_steps:
@@ -117,6 +135,9 @@ def integrate(
             done = end
             if cycle_steps is not None and done % cycle_steps == 0:
                 recorder.end_cycle()
+            if checkpoint is not None and checkpoint.due(done, last_saved, n_steps):
+                checkpoint.save(recorder.saved() | stepper.saved(), identity, done, elapsed)
+                last_saved = done
             if progress is not None:
                 progress(done, n_steps)
     except KeyboardInterrupt:

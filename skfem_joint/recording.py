@@ -13,6 +13,7 @@ zero for the trapezoidal rule.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -23,6 +24,12 @@ from skfem_joint.errors import InputError
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
+
+# What a recorder holds, by kind: rows of fields, rows of named points, sums and numbers.
+_FIELDS = ("u", "v", "sigma")
+_POINTS = ("point_u", "point_v")
+_SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak", "counters")
+_NUMBERS = ("rows", "field_rows", "factorizations", "halved_steps")
 
 
 @dataclass(frozen=True)
@@ -306,6 +313,27 @@ class Recorder:
         if self.friction_work.size:
             self.friction_work += 0.5 * system.w * (old[3] + new[3]) * (system.B @ du)
         self.observe(new[0])
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """All that was filled in so far, for a checkpoint."""
+        marks = self.boundaries
+        arrays = {name: getattr(self, name)[: self.field_rows] for name in _FIELDS}
+        arrays |= {name: getattr(self, name)[: self.rows] for name in _POINTS}
+        arrays |= {name: getattr(self, name) for name in _SUMS}
+        arrays |= {name: np.array(getattr(self, name)) for name in _NUMBERS}
+        arrays |= {f"cycle_{k}": np.array([mark[k] for mark in marks]) for k in range(4)}
+        return arrays
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what :meth:`saved` gave."""
+        for name in (*_FIELDS, *_POINTS):
+            getattr(self, name)[: len(saved[name])] = saved[name]
+        for name in _SUMS:
+            getattr(self, name)[...] = saved[name]
+        for name in _NUMBERS:
+            setattr(self, name, int(saved[name]))
+        marks = zip(*(saved[f"cycle_{k}"] for k in range(4)), strict=True)
+        self.boundaries = [(a, b, float(c), d) for a, b, c, d in marks]
 
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""

@@ -6,6 +6,7 @@ systems (no friction is loaded or evaluated), tridiagonal systems, and dense one
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -59,6 +60,12 @@ class Stepper(Protocol):
 
     def normalised_friction(self) -> FloatArray:
         """Friction force over its limit at the contact points now, shape (m,)."""
+
+    def saved(self) -> dict[str, FloatArray]:
+        """State between two calls of :meth:`advance`, for a checkpoint."""
+
+    def restore(self, saved: Mapping[str, FloatArray]) -> None:
+        """Take up what :meth:`saved` gave, whatever was done before."""
 
 
 def choose(
@@ -130,11 +137,15 @@ class LinearStepper:
         self.d = _factorised(s.M)(right)
         self.a = self.d.copy()
 
+    def _factorise(self, h: float) -> None:
+        s, c = self.system, self.scheme.coefficients(h)
+        self.factors[h] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
         s, c, recorder = self.system, self.scheme.coefficients(h), self.recorder
         if h not in self.factors:
-            self.factors[h] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+            self._factorise(h)
             recorder.factorizations += 1
         solve = self.factors[h]
         sigma = np.zeros(s.w.size)
@@ -171,6 +182,19 @@ class LinearStepper:
         """No friction acts."""
         return np.zeros(self.system.w.size)
 
+    def saved(self) -> dict[str, FloatArray]:
+        """State, and the step sizes that were factorised."""
+        return {
+            "state": np.array([self.u, self.v, self.a, self.d]),
+            "step_sizes": np.array(list(self.factors)),
+        }
+
+    def restore(self, saved: Mapping[str, FloatArray]) -> None:
+        """Take up a saved state."""
+        self.u, self.v, self.a, self.d = saved["state"]
+        for h in saved["step_sizes"].tolist():
+            self._factorise(h)
+
 
 def _factorised(A: Any) -> Any:
     if isinstance(A, np.ndarray):
@@ -202,6 +226,14 @@ class _CompiledStepper:
     def state(self) -> tuple[FloatArray, FloatArray]:
         """Displacement and velocity."""
         return self.rows[0], self.rows[1]
+
+    def saved(self) -> dict[str, FloatArray]:
+        """State rows."""
+        return {"state": self.rows}
+
+    def restore(self, saved: Mapping[str, FloatArray]) -> None:
+        """Take up saved state rows."""
+        self.rows[...] = saved["state"]
 
 
 @dataclass
@@ -265,16 +297,20 @@ class ChainStepper(_CompiledStepper):
         self.rows[6] = sigma
         self.current = None
 
+    def _build(self, h: float) -> None:
+        c = self.scheme.coefficients(h)
+        M0, M1, C0, C1, K0, K1 = self.bands
+        self.chains[h] = build_chain(
+            c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1, self.w, self.beta
+        )
+
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
         from skfem_joint import kernels_tridiagonal as kernels
 
         c = self.scheme.coefficients(h)
         if h not in self.chains:
-            M0, M1, C0, C1, K0, K1 = self.bands
-            self.chains[h] = build_chain(
-                c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1, self.w, self.beta
-            )
+            self._build(h)
             self.recorder.factorizations += 1
         chain = self.chains[h]
         if self.current != h:
@@ -304,6 +340,21 @@ class ChainStepper(_CompiledStepper):
     def normalised_friction(self) -> FloatArray:
         """Friction force over its limit at the contact points."""
         return np.asarray(self.rows[6][self.contact])
+
+    def saved(self) -> dict[str, FloatArray]:
+        """State rows, the step sizes with a chain, and the one that the parameter is scaled to."""
+        current = [] if self.current is None else [self.current]
+        return super().saved() | {
+            "step_sizes": np.array(list(self.chains)),
+            "current": np.array(current, dtype=float),
+        }
+
+    def restore(self, saved: Mapping[str, FloatArray]) -> None:
+        """Take up a saved state."""
+        super().restore(saved)
+        for h in saved["step_sizes"].tolist():
+            self._build(h)
+        self.current = next(iter(saved["current"].tolist()), None)
 
 
 def _dense(A: Any) -> FloatArray:

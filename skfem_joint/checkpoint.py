@@ -1,0 +1,184 @@
+"""Checkpoints: a run saved between its chunks, so that it can go on after it was killed.
+
+A checkpoint is one ``.npz`` of plain arrays. It takes its place only when it is whole, is never
+loaded by anything that can run code, and goes on only with the run that wrote it: it carries a
+fingerprint of the scene and its mesh, the version of the package, and of all that is integrated.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint import __version__
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_FORM = 1
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hexadecimal digest of numbers, texts, arrays, and dataclasses, mappings and lists of them.
+
+    Raises
+    ------
+    TypeError
+        For anything else, which would be told apart by its place in memory at best.
+    """
+    digest = sha256()
+
+    def add(part: Any) -> None:
+        digest.update(type(part).__name__.encode() + b"\0")
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype.str}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        elif sparse.issparse(part):
+            rows = sparse.csr_array(part)
+            add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
+            add(rows.data)
+        elif is_dataclass(part):
+            add({field.name: getattr(part, field.name) for field in fields(part)})
+        elif isinstance(part, Mapping):
+            add([len(part), *part.items()])
+        elif isinstance(part, Sequence) and not isinstance(part, str):
+            digest.update(f"{len(part)}".encode())
+            for item in part:
+                add(item)
+        elif part is None or isinstance(part, str | bool | int | float | np.number):
+            digest.update(repr(part).encode() + b"\0")
+        else:
+            raise TypeError(f"no fingerprint of a {type(part).__name__}")
+
+    add(parts)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where one run is saved and taken up again.
+
+    Attributes
+    ----------
+    path : Path
+        File, ``.npz``.
+    origin : str
+        Fingerprint of what the run comes from: its scene and mesh.
+    every : int, optional
+        Steps after which to save, at the next end of a chunk; never if not given.
+    resume : bool
+        Whether to go on from the file if it is there.
+    """
+
+    path: Path
+    origin: str
+    every: int | None = None
+    resume: bool = False
+
+    def due(self, done: int, saved: int, n_steps: int) -> bool:
+        """Whether to save after ``done`` of ``n_steps`` steps when ``saved`` of them are saved."""
+        return self.every is not None and (done - saved >= self.every or saved < done == n_steps)
+
+    def save(self, arrays: Arrays, run: str, done: int, elapsed: float) -> None:
+        """Save a run, ``run`` being the fingerprint of what is integrated.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written; the one before it stays.
+        """
+        notes = {
+            "form": _FORM,
+            "version": __version__,
+            "origin": self.origin,
+            "run": run,
+            "done": done,
+            "elapsed": elapsed,
+        }
+        with replacing(self.path) as temporary, temporary.open("wb") as file:
+            np.savez(file, notes=np.array(json.dumps(notes)), **arrays)
+
+    def load(self, run: str) -> tuple[dict[str, NDArray[Any]], int, float] | None:
+        """Arrays, steps done and time taken (s); None if there is nothing to go on from.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or another scene, mesh, version or model has written it.
+        """
+        if not self.resume or not self.path.exists():
+            return None
+        try:
+            with self.path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                arrays = dict(stored)
+            notes = json.loads(str(arrays.pop("notes")))
+            found = (notes["form"], notes["version"], notes["origin"])
+            same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
+        except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError,
+                AttributeError, zipfile.BadZipFile) as error:  # fmt: skip
+            raise InputError(
+                f"{self.path}: cannot be read as a checkpoint ({error}); remove it and start the "
+                "run again"
+            ) from error
+        advice = "give that back, or remove the checkpoint and start the run again"
+        if found[:2] != (_FORM, __version__):
+            raise InputError(
+                f"{self.path}: was written by version {found[1]}, this is {__version__}; {advice}"
+            )
+        if found[2] != self.origin:
+            raise InputError(f"{self.path}: was written for another scene or mesh; {advice}")
+        if not same_run:
+            raise InputError(
+                f"{self.path}: the model made from the scene differs from the one that was saved, "
+                f"as on another machine or with other libraries; {advice}"
+            )
+        return arrays, int(done), float(elapsed)
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """Checkpoints of all models of a study, in the folder of its results.
+
+    Attributes
+    ----------
+    folder : Path
+    every : int, optional
+    resume : bool
+    """
+
+    folder: Path
+    every: int | None = None
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.every is not None and self.every < 1:
+            raise InputError(f"--checkpoint-every: found {self.every}, must be >= 1")
+        if not self.resume and self.files():
+            raise InputError(
+                f"--out {self.folder}: holds {', '.join(path.name for path in self.files())} of a "
+                "run that did not end; go on with --resume, or remove what is to be lost"
+            )
+
+    def files(self) -> list[Path]:
+        """Checkpoints in the folder."""
+        return sorted(self.folder.glob("checkpoint_*.npz"))
+
+    def of(self, model: str, origin: str) -> Checkpoint:
+        """Checkpoint of one model."""
+        path = self.folder / f"checkpoint_{model}.npz"
+        return Checkpoint(path, origin, self.every, self.resume)
+
+    def remove(self) -> None:
+        """Remove them, when the results are written."""
+        for path in self.files():
+            path.unlink(missing_ok=True)

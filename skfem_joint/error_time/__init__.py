@@ -1,0 +1,1 @@
+"""Error against run time: our models and ready-made integrators on one scene, with a reference."""

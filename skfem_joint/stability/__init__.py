@@ -1,0 +1,1 @@
+"""Stiff and extreme cases: each is computed right, or refused with a reason."""
