@@ -452,20 +452,23 @@ def march(
         elif counters[5] > 0:
             counters[5] -= 1
         v_new, sigma_new = work[0], work[1]
+        # u holds the predictor: the step's change of displacement is what it adds to u.
         for i in range(n):
-            a_new = a_v * (v_new[i] - v[i]) + a_a * a[i]
-            d_new = d_a * a_new + d_a0 * a[i] + d_d0 * d[i]
-            # u holds the predictor: the step's change of displacement is what it adds to u.
             change[i] = u_v * v[i] + u_a * a[i] + c_K * v_new[i]
             mean[i] = 0.5 * (v[i] + v_new[i])
+        for i in range(n):
             u[i] += c_K * v_new[i]
-            y[i] = 0.5 * (d[i] + d_new)
-            drift[i] = h * y[i] - (v_new[i] - v[i])
-            a[i] = a_new
-            d[i] = d_new
-            v[i] = v_new[i]
             s_old[i] = s[i]
             s[i] = s_all[i]
+        if not trapezoidal:
+            for i in range(n):
+                drift[i] = v[i] - v_new[i]
+                y[i] = 0.5 * d[i]
+        for i in range(n):
+            a_new = a_v * (v_new[i] - v[i]) + a_a * a[i]
+            d[i] = d_a * a_new + d_a0 * a[i] + d_d0 * d[i]
+            a[i] = a_new
+            v[i] = v_new[i]
         _product(C0, C1, mean, image)
         viscous = 0.0
         for i in range(n):
@@ -473,6 +476,9 @@ def march(
         sums.dissipated[0] += viscous
         if not trapezoidal:
             dissipated = 0.0
+            for i in range(n):
+                y[i] += 0.5 * d[i]
+                drift[i] += h * y[i]
             _product(M0, M1, y, image)
             for i in range(n):
                 dissipated += (change[i] - h * mean[i]) * image[i]

@@ -99,8 +99,9 @@ def choose(
 
 def _is_chain(system: System) -> bool:
     for A in (system.M, system.C, system.K):
-        coo = sparse.coo_array(A)
-        if np.any(np.abs(coo.coords[0] - coo.coords[1])[coo.data != 0.0] > 1):
+        rows = sparse.csr_array(A)
+        row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+        if np.any(np.abs(row - rows.indices)[rows.data != 0.0] > 1):
             return False
     return _picks_unknowns(system.P) and _picks_unknowns(system.B, distinct=True)
 
@@ -273,7 +274,9 @@ class ChainStepper(_CompiledStepper):
         moving = (self.w > 0.0) & ~free_to_stick
         sigma = np.where(moving, friction.force(v, self.beta), 0.0)
         right -= self.w * sigma
-        if np.any(free_to_stick):
+        if not np.any(right):
+            acceleration = np.zeros_like(right)
+        elif np.any(free_to_stick):
             # The acceleration of points at rest obeys the law that their velocity will.
             M0, M1 = self.bands[:2]
             w = np.where(free_to_stick, self.w, 0.0)
