@@ -8,7 +8,9 @@ fingerprint of the scene and its mesh, the version of the package, and of all th
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
@@ -26,6 +28,11 @@ from skfem_joint.files import replacing
 Arrays = Mapping[str, NDArray[Any]]
 
 _FORM = 1
+#: What readers of zip files and arrays let through on damaged ones.
+_DAMAGE = (
+    *(OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error),
+    *(ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError),
+)
 
 
 def fingerprint(*parts: Any) -> str:
@@ -106,7 +113,7 @@ class Checkpoint:
             "elapsed": elapsed,
         }
         with replacing(self.path) as temporary, temporary.open("wb") as file:
-            np.savez(file, notes=np.array(json.dumps(notes)), **arrays)
+            np.savez(file, **{**arrays, "notes": np.array(json.dumps(notes))})  # type: ignore[arg-type]
 
     def load(self, run: str) -> tuple[dict[str, NDArray[Any]], int, float] | None:
         """Arrays, steps done and time taken (s); None if there is nothing to go on from.
@@ -124,8 +131,7 @@ class Checkpoint:
             notes = json.loads(str(arrays.pop("notes")))
             found = (notes["form"], notes["version"], notes["origin"])
             same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
-        except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError,
-                AttributeError, zipfile.BadZipFile) as error:  # fmt: skip
+        except _DAMAGE as error:
             raise InputError(
                 f"{self.path}: cannot be read as a checkpoint ({error}); remove it and start the "
                 "run again"

@@ -92,6 +92,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     reproduce.set_defaults(command=_reproduce)
 
+    stability = commands.add_parser(
+        "stability", help="stiff and extreme cases: each is right, or refused with a reason"
+    )
+    stability.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the page, the table of all cases and the picture",
+    )
+    stability.add_argument("--quick", action="store_true", help="a few cases of each kind only")
+    stability.set_defaults(command=_stability)
+
     error_time = commands.add_parser(
         "error-time", help="error against run time of many models and integrators on one scene"
     )
@@ -221,6 +234,26 @@ def _error_time(options: argparse.Namespace) -> int:
     files = found.write(options.out)
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return 0
+
+
+def _stability(options: argparse.Namespace) -> int:
+    import time
+
+    from skfem_joint import output
+    from skfem_joint.stability import cases, judge, report
+
+    report.prepare()
+    output.prepare_folder(options.out)
+    begin = time.perf_counter()
+    with _progress() as progress:
+        chosen = cases.quick_matrix() if options.quick else cases.matrix()
+        verdicts = judge.judge_all(chosen, progress=progress)
+    seconds = time.perf_counter() - begin
+    files = report.write(options.out, verdicts, seconds)
+    print(report.text_table(verdicts))
+    print(f"\n{report.bottom_line(verdicts, seconds)}")
+    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
+    return 1 if any(verdict.outcome == judge.WRONG for verdict in verdicts) else 0
 
 
 @contextmanager

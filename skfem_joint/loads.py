@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.errors import InputError
+from skfem_joint.files import read_whole
 
 Force: TypeAlias = NDArray[np.float64]
 
@@ -38,6 +39,7 @@ _RATIO_TOLERANCE = 1e-12
 _LONGEST_COMMON_PERIOD = 100_000
 _SAMPLES_PER_PERIOD = 64
 _MOST_PROBLEMS_LISTED = 10
+_LARGEST = 1e20  # of the numbers in a file: slopes and energies must not overflow
 
 
 def _check(load: Harmonic | _Impulse | Rectangle, positive: str) -> None:
@@ -496,9 +498,7 @@ def read_table(path: str | Path) -> Table:
     """
     path = Path(path)
     try:
-        lines = path.read_bytes().decode("utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        lines = read_whole(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         bad_line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {bad_line}: not UTF-8 text") from error
@@ -516,8 +516,8 @@ def read_table(path: str | Path) -> Table:
         if is_header:
             continue
         match values:
-            case [float(time), float(force)] if math.isfinite(time) and math.isfinite(force):
-                if rows and time <= rows[-1][0]:
+            case [float(time), float(force)] if abs(time) <= _LARGEST and abs(force) <= _LARGEST:
+                if rows and not time - rows[-1][0] >= 1.0 / _LARGEST:
                     problems.append(
                         f"{path}: line {number}: found time {time:g}, "
                         f"must be > {rows[-1][0]:g}, the time before it"
@@ -526,7 +526,8 @@ def read_table(path: str | Path) -> Table:
             case _:
                 problems.append(
                     f"{path}: line {number}: found {line.strip()[:60]!r}, "
-                    "must be two finite numbers separated by a comma: time in s, force in N"
+                    "must be two finite numbers separated by a comma: time in s, force in N; "
+                    f"none larger than {_LARGEST:g}"
                 )
     if not problems and len(rows) < 2:
         problems = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]

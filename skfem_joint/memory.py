@@ -125,7 +125,8 @@ def check(scene: Scene, limit: float) -> Need:
     Raises
     ------
     InputError
-        If it does, or the limit is not positive: how much it needs, what takes it, and the options that store less.
+        If it does: how much it needs, what takes it, and the options that store less. Or the
+        limit is not positive.
     """
     if not limit > 0.0:
         raise InputError(f"--memory-limit: found {limit / GIB:g} GiB, must be > 0")

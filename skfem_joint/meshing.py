@@ -23,6 +23,7 @@ import skfem
 from numpy.typing import NDArray
 
 from skfem_joint.errors import InputError
+from skfem_joint.files import read_whole
 from skfem_joint.gmsh_file import check_msh
 
 if TYPE_CHECKING:
@@ -34,7 +35,8 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-9  # of the bar's length: straightness, coincident nodes, positions of points
-_LARGEST_COORDINATE = 1e100  # squares of coordinates must not overflow
+# Of the bar, m: its stiffness, mass and energies must not overflow.
+_SHORTEST, _LONGEST = 1e-20, 1e20
 
 _LINE_TYPE = re.compile(r"line\d*|VTK_LAGRANGE_CURVE")
 
@@ -322,10 +324,11 @@ def _read(file: Path) -> meshio.Mesh:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            if file.stat().st_size == 0:
+            data = read_whole(file)
+            if not data:
                 raise ValueError("the file is empty")
             if file.suffix.lower() == ".msh":
-                check_msh(file.read_bytes())
+                check_msh(data)
                 return meshio.read(file, file_format="gmsh")
             if file.suffix.lower() != ".inp":
                 raise ValueError(f"{file.suffix or 'no suffix'} is no known kind of mesh file")
@@ -441,9 +444,9 @@ def _chain(
 
     if segments.min() < 0 or segments.max() >= len(coordinates):
         raise ValueError("an element refers to a node that the file does not hold")
-    strange = ~(np.abs(coordinates) < _LARGEST_COORDINATE).all(axis=1)
+    strange = ~(np.abs(coordinates) < _LONGEST).all(axis=1)
     if strange.any():
-        raise ValueError(f"{at(int(np.argmax(strange)))}: coordinates must be finite, below 1e100")
+        raise ValueError(f"{at(int(np.argmax(strange)))}: coordinates must be finite, below 1e20 m")
     segments, element_of = np.unique(np.sort(segments, axis=1), axis=0, return_inverse=True)
     size = np.linalg.norm(coordinates[segments[:, 1]] - coordinates[segments[:, 0]], axis=1)
     if size.min() == 0.0:
@@ -465,6 +468,8 @@ def _chain(
         coordinates[nodes] - start - position[:, np.newaxis] * direction, axis=1
     )
     length = float(position.max())
+    if length < _SHORTEST:
+        raise ValueError(f"the bar is {length:.3g} m long: it must be {_SHORTEST:g} m or more")
     if off_line.max() > TOLERANCE * length:
         worst = int(np.argmax(off_line))
         raise ValueError(

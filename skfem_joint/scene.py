@@ -6,6 +6,9 @@ refused everywhere) and against its mesh. Every mistake found becomes one line, 
     scene.toml: load[0].frequency: found -5, must be > 0
 
 and all of them are raised together as one `InputError`.
+
+The files that a scene names may lie anywhere that a relative or absolute path leads to, as
+``../meshes/bar.msh`` does: they are read as data, and nothing is ever run or written there.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from pydantic import (
 
 from skfem_joint import contact, loads, structure
 from skfem_joint.errors import InputError
+from skfem_joint.files import read_whole
 from skfem_joint.meshing import BarMesh, load_mesh
 from skfem_joint.scene_messages import (
     NUMBER,
@@ -49,6 +53,11 @@ from skfem_joint.scene_messages import (
 )
 
 _FEWEST_STEPS_PER_PERIOD = 4
+_LARGEST_SCENE = 2**20  # bytes
+_SMALLEST, _LARGEST = 1e-20, 1e20  # numbers in SI units, but 0
+# The parser of TOML takes time with the square of the parts of a key.
+_MOST_PARTS = 50
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
 _MOST = 10**9  # steps, modes, frames: beyond it a number is a slip of the keyboard
 
 
@@ -114,8 +123,21 @@ def _has_no_repeats(values: tuple[T, ...]) -> tuple[T, ...]:
     return values
 
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+def _from(smallest: float) -> AfterValidator:
+    def is_in_range(value: float) -> float:
+        if value != 0.0 and not smallest <= abs(value) <= _LARGEST:
+            raise mistake(
+                f"found {value:g}, must be {smallest:g} to {_LARGEST:g} in size, or 0 where that "
+                "is allowed: beyond it products of such numbers overflow"
+            )
+        return value
+
+    return AfterValidator(is_in_range)
+
+
+Number = Annotated[float, _from(_SMALLEST**3)]
+Positive = Annotated[float, Field(gt=0), _from(_SMALLEST)]
+NotNegative = Annotated[float, Field(ge=0), _from(_SMALLEST)]
 PointName = Annotated[str, AfterValidator(_is_point)]
 RegionName = Annotated[str, AfterValidator(_is_region)]
 PlaceName = Annotated[str, AfterValidator(_is_place)]
@@ -214,7 +236,7 @@ class PressureByPosition(SceneTable):
         Pa, >= 0, one a position.
     """
 
-    positions: Annotated[tuple[float, ...], _A_LIST] = Field(
+    positions: Annotated[tuple[Number, ...], _A_LIST] = Field(
         min_length=2, description="positions along the bar, m"
     )
     values: Annotated[tuple[NotNegative, ...], _A_LIST] = Field(
@@ -298,9 +320,9 @@ class _LoadOn(SceneTable):
 
 
 class _HarmonicKeys(SceneTable):
-    amplitude: float = Field(description="amplitude, N")
+    amplitude: Number = Field(description="amplitude, N")
     frequency: Positive = Field(description="frequency, Hz")
-    phase: float = Field(default=0.0, description="rad")
+    phase: Number = Field(default=0.0, description="rad")
 
     def to_load(self) -> loads.Harmonic:
         """Give the amplitude as a function of time."""
@@ -342,7 +364,7 @@ class PulseLoad(_LoadOn):
     """The kinds of load that rise to a peak."""
 
     kind: Literal["triangle", "half_sine", "versine", "ramp_and_hold"]
-    peak: float = Field(description="peak force, N")
+    peak: Number = Field(description="peak force, N")
     rise_time: Positive = Field(description="time from start to peak, s")
     start: NotNegative = Field(default=0.0, description="s")
 
@@ -355,7 +377,7 @@ class RectangleLoad(_LoadOn):
     """``kind = "rectangle"``."""
 
     kind: Literal["rectangle"]
-    peak: float = Field(description="peak force, N")
+    peak: Number = Field(description="peak force, N")
     duration: Positive = Field(description="s")
     start: NotNegative = Field(default=0.0, description="s")
 
@@ -708,12 +730,15 @@ def _relations(tables: Mapping[str, Any], bar: BarMesh | None) -> Iterator[str]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        text = read_whole(path, _LARGEST_SCENE).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line}: not UTF-8 text") from error
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(
+            f"{path}: line {line}: not valid TOML: a key of more than {_MOST_PARTS} parts"
+        )
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

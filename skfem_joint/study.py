@@ -408,6 +408,12 @@ def _basis_from_paper(study: Study) -> _Reduction:
             "give an amplitude, or run 'full' alone"
         )
     reference = paper_reference(snapshots=options.snapshots, inner_product=options.inner_product)
+    most = reference.modes.shape[1]
+    if options.modes > most:
+        raise InputError(
+            f"reduction.modes: found {options.modes}, must be <= {most}, the modes of the paper's "
+            "reference system"
+        )
     loads = [load.amplitude for load in system.loads]
     estimates = [_estimate(structure, system, zone, loads) for zone in zones]
     lengths = [
@@ -514,6 +520,11 @@ def _basis_from_itself(study: Study) -> _Reduction:
         save=Save(fields=True, points=False),
     )
     _finished(training)
+    if not (np.linalg.norm(training.u) > 0.0 and np.linalg.norm(training.v) > 0.0):
+        raise InputError(
+            'reduction.reference: nothing moves in the run that "self" takes its modes from, the '
+            f"first {steps} steps; give a load that acts by then, or run 'full' alone"
+        )
     mass = system.M.toarray() if options.inner_product == "mass" else None
     proper = proper_modes(snapshot_matrix(training.u, training.v, options.snapshots), mass)
     if options.modes > proper.modes.shape[1]:
@@ -522,7 +533,7 @@ def _basis_from_itself(study: Study) -> _Reduction:
             "the unknowns of the full model"
         )
     V = orthonormal(proper.modes[:, : options.modes], system.M)
-    velocity = float(np.abs(system.B @ training.v.T).max())
+    velocity = float(np.abs(system.B @ training.v.T).max()) or STUCK_VELOCITY
     stretches = []
     for joint in study.structure.joints:
         rows = _contact_rows(study, study.structure.joint_nodes(joint))

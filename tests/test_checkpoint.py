@@ -18,16 +18,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bars import LapJoint
 
 import skfem_joint
-from bars import LapJoint
 from skfem_joint import cli, study
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing
 from skfem_joint.integrate import integrate
 from skfem_joint.loads import Rectangle, Table
-from skfem_joint.recording import Run, Save
+from skfem_joint.recording import Save
+from skfem_joint.scene import load_scene
 from skfem_joint.schemes import generalized_alpha
 from skfem_joint.system import System
 
@@ -142,9 +142,7 @@ def test_what_is_integrated_must_be_the_same(tmp_path: Path) -> None:
     ]
     for changed, timing in changes:
         with pytest.raises(InputError, match=r"run\.npz: the model .* differs"):
-            integrate(
-                changed, **(TIMING | timing), checkpoint=replace(checkpoint, resume=True)
-            )
+            integrate(changed, **(TIMING | timing), checkpoint=replace(checkpoint, resume=True))
     with pytest.raises(InputError, match="another scene or mesh"):
         integrate(system, **TIMING, checkpoint=replace(checkpoint, origin="b", resume=True))
     assert checkpoint.path.read_bytes() == before
@@ -154,7 +152,7 @@ def test_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=100, resume=True)
     integrate(JOINT.system, **TIMING, checkpoint=checkpoint)
     monkeypatch.setattr("skfem_joint.checkpoint.__version__", "99.0")
-    with pytest.raises(InputError, match="written by version .*, this is 99.0"):
+    with pytest.raises(InputError, match=r"written by version .*, this is 99\.0"):
         integrate(JOINT.system, **TIMING, checkpoint=checkpoint)
 
 
@@ -170,17 +168,17 @@ def test_a_damaged_checkpoint_is_refused_or_is_the_whole_one(seed: int, tmp_path
         for place in rng.integers(len(data), size=rng.integers(1, 4)):
             copy[place] = rng.integers(256)
         damaged.append(bytes(copy))
-    refused = 0
+    messages = []
     for content in damaged:
         checkpoint.path.write_bytes(content)
         try:
             run = integrate(system, **TIMING, checkpoint=checkpoint)
         except InputError as error:
-            assert str(checkpoint.path) in str(error)
-            refused += 1
+            messages.append(str(error))
         else:
             assert differing(whole, run) == []
-    assert refused > 50
+    assert len(messages) > 50
+    assert all(message.startswith(str(checkpoint.path)) for message in messages)
 
 
 def test_objects_in_a_checkpoint_are_not_loaded(tmp_path: Path) -> None:
@@ -416,29 +414,18 @@ def test_another_scene_or_mesh_is_refused(
     text = text.replace((ROOT / "meshes" / "structure.msh").as_posix(), "own.msh")
     path.write_text(text, encoding="utf-8")
     out.mkdir()
-    study.run_scene(
-        study_scene := cli_scene(path), checkpoints=Checkpoints(out, every=100)
-    )
-    assert study_scene.n_steps == 400
+    study.run_scene(load_scene(path), checkpoints=Checkpoints(out, every=100))
     arguments = ["run", str(path), "--out", str(out), "--resume"]
     for change in (("friction = 0.7", "friction = 0.71"), ("cycles = 2", "cycles = 3")):
         path.write_text(text.replace(*change), encoding="utf-8")
         assert cli.main(arguments) == 2
         assert "another scene or mesh" in capsys.readouterr().err
     path.write_text(text, encoding="utf-8")
-    (tmp_path / "own.msh").write_text(mesh.replace("\n0.6 0 0\n", "\n0.601 0 0\n"))
-    if (tmp_path / "own.msh").read_text() == mesh:
-        (tmp_path / "own.msh").write_text(mesh.replace("0.6", "0.601"))
+    (tmp_path / "own.msh").write_text(mesh.replace("0.6 ", "0.601 "))
     assert cli.main(arguments) == 2
     assert "another scene or mesh" in capsys.readouterr().err
     (tmp_path / "own.msh").write_text(mesh, encoding="utf-8")
     assert cli.main(arguments) == 0
-
-
-def cli_scene(path: Path) -> Any:
-    from skfem_joint.scene import load_scene
-
-    return load_scene(path)
 
 
 @pytest.mark.parametrize("steps", ["0", "-3"])
@@ -454,7 +441,7 @@ def test_steps_between_checkpoints_must_be_positive(
 # A disk that fills up
 
 
-@pytest.mark.parametrize("kilobytes", [2, 6, 20, 60])
+@pytest.mark.parametrize("kilobytes", [6, 60])
 def test_a_limit_on_file_sizes_leaves_whole_files(
     kilobytes: int, scene: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -525,20 +512,21 @@ def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(
     assert len(counts) > 5
 
 
-def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path: Path) -> None:
+def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=100)
     checkpoint.save({"rows": np.arange(3)}, "b", 100, 1.0)
-    with (
-        pytest.raises(InputError, match="No space left"),
-        replacing(checkpoint.path) as temporary,
-    ):
-        temporary.write_bytes(b"half")
+
+    def half(file: Any, **_: Any) -> None:
+        file.write(b"half")
         raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("skfem_joint.checkpoint.np.savez", half)
+    with pytest.raises(InputError, match="No space left"):
+        checkpoint.save({"rows": np.arange(4)}, "b", 200, 2.0)
     loaded = replace(checkpoint, resume=True).load("b")
     assert loaded is not None
     assert loaded[1:] == (100, 1.0)
+    assert loaded[0]["rows"].size == 3
     assert os.listdir(tmp_path) == ["run.npz"]
-
-
-def test_a_run_is_a_dataclass_whose_arrays_are_all_compared() -> None:
-    assert {"u", "v", "sigma", "point_u", "cycles", "counters"} <= {f.name for f in fields(Run)}

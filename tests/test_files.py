@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import string
 from pathlib import Path
 
 import pytest
 
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing, safe_name
+from skfem_joint.files import read_whole, remove_unfinished, replacing, safe_name
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -132,3 +133,44 @@ def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path: Path, nam
         pass
     assert list(tmp_path.iterdir()) == [path]
     assert len(path.name) == len("hysteresis_.png") + len(name)
+
+
+# Reading
+
+
+def test_a_file_is_read_whole(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"\0whole\n")
+    assert read_whole(tmp_path / "a") == b"\0whole\n"
+    assert read_whole(tmp_path / "a", 7) == b"\0whole\n"
+
+
+def test_what_never_ends_or_is_too_large_is_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "large").write_bytes(b"12345678")
+    wrong = {
+        tmp_path / "pipe": "not a file",
+        Path("/dev/zero"): "not a file",
+        tmp_path / "folder": "not a file",
+        tmp_path / "large": "found 8 bytes, must be at most 7",
+        tmp_path / "missing": "No such file",
+        tmp_path / "a\0b": "null",
+    }
+    for path, reason in wrong.items():
+        with pytest.raises(InputError) as caught:
+            read_whole(path, 7)
+        assert str(caught.value).startswith(f"{path}: cannot be read: ")
+        assert reason in str(caught.value)
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "fields"
+    folder.mkdir()
+    for path in (tmp_path / "a.txt", folder / "b.vtu"):
+        path.write_text("whole")
+        with replacing(path) as temporary:
+            path.with_name(f"{temporary.name}-of-another").write_text("half")
+    (tmp_path / ".hidden").write_text("of the user")
+    remove_unfinished(tmp_path)
+    left_over = sorted(path.name for path in tmp_path.rglob("*") if path.is_file())
+    assert left_over == [".hidden", "a.txt", "b.vtu"]

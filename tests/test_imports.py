@@ -17,7 +17,7 @@ PACKAGE = Path(skfem_joint.__file__).parent
 FLOORS = {
     "__init__": -1.0,
     "errors": 0.0,
-    "files": 0.5,
+    "files": 0.25,
     "forms": 0.5,
     "friction": 0.5,
     "loads": 0.5,

@@ -1,4 +1,4 @@
-"""Any valid scene keeps what physics asks for; any invalid one is refused by the name of its key."""
+"""Any valid scene keeps the invariants; any invalid one is refused by the name of its key."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skfem_joint.errors import InputError
+from skfem_joint.integrate import integrate
 from skfem_joint.meshing import BarMesh, build_bar
 from skfem_joint.recording import Run, Save
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.scene_messages import key_path
 from skfem_joint.schemes import generalized_alpha
-from skfem_joint.integrate import integrate
 from skfem_joint.structure import assemble
 from skfem_joint.study import structure_of
 
@@ -161,30 +161,27 @@ def test_any_valid_scene_keeps_the_invariants(data: st.DataObject, table: Path) 
         assert np.all(np.isfinite(values))
     assert np.all(np.abs(run.sigma) <= 1.0)
     assert run.energy_residual < 1e-8
-    start, end = run.stored_energy
-    in_play = max(float(np.abs(run.input_work).sum()), end, abs(run.scheme_work))
-    assert start == 0.0
-    assert end >= 0.0
-    assert run.viscous_work >= -ROUND_OFF * in_play
-    # What friction and damping take comes from the loads or, with rho_infinity < 1, from what the
-    # scheme's own kinematics takes or gives.
-    assert end <= run.input_work.sum() - run.scheme_work + ROUND_OFF * in_play
+    end = run.stored_energy[1]
+    # A joint takes power at every moment.
+    slip = (system.B @ run.v.T).T
+    assert np.all(run.sigma * slip >= 0.0)
     if scene.time.rho_infinity == 1.0:
+        # Otherwise displacement and velocity part within a step, and works have no sign of their
+        # own: only their balance holds.
+        in_play = max(float(np.abs(run.input_work).sum()), end)
         assert np.all(run.friction_work >= -ROUND_OFF * in_play)
+        assert run.viscous_work >= -ROUND_OFF * in_play
         assert abs(run.scheme_work) <= ROUND_OFF * in_play
         assert end <= run.input_work.sum() + ROUND_OFF * in_play
     assert run.times[-1] <= scene.n_steps * scene.time_step * (1.0 + 1e-12)
     assert run.counters.steps == scene.n_steps
     held = (system.w > 0.0) & np.isinf(system.beta)
-    slip = (system.B @ run.v.T).T
     # Coulomb: a point below its limit does not move, not even by round-off.
     assert np.all(slip[1:, held][np.abs(run.sigma[1:, held]) < 1.0] == 0.0)
     # Arctan: the force is the law's at the slip velocity.
     law = (system.w > 0.0) & ~held
     expected = 2.0 / np.pi * np.arctan(system.beta[law] * slip[:, law])
-    scale = np.abs(slip).max(initial=0.0) * system.beta[law]
     np.testing.assert_allclose(run.sigma[:, law], expected, atol=1e-6, rtol=0.0)
-    assert np.all(np.isfinite(scale))
 
 
 @settings(CHECKED, max_examples=60)
@@ -303,9 +300,7 @@ def test_one_wrong_value_is_refused_by_the_name_of_its_key(
 
 @settings(CHECKED, max_examples=200)
 @given(data=st.data(), name=st.text(min_size=1, max_size=12))
-def test_an_unknown_key_is_refused_by_its_name(
-    data: st.DataObject, name: str, table: Path
-) -> None:
+def test_an_unknown_key_is_refused_by_its_name(data: st.DataObject, name: str, table: Path) -> None:
     tables, bar = data.draw(cases(table))
     path = data.draw(st.sampled_from(tables_in(tables)))
     if name in at(tables, path) or (name in ("mass", "joint", "scale", "poisson")):

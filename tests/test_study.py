@@ -558,3 +558,26 @@ def test_interruption_on_the_way_to_the_reduced_model_is_not_swallowed(
     results = run_scene(loaded(tmp_path, time="cycles = 2"))
     assert results.interrupted
     assert list(results.models) == ["full"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reduction": 'reference = "self"', "loads": harmonic(amplitude=0.0)}, "nothing moves"),
+        (
+            {
+                "reduction": 'reference = "self"',
+                "loads": '[[load]]\non = "free_end"\nkind = "triangle"\npeak = 1e3\n'
+                "rise_time = 1e-3\nstart = 1.0\n",
+                "time": "duration = 1e-3\nstep = 1e-5",
+            },
+            "nothing moves",
+        ),
+        ({"reduction": "modes = 1000000000"}, "reduction.modes: found 1000000000, must be <= 100"),
+    ],
+)
+def test_reductions_that_have_nothing_to_go_by_are_refused(
+    run: Run, changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        run("coarse", **changes)

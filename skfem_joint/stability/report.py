@@ -1,0 +1,269 @@
+"""What became of the cases: a page, a table of all of them, and a picture of the schemes."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+from skfem_joint.paper.figures import figure
+from skfem_joint.stability.cases import BETAS, MANY, RADII
+from skfem_joint.stability.judge import REFUSED, RIGHT, WRONG, Verdict
+
+OUTCOMES = (RIGHT, REFUSED, WRONG)
+#: Name of the page, of the table of all cases and of the picture.
+PAGE, TABLE, PICTURE = "stability.md", "stability.csv", "stability.png"
+_EXPLANATION = (
+    "*Right* means: the energy audit closes, friction takes energy at every point and nothing is "
+    "stored that was not put in, the friction force keeps to its law and its limit, points that "
+    "stick under Coulomb have a velocity of exactly zero, the states obey the equation of motion "
+    "(for rho = 1, whose forces can be summed anew), a symmetric load makes a symmetric loop "
+    "in steady state, and the displacement is as close as the step allows to a closed form or to "
+    "the same run at a quarter of the step. *Refused* means an error that says why and what to "
+    "do. Anything else is *wrong in silence*."
+)
+
+
+def bottom_line(verdicts: Sequence[Verdict], seconds: float | None = None) -> str:
+    """Counts in one sentence."""
+    counts = Counter(verdict.outcome for verdict in verdicts)
+    took = "" if seconds is None else f", in {seconds:.0f} s"
+    return (
+        f"{len(verdicts)} cases: {counts[RIGHT]} right, {counts[REFUSED]} refused, "
+        f"{counts[WRONG]} wrong in silence{took}."
+    )
+
+
+def summary(verdicts: Sequence[Verdict]) -> list[list[str]]:
+    """Table by axis, its head first."""
+    head = ["axis", *OUTCOMES, "error", "over allowed", "energy left over", "fallbacks", "halved"]
+    rows = [head]
+    for axis in dict.fromkeys(verdict.case.axis for verdict in verdicts):
+        group = [verdict for verdict in verdicts if verdict.case.axis == axis]
+        judged = [verdict for verdict in group if verdict.error is not None]
+        counts = Counter(verdict.outcome for verdict in group)
+        rows.append(
+            [
+                axis,
+                *(str(counts[outcome]) for outcome in OUTCOMES),
+                _worst(verdict.error for verdict in judged),
+                _worst((v.error or 0.0) / (v.error_bound or 1.0) for v in judged),
+                _worst(verdict.energy for verdict in judged),
+                str(sum(verdict.nested + verdict.descents for verdict in group)),
+                str(sum(verdict.halved for verdict in group)),
+            ]
+        )
+    return rows
+
+
+def _worst(values: Iterable[float | None]) -> str:
+    return _cell(max((value for value in values if value is not None), default=None))
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def text_table(verdicts: Sequence[Verdict]) -> str:
+    """Table by axis for the terminal, and each case that is wrong."""
+    rows = summary(verdicts)
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows]
+    lines.insert(1, "-" * len(lines[0]))
+    lines += [
+        f"{WRONG}: {verdict.case.axis}, {verdict.case.value}: {verdict.reason}"
+        for verdict in verdicts
+        if verdict.outcome == WRONG
+    ]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> str:
+    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
+
+
+def iterations(verdicts: Sequence[Verdict]) -> list[list[str]]:
+    """Newton iterations a step by beta and scheme at 100 steps per period: mean, most."""
+    rows = [["beta", *(f"rho = {rho:g}" for rho in RADII)]]
+    found = {
+        (v.case.beta, v.case.rho): f"{v.iterations:.1f}, at most {v.largest_iterations}"
+        for v in verdicts
+        if v.case.axis == "scheme" and v.case.steps == 100 and v.outcome == RIGHT
+    }
+    for beta in BETAS:
+        cells = [found.get((beta, rho), "") for rho in RADII]
+        if any(cells):
+            rows.append(["Coulomb" if beta == inf else f"{beta:.0e}", *cells])
+    return rows
+
+
+def _refusals(verdicts: Sequence[Verdict]) -> list[list[str]]:
+    """Refusals by message, numbers aside: how many, on which axes, one in full."""
+    groups: dict[str, list[Verdict]] = {}
+    for verdict in verdicts:
+        if verdict.outcome == REFUSED:
+            groups.setdefault(re.sub(r"\d[\d.e+-]*", "#", verdict.reason), []).append(verdict)
+    rows = [["cases", "axes", "message, for one of them"]]
+    for group in sorted(groups.values(), key=len, reverse=True):
+        axes = ", ".join(dict.fromkeys(verdict.case.axis for verdict in group))
+        rows.append([str(len(group)), axes, group[0].reason])
+    return rows
+
+
+def page(verdicts: Sequence[Verdict], seconds: float, picture: str = PICTURE) -> str:
+    """The page in Markdown.
+
+    Parameters
+    ----------
+    picture : str
+        File name of the picture beside the page; none if empty.
+    """
+    steady = Counter(verdict.steady for verdict in verdicts if verdict.steady)
+    parts = [
+        "# Stiff and extreme cases",
+        "Written by `skfem-joint stability --out DIR`.",
+        f"**{bottom_line(verdicts, seconds)}**",
+        _EXPLANATION,
+        "Errors are relative to the largest displacement; *over allowed* is the largest share of "
+        "its bound that a case used up. *Fallbacks* are steps that the fast iteration left to the "
+        "nested one or to descent, *halved* are steps done in parts; all of them converged. "
+        f"Of the harmonic runs, {steady['reached']} reached a steady state within their few "
+        f"periods and {steady['not reached']} did not: those are not judged by symmetry.",
+    ]
+    if picture:
+        parts.append(f"![Where each scheme holds and where it refuses]({picture})")
+    parts += ["## By axis", _markdown(summary(verdicts))]
+    if len(table := iterations(verdicts)) > 1:
+        parts += ["## Newton iterations a step, at 100 steps per period", _markdown(table)]
+    wrong = [verdict for verdict in verdicts if verdict.outcome == WRONG]
+    if wrong:
+        rows = [["axis", "case", "why"], *([v.case.axis, v.case.value, v.reason] for v in wrong)]
+        parts += ["## Wrong in silence", _markdown(rows)]
+    if len(table := _refusals(verdicts)) > 1:
+        parts += ["## Refusals", _markdown(table)]
+    head = ["axis", "case", "outcome", "error", "allowed", "against", "energy left over"]
+    rows = [[*head, "steady state", "iterations a step", "fallbacks", "halved"]]
+    rows += [
+        [
+            v.case.axis,
+            v.case.value,
+            v.outcome,
+            _cell(v.error),
+            _cell(v.error_bound),
+            v.against,
+            _cell(v.energy),
+            v.steady,
+            "" if v.error is None else f"{v.iterations:.1f}",
+            "" if v.error is None else str(v.nested + v.descents),
+            "" if v.error is None else str(v.halved),
+        ]
+        for v in verdicts
+    ]
+    parts += ["## All cases", _markdown(rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def prepare() -> None:
+    """See that the picture can be made, before anything is computed.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is missing.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise InputError("stability: needs matplotlib; pip install 'skfem-joint[plot]'")
+
+
+def write(folder: Path, verdicts: Sequence[Verdict], seconds: float) -> list[Path]:
+    """Write the page, the table of all cases and the picture; returns their paths."""
+    paths = [folder / name for name in (PAGE, TABLE, PICTURE)]
+    with replacing(paths[0]) as temporary:
+        temporary.write_text(page(verdicts, seconds), encoding="utf-8")
+    with replacing(paths[1]) as temporary, temporary.open("w", newline="") as stream:
+        fields = [name for name in Verdict.__dataclass_fields__ if name != "case"]
+        writer = csv.writer(stream)
+        writer.writerow(["axis", "case", *fields])
+        for v in verdicts:
+            writer.writerow([v.case.axis, v.case.value, *(getattr(v, name) for name in fields)])
+    with replacing(paths[2]) as temporary:
+        draw(verdicts).savefig(temporary, dpi=110, format="png")
+    return paths
+
+
+def draw(verdicts: Sequence[Verdict]) -> Any:
+    """Figure: right, refused or wrong over beta and steps per period, scheme by scheme."""
+    from matplotlib.colors import LogNorm
+
+    names = [*(f"rho = {rho:g}" for rho in RADII), "explicit Runge-Kutta"]
+    names += ["reduced", "hyper-reduced"]
+    drawing, axes = figure(4, 2, width=4.2, height=3.4)
+    maps = [
+        v for v in verdicts if v.case.axis in ("scheme", "explicit", "reduced", "hyper-reduced")
+    ]
+    shades = None
+    for k, name in enumerate(names):
+        panel = axes.flat[k]
+        shown = [v for v in maps if v.case.scheme == name]
+        right = [v for v in shown if v.outcome == RIGHT]
+        shades = panel.scatter(
+            *_places(right),
+            c=[max(v.error or 0.0, 1e-9) for v in right],
+            norm=LogNorm(1e-7, 0.2),
+            cmap="cividis",
+            s=60,
+            edgecolors="black",
+            linewidths=0.6,
+            label=RIGHT,
+        )
+        refused, wrong = ([v for v in shown if v.outcome == o] for o in (REFUSED, WRONG))
+        panel.scatter(*_places(refused), marker="x", c="black", s=40, label=REFUSED)
+        panel.scatter(*_places(wrong), marker="s", c="red", s=70, label=WRONG)
+        panel.set_title(name, loc="left", fontsize=11)
+        panel.set_yscale("log")
+        panel.set_xlim(-0.6, len(BETAS) - 0.4)
+        panel.set_ylim(5, 2 * MANY)
+        ticks = range(0, len(BETAS), 2)
+        labels = [f"1e{k + 2}" for k in ticks]
+        panel.set_xticks([*ticks, len(BETAS) - 1], [*labels, "C"])
+        panel.set_xlabel("beta, s/m (C: Coulomb)")
+        panel.set_ylabel("steps per period")
+        panel.grid(alpha=0.25)
+    _counts(axes.flat[7], verdicts)
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside upper right", ncols=3, fontsize=10)
+    if shades is not None:
+        bar = drawing.colorbar(shades, ax=axes, location="right", shrink=0.6)
+        bar.set_label("error of the displacement over its largest value")
+    return drawing
+
+
+def _places(verdicts: Sequence[Verdict]) -> tuple[list[int], list[int]]:
+    return [BETAS.index(v.case.beta) for v in verdicts], [v.case.steps for v in verdicts]
+
+
+def _counts(panel: Any, verdicts: Sequence[Verdict]) -> None:
+    """Cases of the other axes by outcome, as bars."""
+    maps = ("scheme", "explicit", "reduced", "hyper-reduced")
+    names = [a for a in dict.fromkeys(v.case.axis for v in verdicts) if a not in maps][::-1]
+    left = [0] * len(names)
+    colours = {RIGHT: "#6f8fb0", REFUSED: "white", WRONG: "red"}
+    for outcome in OUTCOMES:
+        counts = Counter(v.case.axis for v in verdicts if v.outcome == outcome)
+        widths = [counts[name] for name in names]
+        style = {"color": colours[outcome], "edgecolor": "black", "linewidth": 0.5}
+        panel.barh(names, widths, left=left, hatch="xxx" if outcome == REFUSED else "", **style)
+        left = [a + b for a, b in zip(left, widths, strict=True)]
+    panel.tick_params(axis="y", labelsize=7)
+    panel.set_title("other axes", loc="left", fontsize=11)
+    panel.set_xlabel("cases")
