@@ -131,6 +131,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint import memory
+    from skfem_joint.resolution import check_resolution
     from skfem_joint.scene import load_scene
     from skfem_joint.structure import assemble
     from skfem_joint.study import structure_of
@@ -139,6 +140,7 @@ def _check(options: argparse.Namespace) -> int:
     structure = structure_of(scene)
     loads = [(item.on, item.to_load()) for item in scene.load]
     system = assemble(structure, loads, scene.output_points)
+    check_resolution(system, scene.time_step, scene.n_steps)
     limit = float(system.w.sum())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skfem_joint.checkpoint import Checkpoint, fingerprint
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
+from skfem_joint.resolution import check_resolution
 from skfem_joint.schemes import Scheme, generalized_alpha
 from skfem_joint.steppers import ChainStepper, Stepper, choose
 from skfem_joint.system import System
@@ -96,6 +97,7 @@ def integrate(
             raise InputError("initial: must be finite")
         if u.shape != (system.n,) or v.shape != (system.n,):
             raise InputError(f"initial: shapes must be ({system.n},)")
+    check_resolution(system, step, n_steps)
     save, scheme = save or Save(), scheme or generalized_alpha()
     saved, identity = None, ""
     if checkpoint is not None:
@@ -183,6 +185,7 @@ class _Driver:
     def lay_out(self, n_steps: int) -> None:
         """Find where the steps have to be cut."""
         h = self.h
+        self.cuts.setdefault(0, [])  # the first step, and each after a jump, stand alone
         for load in self.system.loads:
             corners = [t for t in load.amplitude.corners if 0.0 < t < n_steps * h]
             for t in corners:
@@ -196,6 +199,7 @@ class _Driver:
                     self.jumps[k * h if on_grid else t] = t
                     if on_grid:
                         self.cuts.setdefault(k - 1, [])  # a step that ends at a jump stands alone
+                        self.cuts.setdefault(k, [])
                 if not on_grid:
                     cuts = self.cuts.setdefault(int(t // h), [])
                     if t not in cuts:

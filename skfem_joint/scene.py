@@ -40,6 +40,7 @@ from skfem_joint import contact, loads, structure
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_whole
 from skfem_joint.meshing import BarMesh, load_mesh
+from skfem_joint.resolution import PER_PERIOD
 from skfem_joint.scene_messages import (
     NUMBER,
     TABLE,
@@ -52,7 +53,7 @@ from skfem_joint.scene_messages import (
     sentences,
 )
 
-_FEWEST_STEPS_PER_PERIOD = 4
+_FEWEST_STEPS_PER_PERIOD = PER_PERIOD
 _LARGEST_SCENE = 2**20  # bytes
 _SMALLEST, _LARGEST = 1e-20, 1e20  # numbers in SI units, but 0
 # The parser of TOML takes time with the square of the parts of a key.
@@ -667,7 +668,7 @@ def _check_time(time: Time, items: tuple[Any, ...]) -> Iterator[str]:
         if fastest is None or isinstance(load, loads.Table | loads.RampAndHold):
             continue
         if isinstance(load, loads.Harmonic | loads.MultiHarmonic):
-            longest, what = 1 / (_FEWEST_STEPS_PER_PERIOD * fastest), "a quarter of the period"
+            longest, what = 1 / (_FEWEST_STEPS_PER_PERIOD * fastest), "an eighth of the period"
         else:
             longest, what = 1 / (2 * fastest), "the rise time or duration"
         if step > longest * (1 + 1e-9):

@@ -71,6 +71,14 @@ class Scheme:
         )
 
 
+def backward_euler(h: float) -> Coefficients:
+    """One implicit Euler step of ``h`` seconds: it uses no acceleration of the step's start."""
+    return Coefficients(
+        h=h, c_M=1.0 / h, c_K=h, u_v=0.0, u_a=0.0, y_a=0.0, y_d=0.0, a_v=1.0 / h, a_a=0.0,
+        d_a=1.0, d_a0=0.0, d_d0=0.0, trapezoidal=False,
+    )  # fmt: skip
+
+
 def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
     """Second-order scheme with spectral radius ``rho_infinity`` at infinite frequency.
 

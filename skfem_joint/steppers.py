@@ -19,7 +19,7 @@ from skfem_joint import friction
 from skfem_joint.chain import Chain, LoadRows, bands, build_chain
 from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
-from skfem_joint.schemes import Scheme
+from skfem_joint.schemes import Coefficients, Scheme, backward_euler
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -113,6 +113,40 @@ def _picks_unknowns(A: Any, distinct: bool = False) -> bool:
     return single and (not distinct or np.unique(rows.indices).size == rows.indices.size)
 
 
+#: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
+FOLLOWED = 0.3
+
+
+@dataclass
+class _Start:
+    """What all steppers share: how the first step after a jump of the acceleration is done.
+
+    Schemes that dissipate overshoot there, the more the longer the step is beside the periods that
+    the jump sets off: they carry on the acceleration of the start. One implicit Euler step does
+    not use it, and one step of first order leaves the run of second order (Rannacher, Numer.
+    Math. 43, 1984). The trapezoidal rule needs no such help, and would lose its energy.
+    """
+
+    scheme: Scheme
+    frequency: float = 0.0
+
+    def after_jump(self, system: System, acceleration: FloatArray) -> None:
+        """Note the frequency (rad/s) of the vibration that an acceleration from rest sets off."""
+        stiffness = float(acceleration @ (system.K @ acceleration))
+        mass = float(acceleration @ (system.M @ acceleration))
+        self.frequency = float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
+
+    def coefficients(self, h: float) -> Coefficients:
+        """Coefficients of the next step of ``h`` seconds."""
+        c = self.scheme.coefficients(h)
+        return backward_euler(h) if self.frequency * h > FOLLOWED and not c.trapezoidal else c
+
+    def done(self, steps: int) -> None:
+        """Go on with the scheme once a step has been done."""
+        if steps > 0:
+            self.frequency = 0.0
+
+
 @dataclass
 class LinearStepper:
     """Steps of a system without friction: one factorization, one solve a step."""
@@ -128,8 +162,9 @@ class LinearStepper:
     def __post_init__(self) -> None:
         self.a = np.zeros_like(self.u)
         self.d = np.zeros_like(self.u)
+        self.start = _Start(self.scheme)
         self.vectors = self.system.load_vectors()
-        self.factors: dict[float, Any] = {}
+        self.factors: dict[Coefficients, Any] = {}
 
     def restart(self, amplitudes: FloatArray) -> None:
         """Acceleration from the equation of motion."""
@@ -137,18 +172,19 @@ class LinearStepper:
         right = self.vectors @ amplitudes - s.C @ self.v - s.K @ self.u
         self.d = _factorised(s.M)(right)
         self.a = self.d.copy()
+        self.start.after_jump(s, self.d)
 
-    def _factorise(self, h: float) -> None:
-        s, c = self.system, self.scheme.coefficients(h)
-        self.factors[h] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+    def _factorise(self, c: Coefficients) -> None:
+        s = self.system
+        self.factors[c] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
-        s, c, recorder = self.system, self.scheme.coefficients(h), self.recorder
-        if h not in self.factors:
-            self._factorise(h)
+        s, c, recorder = self.system, self.start.coefficients(h), self.recorder
+        if c not in self.factors:
+            self._factorise(c)
             recorder.factorizations += 1
-        solve = self.factors[h]
+        solve = self.factors[c]
         sigma = np.zeros(s.w.size)
         n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):
@@ -173,6 +209,7 @@ class LinearStepper:
             )
             if store:
                 recorder.store(first_step + k + 1, self.u, self.v, sigma)
+        self.start.done(n_steps)
         return n_steps
 
     def state(self) -> tuple[FloatArray, FloatArray]:
@@ -187,19 +224,27 @@ class LinearStepper:
         """State, and the step sizes that were factorised."""
         return {
             "state": np.array([self.u, self.v, self.a, self.d]),
-            "step_sizes": np.array(list(self.factors)),
+            "steps": np.array(list(self.factors), dtype=float),
+            "start": np.array(self.start.frequency),
         }
 
     def restore(self, saved: Mapping[str, FloatArray]) -> None:
         """Take up a saved state."""
         self.u, self.v, self.a, self.d = saved["state"]
-        for h in saved["step_sizes"].tolist():
-            self._factorise(h)
+        self.start.frequency = float(saved["start"])
+        for row in saved["steps"].tolist():
+            self._factorise(_coefficients(row))
 
 
 def _factorised(A: Any) -> Any:
     if isinstance(A, np.ndarray):
-        factor = linalg.cho_factor(A)
+        try:
+            factor = linalg.cho_factor(A)
+        except linalg.LinAlgError as error:
+            raise InputError(
+                "the mass or step matrix is not positive definite: modes that depend on each "
+                "other? Use skfem_joint.pod.orthonormal, which drops them"
+            ) from error
         return lambda right: linalg.cho_solve(factor, right)
     return splu(sparse.csc_array(A)).solve
 
@@ -216,12 +261,14 @@ class _CompiledStepper:
     recorder: Recorder
     failure: Failure = field(default_factory=Failure)
     rows: FloatArray = field(init=False)
+    start: _Start = field(init=False)
 
     def _note(self, done: int, rows: int, fields: int, residual: float, unknown: int) -> int:
         """Note what a compiled loop returned; give the steps that it did."""
         self.recorder.rows += rows
         self.recorder.field_rows += fields
         self.failure = Failure(residual, unknown)
+        self.start.done(done)
         return int(done)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
@@ -230,11 +277,12 @@ class _CompiledStepper:
 
     def saved(self) -> dict[str, FloatArray]:
         """State rows."""
-        return {"state": self.rows}
+        return {"state": self.rows, "start": np.array(self.start.frequency)}
 
     def restore(self, saved: Mapping[str, FloatArray]) -> None:
         """Take up saved state rows."""
         self.rows[...] = saved["state"]
+        self.start.frequency = float(saved["start"])
 
 
 @dataclass
@@ -244,6 +292,7 @@ class ChainStepper(_CompiledStepper):
     def __post_init__(self) -> None:
         s = self.system
         n = s.n
+        self.start = _Start(self.scheme)
         self.contact = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
         self.w = np.zeros(n)
         self.w[self.contact] = s.w
@@ -260,8 +309,8 @@ class ChainStepper(_CompiledStepper):
         self.rows = np.zeros((7, n))
         self.rows[0], self.rows[1] = self.u, self.v
         self.rows[6] = np.where(self.w > 0.0, friction.force(self.v, self.beta), 0.0)
-        self.chains: dict[float, Chain] = {}
-        self.current: float | None = None
+        self.chains: dict[Coefficients, Chain] = {}
+        self.current: Coefficients | None = None
 
     def restart(self, amplitudes: FloatArray) -> None:
         """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
@@ -299,11 +348,11 @@ class ChainStepper(_CompiledStepper):
         self.rows[2] = self.rows[3] = acceleration
         self.rows[6] = sigma
         self.current = None
+        self.start.after_jump(s, acceleration)
 
-    def _build(self, h: float) -> None:
-        c = self.scheme.coefficients(h)
+    def _build(self, c: Coefficients) -> None:
         M0, M1, C0, C1, K0, K1 = self.bands
-        self.chains[h] = build_chain(
+        self.chains[c] = build_chain(
             c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1, self.w, self.beta
         )
 
@@ -311,16 +360,16 @@ class ChainStepper(_CompiledStepper):
         """Do the steps in the compiled loop."""
         from skfem_joint import kernels_tridiagonal as kernels
 
-        c = self.scheme.coefficients(h)
-        if h not in self.chains:
-            self._build(h)
+        c = self.start.coefficients(h)
+        if c not in self.chains:
+            self._build(c)
             self.recorder.factorizations += 1
-        chain = self.chains[h]
-        if self.current != h:
+        chain = self.chains[c]
+        if self.current != c:
             # The parameter's scale changes with the step: start again from the law's point.
             v, sigma = self.rows[1], self.rows[6]
             self.rows[4] = self.rows[5] = friction.parameter(v, sigma, chain.kappa, self.beta)
-            self.current = h
+            self.current = c
         r = self.recorder
         result = kernels.march(
             amplitudes.shape[1] - 1,
@@ -348,16 +397,20 @@ class ChainStepper(_CompiledStepper):
         """State rows, the step sizes with a chain, and the one that the parameter is scaled to."""
         current = [] if self.current is None else [self.current]
         return super().saved() | {
-            "step_sizes": np.array(list(self.chains)),
+            "steps": np.array(list(self.chains), dtype=float),
             "current": np.array(current, dtype=float),
         }
 
     def restore(self, saved: Mapping[str, FloatArray]) -> None:
         """Take up a saved state."""
         super().restore(saved)
-        for h in saved["step_sizes"].tolist():
-            self._build(h)
-        self.current = next(iter(saved["current"].tolist()), None)
+        for row in saved["steps"].tolist():
+            self._build(_coefficients(row))
+        self.current = next((_coefficients(row) for row in saved["current"].tolist()), None)
+
+
+def _coefficients(row: list[float]) -> Coefficients:
+    return Coefficients._make([*row[:-1], bool(row[-1])])
 
 
 def _dense(A: Any) -> FloatArray:
@@ -380,6 +433,7 @@ class DenseStepper(_CompiledStepper):
         self.matrices = (_dense(s.M), _dense(s.C), _dense(s.K))
         self.B, self.P = _dense(s.B), _dense(s.P)
         self.vectors = np.ascontiguousarray(s.load_vectors())
+        self.start = _Start(self.scheme)
         self.rows = np.zeros((5, s.n))
         self.rows[0], self.rows[1] = self.u, self.v
 
@@ -391,12 +445,13 @@ class DenseStepper(_CompiledStepper):
         right -= self.B.T @ (s.w * self.normalised_friction())
         self.rows[2] = self.rows[3] = _factorised(self.matrices[0])(right)
         self.rows[4] = v
+        self.start.after_jump(s, self.rows[3])
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
         from skfem_joint import kernels_dense as kernels
 
-        c = self.scheme.coefficients(h)
+        c = self.start.coefficients(h)
         M, C, K = self.matrices
         s, r = self.system, self.recorder
         if r.factorizations == 0:

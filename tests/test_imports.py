@@ -26,6 +26,7 @@ FLOORS = {
     "gmsh_file": 2.5,
     "meshing": 3.0,
     "schemes": 3.0,
+    "resolution": 3.0,
     "recording": 3.0,
     "chain": 3.0,
     "kernels_friction": 3.0,

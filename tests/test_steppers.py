@@ -309,6 +309,8 @@ class Broken:
     """Load that is not a number from a time on."""
 
     corners = ()
+    peak_value = 1e3
+    highest_frequency = period = None
 
     def __init__(self, since: float) -> None:
         self.since = since
