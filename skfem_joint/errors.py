@@ -32,6 +32,18 @@ class InputError(JointError):
 
 
 class ConvergenceError(JointError):
-    """An iteration did not converge; nothing was returned as if it had."""
+    """An iteration did not converge; nothing was returned as if it had.
+
+    Parameters
+    ----------
+    message : str
+        Where it happened, how far it got, and what to try.
+    unknown : int, optional
+        Unknown with the largest residual.
+    """
 
     exit_status = 3
+
+    def __init__(self, message: str, unknown: int | None = None) -> None:
+        self.unknown = unknown
+        super().__init__(message)

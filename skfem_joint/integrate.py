@@ -254,7 +254,8 @@ class _Driver:
                 f"step {index} at t = {a:.6g} s did not converge, even with a step of "
                 f"{b - a:.3g} s: force residual {failure.residual:.3g} N, largest at unknown "
                 f"{failure.unknown}. Nothing was returned. Try more steps per cycle, a smaller "
-                "beta, or rho_infinity below 1."
+                "beta, or rho_infinity below 1.",
+                failure.unknown,
             )
         self.recorder.halved_steps += depth == 1
         middle = 0.5 * (a + b)

@@ -14,7 +14,7 @@ from scipy import sparse
 from skfem_joint import friction
 from skfem_joint.active_length import THRESHOLD, Estimate, measured
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.history import Errors, compare, peaks, steady_state
 from skfem_joint.hyper_reduction import with_friction_points
 from skfem_joint.integrate import integrate
@@ -258,7 +258,18 @@ def _integrate(
 def _full(
     study: Study, progress: Callable[[int, int], None], checkpoint: Checkpoint | None
 ) -> Model:
-    run = _integrate(study.scene, study.system, progress, checkpoint)
+    structure = study.structure
+    try:
+        run = _integrate(study.scene, study.system, progress, checkpoint)
+    except ConvergenceError as error:
+        if error.unknown is None:
+            raise
+        node = int(structure.free[error.unknown])
+        raise ConvergenceError(
+            f"full model: {error} That unknown is node {node}, {structure.position[node]:.6g} m "
+            "along the bar.",
+            error.unknown,
+        ) from error
     return Model("full", run, None, run.preparation_s, _measure(study, run))
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from skfem_joint import output, study
 from skfem_joint import reference as reference_module
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.history import Errors
 from skfem_joint.meshing import build_bar, write_mesh
 from skfem_joint.scene import load_scene
@@ -581,3 +581,14 @@ def test_reductions_that_have_nothing_to_go_by_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=re.escape(words)):
         run("coarse", **changes)
+
+
+def test_a_run_that_does_not_converge_names_the_node_and_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise ConvergenceError("step 7 at t = 1e-5 s did not converge.", 99)
+
+    monkeypatch.setattr(study, "integrate", refuse)
+    with pytest.raises(ConvergenceError, match=r"step 7 .* node 100, 0\.1 m along the bar"):
+        run_scene(loaded(tmp_path, time="cycles = 2"))
