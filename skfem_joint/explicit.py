@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse.linalg import eigsh
 
 from skfem_joint import friction
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
+from skfem_joint.steppers import factorised
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -146,11 +147,7 @@ def runge_kutta(
             )
     recorder = Recorder(system, save or Save(), n_steps, step)
     vectors = system.load_vectors()
-    if isinstance(system.M, np.ndarray):
-        factor = linalg.cho_factor(system.M)
-        solve: Any = lambda right: linalg.cho_solve(factor, right)  # noqa: E731
-    else:
-        solve = splu(sparse.csc_array(system.M)).solve
+    solve = factorised(system.M)
     evaluations = 0
 
     def acceleration(u: FloatArray, v: FloatArray, load: FloatArray) -> FloatArray:

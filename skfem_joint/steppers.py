@@ -170,13 +170,13 @@ class LinearStepper:
         """Acceleration from the equation of motion."""
         s = self.system
         right = self.vectors @ amplitudes - s.C @ self.v - s.K @ self.u
-        self.d = _factorised(s.M)(right)
+        self.d = factorised(s.M)(right)
         self.a = self.d.copy()
         self.start.after_jump(s, self.d)
 
     def _factorise(self, c: Coefficients) -> None:
         s = self.system
-        self.factors[c] = _factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+        self.factors[c] = factorised(c.c_M * s.M + s.C + c.c_K * s.K)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
@@ -236,7 +236,8 @@ class LinearStepper:
             self._factorise(_coefficients(row))
 
 
-def _factorised(A: Any) -> Any:
+def factorised(A: Any) -> Any:
+    """Solver of A x = b for a symmetric positive definite A, factorised once."""
     if isinstance(A, np.ndarray):
         try:
             factor = linalg.cho_factor(A)
@@ -344,7 +345,7 @@ class ChainStepper(_CompiledStepper):
             acceleration = work[0].copy()
             sigma += work[1]
         else:
-            acceleration = _factorised(s.M)(right)
+            acceleration = factorised(s.M)(right)
         self.rows[2] = self.rows[3] = acceleration
         self.rows[6] = sigma
         self.current = None
@@ -443,7 +444,7 @@ class DenseStepper(_CompiledStepper):
         s = self.system
         right = self.vectors @ amplitudes - s.C @ v - s.K @ u
         right -= self.B.T @ (s.w * self.normalised_friction())
-        self.rows[2] = self.rows[3] = _factorised(self.matrices[0])(right)
+        self.rows[2] = self.rows[3] = factorised(self.matrices[0])(right)
         self.rows[4] = v
         self.start.after_jump(s, self.rows[3])
 
