@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from skfem_joint.paper.cases import CASES
+from skfem_joint.paper.figures import finish
 from skfem_joint.paper.items import FloatArray
 from skfem_joint.reference import lap_joint
 from skfem_joint.structure import assemble
@@ -43,6 +44,16 @@ def resonances(length: float, count: int) -> FloatArray:
 def moving_length() -> float:
     """Linear region and static active length, m."""
     return CASE.linear + CASE.static_length
+
+
+def finish_panels(upper: Any, lower: Any, title: str, limit: float, label: str) -> None:
+    """Draw the published limit (percent) into a panel of differences and label both panels."""
+    for sign in (-1.0, 1.0):
+        lower.axhline(
+            sign * limit, color="#555555", linewidth=0.8, label=label if sign > 0 else None
+        )
+    finish(upper, "time (ms)", "displacement (µm)", title, legend=False)
+    finish(lower, "time (ms)", "difference (% of peak)", legend=False)
 
 
 def legend_above(drawing: Any, *panels: Any) -> None:

@@ -14,6 +14,7 @@ from skfem_joint.paper.structure_case import (
     CHOICES,
     POINTS,
     difference,
+    finish_panels,
     legend_above,
     moving_length,
     resonances,
@@ -160,21 +161,7 @@ def _draw_impulse(workspace: Workspace, item: Item, runs: dict[bool, Study]) -> 
             axes[0, column].plot(1e3 * run.times, 1e6 * run.point(point), label=label, **style)
         for plain, style in zip(CHOICES, figures.STYLES[1:], strict=False):
             axes[1, column].plot(1e3 * full.times, difference(runs[plain], point), **style)
-        says = printed[f"error_percent_{point}"]
-        for sign in (-1.0, 1.0):
-            axes[1, column].axhline(
-                sign * says,
-                color="#555555",
-                linewidth=0.8,
-                label="published: largest" if sign > 0 else None,
-            )
-        figures.finish(
-            axes[0, column],
-            "time (ms)",
-            "displacement (µm)",
-            f"({'ab'[column]}) {name}",
-            legend=False,
-        )
-        figures.finish(axes[1, column], "time (ms)", "difference (% of peak)", legend=False)
+        title, limit = f"({'ab'[column]}) {name}", printed[f"error_percent_{point}"]
+        finish_panels(axes[0, column], axes[1, column], title, limit, "published: largest")
     legend_above(drawing, axes[0, 0], axes[1, 0])
     workspace.save(item, "fig21", drawing)

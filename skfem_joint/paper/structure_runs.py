@@ -17,6 +17,7 @@ from skfem_joint.paper.structure_case import (
     CHOICES,
     POINTS,
     difference,
+    finish_panels,
     legend_above,
     moving_length,
     resonances,
@@ -161,21 +162,8 @@ def section7_3(workspace: Workspace) -> Item:
                     label=f"reduced, {CHOICES[plain]}",
                     **style,
                 )
-            for sign in (-1.0, 1.0):
-                axes[1, column].axhline(
-                    sign * _limit(printed["error_percent"]),
-                    color="#555555",
-                    linewidth=0.8,
-                    label="published: 1 %" if sign > 0 else None,
-                )
-            figures.finish(
-                axes[0, column],
-                "time (ms)",
-                "displacement (µm)",
-                f"({'ab'[column]}) {name}",
-                legend=False,
-            )
-            figures.finish(axes[1, column], "time (ms)", "difference (% of peak)", legend=False)
+            title, limit = f"({'ab'[column]}) {name}", _limit(printed["error_percent"])
+            finish_panels(axes[0, column], axes[1, column], title, limit, "published: 1 %")
         legend_above(drawing, axes[0, 0], axes[1, 0])
         workspace.save(item, "fig19", drawing)
     return item
