@@ -129,7 +129,7 @@ class Run:
         Times of the stored fields, s; empty if none were asked for.
     u, v : ndarray, shape (frames, n)
         Unknowns and their rates.
-    sigma : ndarray, shape (frames, m)
+    sigma : ndarray, shape (frames, rows of B)
         Normalised friction force of the contact points.
     input_work : ndarray, shape (loads,)
         Work of each load over the run, J.
@@ -143,7 +143,7 @@ class Run:
     peak : ndarray, shape (points,)
         Largest displacement over the run, m.
     slip_peak : ndarray, shape (m,)
-        Largest slip displacement of each contact point over the run, m.
+        Largest slip displacement (norm) of each contact point over the run, m.
     final : tuple of ndarray
         Displacement and velocity at the end.
     counters : Counters
@@ -251,7 +251,7 @@ class Recorder:
         fields = self.n_steps // fields_every + 1 if self.save.fields else 0
         points = self.n_steps // every + 1 if self.save.points else 0
         self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
-        self.sigma = np.zeros((fields, m))
+        self.sigma = np.zeros((fields, self.system.B.shape[0]))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
@@ -291,7 +291,8 @@ class Recorder:
         """Update the peaks."""
         np.maximum(self.peak, np.abs(self.system.P @ u), out=self.peak)
         if self.slip_peak.size:
-            np.maximum(self.slip_peak, np.abs(self.system.B @ u), out=self.slip_peak)
+            slip = self.system.slip_norm(self.system.B @ u)
+            np.maximum(self.slip_peak, slip, out=self.slip_peak)
 
     def add_step(
         self,
@@ -311,7 +312,10 @@ class Recorder:
         self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
         self.dissipated[1] += v_mean @ (system.M @ drift)
         if self.friction_work.size:
-            self.friction_work += 0.5 * system.w * (old[3] + new[3]) * (system.B @ du)
+            work = 0.5 * (old[3] + new[3]) * (system.B @ du)
+            if work.size > system.w.size:
+                work = np.add.reduceat(work, system.first_row[:-1])
+            self.friction_work += system.w * work
         self.observe(new[0])
 
     def saved(self) -> dict[str, NDArray[Any]]:

@@ -185,7 +185,7 @@ class LinearStepper:
             self._factorise(c)
             recorder.factorizations += 1
         solve = self.factors[c]
-        sigma = np.zeros(s.w.size)
+        sigma = np.zeros(s.B.shape[0])
         n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):
             u, v, a, d = self.u, self.v, self.a, self.d
@@ -218,7 +218,7 @@ class LinearStepper:
 
     def normalised_friction(self) -> FloatArray:
         """No friction acts."""
-        return np.zeros(self.system.w.size)
+        return np.zeros(self.system.B.shape[0])
 
     def saved(self) -> dict[str, FloatArray]:
         """State, and the step sizes that were factorised."""

@@ -48,8 +48,9 @@ class System:
     ----------
     M, C, K : ndarray or sparse array, shape (n, n)
         Mass (kg), damping (N s/m) and stiffness (N/m); symmetric, M positive definite.
-    B : ndarray or sparse array, shape (m, n)
-        Slip operator: slip velocity of each contact point from the velocities.
+    B : ndarray or sparse array, shape (rows, n)
+        Slip operator: slip velocity of each contact point from the velocities, one row for each
+        direction of slip; the rows of a point follow each other.
     w : ndarray, shape (m,)
         Friction limit of each contact point, N.
     beta : ndarray, shape (m,)
@@ -59,6 +60,9 @@ class System:
         Displacement of the named points from the unknowns.
     points : tuple of str
         Names of the rows of ``P``.
+    directions : ndarray of int, shape (m,)
+        Directions in which each contact point can slip, 1 or 2; all 1 if not given. The friction
+        force of a point with two is opposite to its slip vector and depends on the norm of it.
     """
 
     M: Matrix
@@ -70,17 +74,22 @@ class System:
     loads: tuple[AppliedLoad, ...] = ()
     P: Matrix = field(default=None)
     points: tuple[str, ...] = ()
+    directions: NDArray[np.int64] = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = self.M.shape[0]
         if self.P is None:
             object.__setattr__(self, "P", sparse.csr_array((0, n)))
         m = self.w.shape[0]
+        if self.directions is None:
+            object.__setattr__(self, "directions", np.ones(m, dtype=np.int64))
+        if self.directions.shape != (m,) or not np.isin(self.directions, (1, 2)).all():
+            raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
         expected = {
             "M": (n, n),
             "C": (n, n),
             "K": (n, n),
-            "B": (m, n),
+            "B": (int(self.directions.sum()), n),
             "P": (len(self.points), n),
         }
         problems = [
@@ -106,6 +115,23 @@ class System:
     def contact_points(self) -> int:
         """Number of contact points that can carry friction."""
         return int(np.count_nonzero(self.w))
+
+    @property
+    def first_row(self) -> NDArray[np.int64]:
+        """Row of ``B`` at which each contact point starts, and the number of rows, (m + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.directions)])
+
+    def on_rows(self, values: FloatArray) -> FloatArray:
+        """Repeat a value of each contact point for each of its rows of ``B``."""
+        return np.repeat(values, self.directions)
+
+    def slip_norm(self, slip: FloatArray) -> FloatArray:
+        """Norm of the slip vector of each contact point, shape (..., m), from (..., rows)."""
+        if slip.shape[-1] == self.w.size:
+            return np.abs(slip)
+        if slip.shape[-1] == 0:
+            return slip
+        return np.asarray(np.sqrt(np.add.reduceat(slip * slip, self.first_row[:-1], axis=-1)))
 
     @property
     def is_dense(self) -> bool:
@@ -144,6 +170,7 @@ class System:
             loads=tuple(replace(load, vector=V.T @ load.vector) for load in self.loads),
             P=np.ascontiguousarray(self.P @ V),
             points=self.points,
+            directions=self.directions,
         )
 
     def with_beta(self, beta: float) -> System:
