@@ -5,6 +5,7 @@ A chain is a tridiagonal system with at most one slip row an unknown, as struts 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +43,11 @@ class Chain(NamedTuple):
         1 / beta, m/s.
     kappa : float
         Scale of the law's parameter, s/m.
+    hold : ndarray
+        Largest force at which a point of the finest chain sticks, N: w under Coulomb, -1 elsewhere.
+    pivot, stretch : ndarray
+        Inverse pivots (m/(N s)) of the finest chain between points that stick, as far as they were
+        needed, and the end of the stretch of slipping points that each belongs to.
     """
 
     start: Any
@@ -52,6 +58,9 @@ class Chain(NamedTuple):
     mixed: int
     inverse_beta: Any
     kappa: float
+    hold: Any
+    pivot: Any
+    stretch: Any
 
 
 class LoadRows(NamedTuple):
@@ -60,6 +69,16 @@ class LoadRows(NamedTuple):
     start: Any
     node: Any
     value: Any
+
+
+def load_rows(vectors: Sequence[FloatArray]) -> LoadRows:
+    """Compressed rows of load vectors."""
+    nodes = [np.flatnonzero(vector) for vector in vectors]
+    return LoadRows(
+        start=np.cumsum([0, *(node.size for node in nodes)]),
+        node=np.concatenate([np.zeros(0, dtype=np.int64), *nodes]),
+        value=np.concatenate([np.zeros(0), *map(np.take, vectors, nodes)]),
+    )
 
 
 def bands(A: Any) -> tuple[FloatArray, FloatArray]:
@@ -97,6 +116,7 @@ def build_chain(H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray)
     H0, H1, w, beta = (np.concatenate([level[i] for level in levels]) for i in range(4))
     kind = np.where(w > 0.0, np.where(np.isinf(beta), COULOMB, ARCTAN), FREE).astype(np.int8)
     regular = kind == ARCTAN
+    n = start[1]
     return Chain(
         start=np.array(start, dtype=np.int64),
         H0=H0,
@@ -106,6 +126,9 @@ def build_chain(H0: FloatArray, H1: FloatArray, w: FloatArray, beta: FloatArray)
         mixed=0 if np.all(regular) else 1 if np.any(regular) else 2,
         inverse_beta=1.0 / np.where(regular, beta, 1.0),
         kappa=float(kappa),
+        hold=np.where(kind[:n] == COULOMB, w[:n], -1.0),
+        pivot=np.zeros(n),
+        stretch=np.full(n, -1),
     )
 
 

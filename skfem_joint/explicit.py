@@ -18,7 +18,7 @@ from scipy.sparse.linalg import eigsh
 from skfem_joint import friction
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
-from skfem_joint.steppers import factorised
+from skfem_joint.steppers_shared import factorised
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +45,7 @@ def state_matrix(system: System, slope: FloatArray | None = None) -> FloatArray:
     M, C, K = _dense(system.M), _dense(system.C), _dense(system.K)
     if slope is not None:
         B = _dense(system.B)
-        C = C + B.T @ ((system.w * slope)[:, np.newaxis] * B)
+        C = C + B.T @ (system.on_rows(system.w * slope)[:, np.newaxis] * B)
     n = system.n
     return np.block([[np.zeros((n, n)), np.eye(n)], [-linalg.solve(M, K), -linalg.solve(M, C)]])
 
@@ -101,7 +101,9 @@ def _largest_step(eigenvalues: NDArray[np.complex128]) -> float:
 def _stable_step_from_bounds(system: System, slope: FloatArray) -> float:
     M = sparse.csc_array(system.M)
     rows = sparse.csr_array(system.B)
-    C = sparse.csc_array(system.C + rows.T @ sparse.diags_array(system.w * slope) @ rows)
+    C = sparse.csc_array(
+        system.C + rows.T @ sparse.diags_array(system.on_rows(system.w * slope)) @ rows
+    )
     options = {"k": 1, "which": "LM", "return_eigenvectors": False, "v0": np.ones(system.n)}
     rate = float(eigsh(C, M=M, **options)[0])
     frequency = float(np.sqrt(eigsh(sparse.csc_array(system.K), M=M, **options)[0]))
@@ -148,6 +150,7 @@ def runge_kutta(
     recorder = Recorder(system, save or Save(), n_steps, step)
     vectors = system.load_vectors()
     solve = factorised(system.M)
+    w, beta, directions = system.on_rows(system.w), system.beta, system.directions
     evaluations = 0
 
     def acceleration(u: FloatArray, v: FloatArray, load: FloatArray) -> FloatArray:
@@ -155,13 +158,13 @@ def runge_kutta(
         right = vectors @ load - system.K @ u - system.C @ v
         if system.contact_points:
             evaluations += 1
-            right -= system.B.T @ (system.w * friction.force(system.B @ v, system.beta))
+            right -= system.B.T @ (w * friction.force_vectors(system.B @ v, beta, directions))
         return np.asarray(solve(right))
 
     u, v = np.zeros(system.n), np.zeros(system.n)
     chunk = 10_000
     begin = time.perf_counter()
-    sigma = friction.force(system.B @ v, system.beta)
+    sigma = friction.force_vectors(system.B @ v, beta, directions)
     recorder.store(0, u, v, sigma)
     a = acceleration(u, v, system.load_amplitudes(np.array([0.0]))[:, 0])
     for first in range(0, n_steps, chunk):
@@ -187,7 +190,7 @@ def runge_kutta(
                     f"grows without bound, the step of {step:.4g} s is unstable"
                 )
             a = acceleration(u, v, f2)
-            sigma = friction.force(system.B @ v, system.beta)
+            sigma = friction.force_vectors(system.B @ v, beta, directions)
             recorder.add_step(step, (f0, f2), old, (u, v, a, sigma), vectors)
             recorder.store(first + k + 1, u, v, sigma)
             if cycle_steps is not None and (first + k + 1) % cycle_steps == 0:

@@ -8,8 +8,8 @@ beta (s/m) of Eq. (2), the normalised friction force is
 
 so that ``w * sigma`` is the force in N for a point of friction limit ``w``. The law is the
 gradient of an even convex potential ``psi``, which makes every implicit step a strictly convex
-minimisation. A slip *vector* follows the same law radially: replace v by its norm and keep the
-direction.
+minimisation. A slip *vector* follows the same law radially (:func:`force_vectors`): the force has
+the direction of the slip and depends on its norm. Its potential is ``psi`` of the norm.
 
 All functions take arrays that broadcast against each other; ``beta`` may differ from point to
 point and may be ``inf``.
@@ -62,6 +62,84 @@ def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
     z = finite * v_array
     arctan_potential = (2.0 / pi) * (v_array * np.arctan(z) - 0.5 * np.log1p(z * z) / finite)
     return np.where(coulomb, np.abs(v_array), arctan_potential)
+
+
+def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
+    """Norms of the slip vectors of points.
+
+    Parameters
+    ----------
+    slip : array_like, shape (..., rows)
+        Slip of each row; the rows of a point follow each other.
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+    """
+    rows = np.asarray(slip, dtype=np.float64)
+    if directions.size == rows.shape[-1]:
+        return np.abs(rows)
+    first = np.cumsum(directions) - directions
+    return np.asarray(np.sqrt(np.add.reduceat(rows * rows, first, axis=-1)))
+
+
+def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
+    """Normalised friction forces sigma(|y|) y / |y| of points with slip vectors y, isotropic.
+
+    Parameters
+    ----------
+    slip : array_like, shape (..., rows)
+        Slip velocity of each row, m/s; the rows of a point follow each other.
+    beta : array_like
+        Scaling constant of each point, s/m, broadcast against (..., m).
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+
+    Returns
+    -------
+    ndarray, shape (..., rows)
+        The norm of a point's force is :func:`force` of the norm of its slip.
+    """
+    rows = np.asarray(slip, dtype=np.float64)
+    if directions.size == rows.shape[-1]:
+        return force(rows, beta)
+    size = norms(rows, directions)
+    ratio = force(size, beta) / np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.repeat(ratio, directions, axis=-1) * rows)
+
+
+def tangent_blocks(slip: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Derivatives of the forces of points with two directions.
+
+    The slope of the law acts along the slip vector and force over norm across it; both are
+    the slope at rest where nothing slips. Regularised points only.
+
+    Parameters
+    ----------
+    slip : array_like, shape (..., 2)
+        Slip velocities, m/s.
+    beta : array_like
+        Finite scaling constants, s/m, broadcast against (...).
+
+    Returns
+    -------
+    ndarray, shape (..., 2, 2)
+        Symmetric and positive definite, s/m.
+    """
+    y = np.asarray(slip, dtype=np.float64)
+    size = np.hypot(y[..., 0], y[..., 1])
+    moves = size > 0.0
+    safe = np.where(moves, size, 1.0)
+    along = slope(size, beta)
+    across = np.where(moves, force(size, beta) / safe, along)
+    t = y / safe[..., np.newaxis]
+    dyad = t[..., :, np.newaxis] * t[..., np.newaxis, :]
+    return np.asarray(
+        across[..., np.newaxis, np.newaxis] * np.eye(2)
+        + (along - across)[..., np.newaxis, np.newaxis] * dyad
+    )
 
 
 def resolvent(s: ArrayLike, kappa: ArrayLike, beta: ArrayLike) -> FloatArray:

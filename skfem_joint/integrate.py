@@ -20,7 +20,8 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.recording import Recorder, Run, Save
 from skfem_joint.resolution import check_resolution
 from skfem_joint.schemes import Scheme, generalized_alpha
-from skfem_joint.steppers import ChainStepper, Stepper, choose
+from skfem_joint.steppers import ChainStepper, choose
+from skfem_joint.steppers_shared import Stepper
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -107,7 +108,7 @@ def integrate(
     stepper = choose(system, scheme, u, v, tolerance, recorder)
     driver = _Driver(system, stepper, recorder, step)
     driver.lay_out(n_steps)
-    start_energy = system.stored_energy(u, v)
+    start_energy = 0.0 if initial is None else system.stored_energy(u, v)
     begin = time.perf_counter()
     at_start = system.load_amplitudes(np.array([0.0]))
     stepper.restart(at_start[:, 0])
@@ -116,7 +117,8 @@ def integrate(
     elapsed = 0.0
     done = 0
     if saved is None:
-        recorder.observe(u)
+        if initial is not None:
+            recorder.observe(u)
         recorder.store(0, u, v, stepper.normalised_friction())
     else:
         arrays, done, elapsed = saved
@@ -157,6 +159,7 @@ def integrate(
         interrupted,
         newton_iterations=int(counts[0]),
         friction_evaluations=int(counts[3]),
+        linear_solves=int(counts[6]),
         largest_iterations=int(counts[4]),
         descents=int(counts[2]),
         **{tiers: int(counts[1])},
@@ -211,10 +214,7 @@ class _Driver:
         while first < end:
             cut = min((k for k in self.cuts if first <= k < end), default=end)
             if cut > first:
-                times = h * np.arange(first, cut + 1, dtype=np.float64)
-                amplitudes = self.system.load_amplitudes(times)
-                amplitudes[:, 0] = self._after(h * first)
-                amplitudes[:, -1] = self._before(h * cut)
+                amplitudes = self._amplitudes(h * np.arange(first, cut + 1, dtype=np.float64))
                 first += self.stepper.advance(h, amplitudes, first, True)
                 if first < cut:
                     self._halves(first, h * first, h * (first + 1), True, 1)
@@ -224,6 +224,15 @@ class _Driver:
             for a, b in pairwise(ends):
                 self._part(first, a, b, b == ends[-1], 0)
             first += 1
+
+    def _amplitudes(self, times: FloatArray) -> FloatArray:
+        """Load amplitudes: at the first and last time the limit from inside where a load jumps."""
+        amplitudes = self.system.load_amplitudes(times)
+        if times[0] in self.jumps:
+            amplitudes[:, 0] = self._after(times[0])
+        if times[-1] in self.jumps:
+            amplitudes[:, -1] = self._before(times[-1])
+        return amplitudes
 
     def _before(self, t: float) -> FloatArray:
         """Load amplitudes at the end of a step: the limit from before where a load jumps."""
@@ -240,7 +249,7 @@ class _Driver:
 
         ``last`` tells whether step ``index`` ends with it, so that rows may be stored.
         """
-        amplitudes = np.stack([self._after(a), self._before(b)], axis=1)
+        amplitudes = self._amplitudes(np.array([a, b]))
         whole = abs((b - a) / self.h - 1.0) < 1e-9
         if self.stepper.advance(self.h if whole else b - a, amplitudes, index, last) == 0:
             self._halves(index, a, b, last, depth + 1)

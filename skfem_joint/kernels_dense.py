@@ -9,20 +9,28 @@ models and is globally convergent for a finite beta.
 
 from __future__ import annotations
 
-from math import pi, sqrt
+from math import hypot, pi, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from skfem_joint.kernels_friction import compiled, forces
 
 ITERATIONS = 200
 SEARCH = 60
+_TWO_OVER_PI = 2.0 / pi
+#: For sums over many points: their order is left to the compiler, for vector instructions.
+sums_in_any_order = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 ROUND_OFF = 16 * np.finfo(np.float64).eps
 
 
 @compiled
 def _cholesky_solve(A, x):
-    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor)."""
+    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor).
+
+    The diagonal takes the reciprocals of the factor's, so that the loops need not divide.
+    """
     n = x.size
     for i in range(n):
         for j in range(i + 1):
@@ -32,47 +40,212 @@ def _cholesky_solve(A, x):
             if i == j:
                 if not t > 0.0:
                     return False
-                A[i, i] = sqrt(t)
+                A[i, i] = 1.0 / sqrt(t)
             else:
-                A[i, j] = t / A[j, j]
+                A[i, j] = t * A[j, j]
     for i in range(n):
         t = x[i]
         for k in range(i):
             t -= A[i, k] * x[k]
-        x[i] = t / A[i, i]
+        x[i] = t * A[i, i]
     for i in range(n - 1, -1, -1):
         t = x[i]
         for k in range(i + 1, n):
             t -= A[k, i] * x[k]
-        x[i] = t / A[i, i]
+        x[i] = t * A[i, i]
     return True
 
 
+class Contact(NamedTuple):
+    """Contact points of a dense system, those with two slip directions first.
+
+    The loops run along the points, so that they become vector instructions: first come the first
+    rows of all points, then the second rows of those that have one.
+
+    Attributes
+    ----------
+    B : ndarray, shape (n, rows)
+        Transposed slip operator.
+    w : ndarray, shape (rows,)
+        Friction limit of each row's point, N.
+    beta : ndarray, shape (m,)
+        Finite scaling constant of each point, s/m.
+    point : ndarray of int64, shape (m,)
+        Number of each point in the system.
+    row : ndarray of int64, shape (rows,)
+        Number of each row in the system.
+    """
+
+    B: Any
+    w: Any
+    beta: Any
+    point: Any
+    row: Any
+
+
+class Room(NamedTuple):
+    """Arrays that a step works in.
+
+    ``size`` and ``ratio``, shape (m,), are the norm of the slip vectors and force over norm. They
+    are only kept where some points have two rows.
+    """
+
+    r: Any
+    A: Any
+    direction: Any
+    d_slip: Any
+    trial: Any
+    weight: Any
+    scaled: Any
+    cross: Any
+    size: Any
+    ratio: Any
+
+
+def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> Contact:
+    """Contact points from the rows of a system, see :class:`skfem_joint.system.System`."""
+    pair = np.diff(first_row) == 2
+    point = np.concatenate([np.flatnonzero(pair), np.flatnonzero(~pair)])
+    row = np.concatenate([first_row[point], first_row[np.flatnonzero(pair)] + 1])
+    limits = np.concatenate([w[point], w[pair]])
+    return Contact(np.ascontiguousarray(B[row].T), limits, beta[point], point, row)
+
+
 @compiled
-def _round_off(H, B, w, beta, q, slip, sigma):
+def make_room(n, rows, m):
+    """Make the arrays for n unknowns, some slip rows and m points."""
+    pairs = rows > m
+    return Room(
+        np.empty(n),
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty(rows),
+        np.empty(rows),
+        np.empty(rows),
+        np.empty(rows),
+        np.empty(rows - m),
+        np.empty(m if pairs else 0),
+        np.empty(m if pairs else 0),
+    )
+
+
+@sums_in_any_order
+def _dot(a, b):
+    t = 0.0
+    for i in range(a.size):
+        t += a[i] * b[i]
+    return t
+
+
+@sums_in_any_order
+def _work(w, sigma, d_slip):
+    """Work of the friction forces on the slip ``d_slip``."""
+    t = 0.0
+    for i in range(w.size):
+        t += w[i] * sigma[i] * d_slip[i]
+    return t
+
+
+@compiled
+def _slip(B, q, slip):
+    """Slip of all rows."""
+    for i in range(slip.size):
+        slip[i] = B[0, i] * q[0]
+    for j in range(1, q.size):
+        t = q[j]
+        row = B[j]
+        for i in range(slip.size):
+            slip[i] += t * row[i]
+
+
+@compiled
+def _evaluate(beta, slip, size, ratio, sigma):
+    """Normalised friction of all rows."""
+    m = beta.size
+    pairs = slip.size - m
+    if pairs == 0:
+        forces(beta, slip, sigma)
+        return
+    for p in range(pairs):
+        size[p] = sqrt(slip[p] * slip[p] + slip[m + p] * slip[m + p])
+    for p in range(pairs, m):
+        size[p] = abs(slip[p])
+    forces(beta, size, ratio)
+    for p in range(m):
+        ratio[p] = ratio[p] / size[p] if size[p] > 0.0 else _TWO_OVER_PI * beta[p]
+        sigma[p] = ratio[p] * slip[p]
+    for p in range(pairs):
+        sigma[m + p] = ratio[p] * slip[m + p]
+
+
+@compiled
+def _add_friction(contact, slip, sigma, room):
+    """Add the friction forces to the residual and their tangent to the lower triangle of A.
+
+    The tangent of a slip vector is the law's slope along it and force over norm across it.
+    """
+    B, w, beta = contact.B, contact.w, contact.beta
+    weight, cross, scaled = room.weight, room.cross, room.scaled
+    size, ratio = room.size, room.ratio
+    m = beta.size
+    pairs = slip.size - m
+    at = size if pairs > 0 else slip
+    for p in range(m):
+        z = beta[p] * at[p]
+        weight[p] = w[p] * (_TWO_OVER_PI * beta[p] / (1.0 + z * z))
+    for p in range(pairs):
+        moves = size[p] > 0.0
+        t = slip[p] / size[p] if moves else 1.0
+        n = slip[m + p] / size[p] if moves else 0.0
+        across = w[p] * ratio[p]
+        more = weight[p] - across
+        weight[p] = across + more * (t * t)
+        weight[m + p] = across + more * (n * n)
+        cross[p] = more * (t * n)
+    for j in range(room.r.size):
+        row, other = B[j], B[j, m:]
+        room.r[j] += _work(w, sigma, row)
+        for p in range(pairs):
+            scaled[p] = weight[p] * row[p] + cross[p] * other[p]
+        for p in range(pairs):
+            scaled[m + p] = weight[m + p] * other[p] + cross[p] * row[p]
+        for p in range(pairs, m):
+            scaled[p] = weight[p] * row[p]
+        for k in range(j + 1):
+            room.A[j, k] += _dot(scaled, B[k])
+
+
+@compiled
+def _round_off(H, contact, q, slip, sigma, room):
     """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
+    B, w, beta = contact.B, contact.w, contact.beta
     n = q.size
+    m = beta.size
+    pairs = slip.size - m
     largest = 0.0
     for j in range(n):
         total = 0.0
         for k in range(n):
             total += abs(H[j, k] * q[k])
         for i in range(slip.size):
-            size = 0.0
+            magnitude = 0.0
             for k in range(n):
-                size += abs(B[i, k] * q[k])
-            z = beta[i] * slip[i]
-            slope = 2.0 / pi * beta[i] / (1.0 + z * z)
-            total += abs(B[i, j]) * w[i] * (abs(sigma[i]) + slope * size)
+                magnitude += abs(B[k, i] * q[k])
+            if pairs > 0:
+                slope = room.ratio[i if i < m else i - m]  # the larger of the two
+            else:
+                z = beta[i] * slip[i]
+                slope = _TWO_OVER_PI * beta[i] / (1.0 + z * z)
+            total += abs(B[j, i]) * w[i] * (abs(sigma[i]) + slope * magnitude)
         largest = max(largest, total)
     return ROUND_OFF * largest
 
 
 @compiled
-def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
+def solve_step(H, contact, g, q, slip, sigma, tolerance, room):
     """Minimise the step's objective from the start in ``q``.
 
-    ``room`` is a tuple of arrays of shape (n,), (n, n), (m,) and (m,).
+    ``slip`` and ``sigma`` have one entry for each row of the contact.
 
     Returns
     -------
@@ -80,8 +253,8 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
         The solution is in ``q``, its slip velocities in ``slip`` and forces in ``sigma``.
     """
     n = q.size
-    m = slip.size
-    r, A, d_slip, trial = room
+    B, w, beta = contact.B, contact.w, contact.beta
+    r, A, direction, d_slip, trial = room.r, room.A, room.direction, room.d_slip, room.trial
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(g[i]))
@@ -96,29 +269,17 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
                 A[i, j] = H[i, j]
             r[i] = t
         if not known:
-            for i in range(m):
-                t = 0.0
-                for j in range(n):
-                    t += B[i, j] * q[j]
-                slip[i] = t
-            forces(beta, slip, sigma)
+            _slip(B, q, slip)
+            _evaluate(beta, slip, room.size, room.ratio, sigma)
             evaluations += 1
-        for i in range(m):
-            force = w[i] * sigma[i]
-            z = beta[i] * slip[i]
-            weight = w[i] * 2.0 / pi * beta[i] / (1.0 + z * z)
-            for j in range(n):
-                r[j] += B[i, j] * force
-                t = weight * B[i, j]
-                for k in range(j + 1):
-                    A[j, k] += t * B[i, k]
+        _add_friction(contact, slip, sigma, room)
         largest = 0.0
         for i in range(n):
             if r[i] != r[i]:
                 return iteration, evaluations, False, r[i]
             largest = max(largest, abs(r[i]))
         if largest <= tolerance * scale or (
-            largest <= 1e-6 * scale and largest <= _round_off(H, B, w, beta, q, slip, sigma)
+            largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, room)
         ):
             return iteration, evaluations, True, largest
         if iteration == ITERATIONS or not _cholesky_solve(A, r):
@@ -132,13 +293,9 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
                 t += H[i, j] * r[j]
             linear -= t * q[i] - g[i] * r[i]
             quadratic += t * r[i]
-        slope_0 = linear
-        for i in range(m):
-            t = 0.0
-            for j in range(n):
-                t -= B[i, j] * r[j]
-            d_slip[i] = t
-            slope_0 += w[i] * sigma[i] * t
+            direction[i] = -r[i]
+        _slip(B, direction, d_slip)
+        slope_0 = linear + _work(w, sigma, d_slip)
         low, slope_low = 0.0, slope_0
         high, slope_high = 0.0, 0.0
         length = 1.0
@@ -146,13 +303,11 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
         for _ in range(SEARCH):
             if not slope_0 < 0.0:
                 break  # no descent left but round-off: the full step
-            for i in range(m):
+            for i in range(slip.size):
                 trial[i] = slip[i] + length * d_slip[i]
-            forces(beta, trial, sigma)
+            _evaluate(beta, trial, room.size, room.ratio, sigma)
             evaluations += 1
-            slope = linear + length * quadratic
-            for i in range(m):
-                slope += w[i] * sigma[i] * d_slip[i]
+            slope = linear + length * quadratic + _work(w, sigma, d_slip)
             # Accept a step short of the minimum along the line, or one just past it.
             short = slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0)
             if short or (length == 1.0 and 0.0 < slope <= -0.05 * slope_0):
@@ -167,7 +322,7 @@ def solve_step(H, B, w, beta, g, q, slip, sigma, tolerance, room):
         for i in range(n):
             q[i] -= length * r[i]
         if known:
-            for i in range(m):
+            for i in range(slip.size):
                 slip[i] = trial[i]
     return ITERATIONS, evaluations, False, largest
 
@@ -183,9 +338,7 @@ def march(
     C,
     K,
     H,
-    B,
-    w,
-    beta,
+    contact,
     tolerance,
     load_vectors,
     amplitude,
@@ -203,18 +356,15 @@ def march(
     h, c_M, c_K, u_v, u_a, y_a, y_d, a_v, a_a, d_a, d_a0, d_d0, trapezoidal = coefficients
     counters = sums.counters
     n = M.shape[0]
-    m = w.size
+    B, w, beta, point, row = contact
+    m = beta.size
+    n_rows = w.size
     u, v, a, d, v_old = state[0], state[1], state[2], state[3], state[4]
-    slip = np.empty(m)
-    sigma = np.empty(m)
-    for i in range(m):
-        t = 0.0
-        for j in range(n):
-            t += B[i, j] * v[j]
-        slip[i] = t
-    forces(beta, slip, sigma)
+    room = make_room(n, n_rows, m)
+    slip, sigma, position = np.empty(n_rows), np.empty(n_rows), np.empty(n_rows)
+    _slip(B, v, slip)
+    _evaluate(beta, slip, room.size, room.ratio, sigma)
     sigma_old = sigma.copy()
-    room = (np.empty(n), np.empty((n, n)), np.empty(m), np.empty(m))
     q = np.empty(n)
     g = np.empty(n)
     y = np.empty(n)
@@ -238,7 +388,7 @@ def march(
             g[i] = t
             q[i] = 2.0 * v[i] - v_old[i]
         iterations, evaluations, converged, largest = solve_step(
-            H, B, w, beta, g, q, slip, sigma, tolerance, room
+            H, contact, g, q, slip, sigma, tolerance, room
         )
         counters[0] += iterations
         counters[1] += evaluations - iterations - 1
@@ -281,15 +431,15 @@ def march(
             for i in range(n):
                 t += load_vectors[i, k] * change[i]
             sums.input_work[k] += 0.5 * (amplitude[k, step] + amplitude[k, step + 1]) * t
-        for i in range(m):
-            t = 0.0
-            position = 0.0
-            for j in range(n):
-                t += B[i, j] * change[j]
-                position += B[i, j] * u[j]
-            sums.friction_work[i] += 0.5 * w[i] * (sigma_old[i] + sigma[i]) * t
-            sums.slip_peak[i] = max(sums.slip_peak[i], abs(position))
+        _slip(B, change, room.d_slip)
+        _slip(B, u, position)
+        for i in range(n_rows):
+            p = point[i if i < m else i - m]
+            sums.friction_work[p] += 0.5 * w[i] * (sigma_old[i] + sigma[i]) * room.d_slip[i]
             sigma_old[i] = sigma[i]
+        for p in range(m):
+            size = abs(position[p]) if p >= n_rows - m else hypot(position[p], position[m + p])
+            sums.slip_peak[point[p]] = max(sums.slip_peak[point[p]], size)
         store = stored.point_u.shape[0] > 0 and (first_step + step + 1) % every == 0
         for k in range(P.shape[0]):
             t = 0.0
@@ -307,7 +457,9 @@ def march(
             for i in range(n):
                 stored.u[field_rows, i] = u[i]
                 stored.v[field_rows, i] = v[i]
-            for i in range(m):
-                stored.sigma[field_rows, i] = sigma[i]
+            for i in range(n_rows):
+                stored.sigma[field_rows, row[i]] = sigma[i]
+            for p in range(m):
+                stored.work[field_rows, p] = sums.friction_work[p]
             field_rows += 1
     return n_steps, rows, field_rows, largest, 0

@@ -26,7 +26,7 @@ from skfem_joint.system import System
 FloatArray = NDArray[np.float64]
 
 # What a recorder holds, by kind: rows of fields, rows of named points, sums and numbers.
-_FIELDS = ("u", "v", "sigma")
+_FIELDS = ("u", "v", "sigma", "work")
 _POINTS = ("point_u", "point_v")
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak", "counters")
 _NUMBERS = ("rows", "field_rows", "factorizations", "halved_steps")
@@ -81,6 +81,8 @@ class Counters:
         Evaluations beyond the full Newton step in the dense solver.
     friction_evaluations : int
         Evaluations of the friction law on all contact points.
+    linear_solves : int
+        Solves with the factor of a large sparse step matrix.
     factorizations : int
         Step matrices prepared (one for each step size).
     halved_steps : int
@@ -94,6 +96,7 @@ class Counters:
     descents: int = 0
     line_searches: int = 0
     friction_evaluations: int = 0
+    linear_solves: int = 0
     factorizations: int = 0
     halved_steps: int = 0
 
@@ -131,6 +134,8 @@ class Run:
         Unknowns and their rates.
     sigma : ndarray, shape (frames, rows of B)
         Normalised friction force of the contact points.
+    friction_work_rows : ndarray, shape (frames, m)
+        Dissipation of each contact point up to the frame, J.
     input_work : ndarray, shape (loads,)
         Work of each load over the run, J.
     viscous_work, scheme_work : float
@@ -164,6 +169,7 @@ class Run:
     u: FloatArray
     v: FloatArray
     sigma: FloatArray
+    friction_work_rows: FloatArray
     input_work: FloatArray
     viscous_work: float
     scheme_work: float
@@ -208,7 +214,8 @@ class Sums(NamedTuple):
         Largest displacement of the named points and of the contact points, m.
     counters : ndarray of int64
         Iterations, nested solves, descents, evaluations of the law on all points, largest
-        iterations of a step, steps left in which to start nested.
+        iterations of a step, steps left in which not to start from the steps before, solves with
+        a kept factor.
     """
 
     input_work: Any
@@ -220,11 +227,15 @@ class Sums(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Where rows are stored: fields, and displacement and velocity of the named points."""
+    """Where rows are stored: fields, and displacement and velocity of the named points.
+
+    ``work`` is the friction work of each contact point up to the row, J.
+    """
 
     u: Any
     v: Any
     sigma: Any
+    work: Any
     point_u: Any
     point_v: Any
 
@@ -240,7 +251,7 @@ class Recorder:
     rows: int = 0
     field_rows: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
-    counters: NDArray[np.int64] = field(default_factory=lambda: np.zeros(6, dtype=np.int64))
+    counters: NDArray[np.int64] = field(default_factory=lambda: np.zeros(7, dtype=np.int64))
     factorizations: int = 0
     halved_steps: int = 0
     boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
@@ -252,6 +263,7 @@ class Recorder:
         points = self.n_steps // every + 1 if self.save.points else 0
         self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
         self.sigma = np.zeros((fields, self.system.B.shape[0]))
+        self.work = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
@@ -273,7 +285,8 @@ class Recorder:
     def free_rows(self) -> Rows:
         """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
-        return Rows(self.u[f:], self.v[f:], self.sigma[f:], self.point_u[k:], self.point_v[k:])
+        fields = self.u[f:], self.v[f:], self.sigma[f:], self.work[f:]
+        return Rows(*fields, self.point_u[k:], self.point_v[k:])
 
     def store(self, step: int, u: FloatArray, v: FloatArray, sigma: FloatArray) -> None:
         """Store what is due after ``step`` steps."""
@@ -285,6 +298,7 @@ class Recorder:
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
             self.u[k], self.v[k], self.sigma[k] = u, v, sigma
+            self.work[k] = self.friction_work
             self.field_rows += 1
 
     def observe(self, u: FloatArray) -> None:
@@ -301,16 +315,21 @@ class Recorder:
         old: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         new: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         vectors: FloatArray,
+        trapezoidal: bool = False,
     ) -> None:
-        """Add the works of one step; ``old`` and ``new`` are (u, v, acceleration, sigma)."""
+        """Add the works of one step; ``old`` and ``new`` are (u, v, acceleration, sigma).
+
+        A ``trapezoidal`` scheme dissipates nothing by itself.
+        """
         system = self.system
         du = new[0] - old[0]
         v_mean, a_mean = 0.5 * (old[1] + new[1]), 0.5 * (old[2] + new[2])
         self.input_work += 0.5 * (amplitudes[0] + amplitudes[1]) * (vectors.T @ du)
         self.dissipated[0] += v_mean @ (system.C @ du)
-        drift = h * a_mean - (new[1] - old[1])
-        self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
-        self.dissipated[1] += v_mean @ (system.M @ drift)
+        if not trapezoidal:
+            drift = h * a_mean - (new[1] - old[1])
+            self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
+            self.dissipated[1] += v_mean @ (system.M @ drift)
         if self.friction_work.size:
             work = 0.5 * (old[3] + new[3]) * (system.B @ du)
             if work.size > system.w.size:
@@ -390,6 +409,7 @@ class Recorder:
             u=self.u[:f],
             v=self.v[:f],
             sigma=self.sigma[:f],
+            friction_work_rows=self.work[:f],
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),

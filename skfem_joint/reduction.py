@@ -320,7 +320,7 @@ def structure_basis(
             if np.any(load.vector[linear])
         ]
         if interface_modes > 0:
-            extra.extend(_fixed_interface_modes(system, linear, interface_modes)[1].T)
+            extra.extend(fixed_interface_modes(system, linear, interface_modes)[1].T)
         if extra:
             block = np.zeros((n, len(extra)))
             block[linear] = np.stack(extra, axis=1)
@@ -328,7 +328,7 @@ def structure_basis(
     return orthonormal(V, system.M)
 
 
-def _fixed_interface_modes(
+def fixed_interface_modes(
     system: System, linear: NDArray[np.intp], count: int
 ) -> tuple[FloatArray, FloatArray]:
     """Frequencies (Hz) and modes of the linear regions with the joints held."""
@@ -352,7 +352,7 @@ def interface_modes_needed(
     if linear.size == 0:
         return 0
     most = min(linear.size, 40)
-    frequencies, _ = _fixed_interface_modes(system, linear, most)
+    frequencies, _ = fixed_interface_modes(system, linear, most)
     if highest_frequency is None:
         return min(4, most)
     return min(max(2, int(np.count_nonzero(frequencies <= factor * highest_frequency))), most)

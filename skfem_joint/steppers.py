@@ -1,25 +1,26 @@
 """Steppers: each advances one system by equal implicit steps and picks what its structure allows.
 
-A stepper holds the state and does ``advance(t, h, n, ...) -> steps done``. Three exist: linear
-systems (no friction is loaded or evaluated), tridiagonal systems, and dense ones.
+Four exist: for linear systems (no friction is loaded or evaluated), for tridiagonal ones, for dense
+ones, and in :mod:`skfem_joint.steppers_contact` for other sparse ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
+from scipy import sparse
 
 from skfem_joint import friction
-from skfem_joint.chain import Chain, LoadRows, bands, build_chain
+from skfem_joint.chain import Chain, bands, build_chain, load_rows
 from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
-from skfem_joint.schemes import Coefficients, Scheme, backward_euler
+from skfem_joint.schemes import Coefficients, Scheme
+from skfem_joint.steppers_contact import ContactStepper
+from skfem_joint.steppers_shared import Failure, Start, Stepper, coefficients_of, factorised
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -30,42 +31,6 @@ NEVER = 2**62
 
 def _strides(recorder: Recorder, store: bool) -> tuple[int, int]:
     return recorder.save.strides if store else (NEVER, NEVER)
-
-
-@dataclass
-class Failure:
-    """Why the last step did not converge."""
-
-    residual: float = 0.0
-    unknown: int = 0
-
-
-class Stepper(Protocol):
-    """What the driver needs of a stepper."""
-
-    failure: Failure
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged.
-
-        ``first_step`` is the index of the first one in the run; ``store`` tells whether rows may
-        be stored (not inside a step that is done in parts).
-        """
-
-    def restart(self, amplitudes: FloatArray) -> None:
-        """Make the acceleration consistent with the loads now (start, or after a jump)."""
-
-    def state(self) -> tuple[FloatArray, FloatArray]:
-        """Displacement and velocity now."""
-
-    def normalised_friction(self) -> FloatArray:
-        """Friction force over its limit at the contact points now, shape (m,)."""
-
-    def saved(self) -> dict[str, FloatArray]:
-        """State between two calls of :meth:`advance`, for a checkpoint."""
-
-    def restore(self, saved: Mapping[str, FloatArray]) -> None:
-        """Take up what :meth:`saved` gave, whatever was done before."""
 
 
 def choose(
@@ -81,70 +46,46 @@ def choose(
     Raises
     ------
     InputError
-        If no stepper fits: a dense system with set-valued Coulomb friction, or a sparse system
-        with friction that is neither tridiagonal with one unknown a slip row nor small.
+        If no stepper fits: a dense system with set-valued Coulomb friction, or a large sparse
+        system whose slip rows do not each pick an unknown of their own.
     """
     arguments = (system, scheme, u, v, tolerance, recorder)
     if system.contact_points == 0:
         return LinearStepper(*arguments)
     if not system.is_dense and _is_chain(system):
         return ChainStepper(*arguments)
+    if not system.is_dense and picks_unknowns(system.B, distinct=True):
+        return ContactStepper(*arguments)
     if system.is_dense or system.n <= 500:
         return DenseStepper(*arguments)
     raise InputError(
-        f"a sparse system of {system.n} unknowns with friction must be tridiagonal with one "
-        "unknown in each slip row; reduce it first, or use a strut mesh"
+        f"a sparse system of {system.n} unknowns must have one unknown of its own in each slip "
+        "row; take slips as unknowns, or reduce it first"
     )
 
 
 def _is_chain(system: System) -> bool:
     for A in (system.M, system.C, system.K):
-        rows = sparse.csr_array(A)
+        rows = _csr(A)
         row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
-        if np.any(np.abs(row - rows.indices)[rows.data != 0.0] > 1):
+        beyond = np.abs(row - rows.indices) > 1
+        if beyond.any() and rows.data[beyond].any():
             return False
-    return _picks_unknowns(system.P) and _picks_unknowns(system.B, distinct=True)
+    return picks_unknowns(system.P) and picks_unknowns(system.B, distinct=True)
 
 
-def _picks_unknowns(A: Any, distinct: bool = False) -> bool:
+def picks_unknowns(A: Any, distinct: bool = False) -> bool:
     """Whether each row holds a single 1, in columns of its own if ``distinct``."""
-    rows = sparse.csr_array(A)
-    single = bool(np.all(np.diff(rows.indptr) == 1) and np.all(rows.data == 1.0))
-    return single and (not distinct or np.unique(rows.indices).size == rows.indices.size)
+    rows = _csr(A)
+    single = bool((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all())
+    if not distinct or not single or rows.indices.size == 0:
+        return single
+    return bool(np.bincount(rows.indices).max() == 1)
 
 
-#: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
-FOLLOWED = 0.3
-
-
-@dataclass
-class _Start:
-    """What all steppers share: how the first step after a jump of the acceleration is done.
-
-    Schemes that dissipate overshoot there, the more the longer the step is beside the periods that
-    the jump sets off: they carry on the acceleration of the start. One implicit Euler step does
-    not use it, and one step of first order leaves the run of second order (Rannacher, Numer.
-    Math. 43, 1984). The trapezoidal rule needs no such help, and would lose its energy.
-    """
-
-    scheme: Scheme
-    frequency: float = 0.0
-
-    def after_jump(self, system: System, acceleration: FloatArray) -> None:
-        """Note the frequency (rad/s) of the vibration that an acceleration from rest sets off."""
-        stiffness = float(acceleration @ (system.K @ acceleration))
-        mass = float(acceleration @ (system.M @ acceleration))
-        self.frequency = float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
-
-    def coefficients(self, h: float) -> Coefficients:
-        """Coefficients of the next step of ``h`` seconds."""
-        c = self.scheme.coefficients(h)
-        return backward_euler(h) if self.frequency * h > FOLLOWED and not c.trapezoidal else c
-
-    def done(self, steps: int) -> None:
-        """Go on with the scheme once a step has been done."""
-        if steps > 0:
-            self.frequency = 0.0
+def _csr(A: Any) -> Any:
+    """Compressed rows; making them anew of what has them already takes longer than most steps."""
+    return A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
 
 
 @dataclass
@@ -162,7 +103,7 @@ class LinearStepper:
     def __post_init__(self) -> None:
         self.a = np.zeros_like(self.u)
         self.d = np.zeros_like(self.u)
-        self.start = _Start(self.scheme)
+        self.start = Start(self.scheme)
         self.vectors = self.system.load_vectors()
         self.factors: dict[Coefficients, Any] = {}
 
@@ -233,21 +174,7 @@ class LinearStepper:
         self.u, self.v, self.a, self.d = saved["state"]
         self.start.frequency = float(saved["start"])
         for row in saved["steps"].tolist():
-            self._factorise(_coefficients(row))
-
-
-def factorised(A: Any) -> Any:
-    """Solver of A x = b for a symmetric positive definite A, factorised once."""
-    if isinstance(A, np.ndarray):
-        try:
-            factor = linalg.cho_factor(A)
-        except linalg.LinAlgError as error:
-            raise InputError(
-                "the mass or step matrix is not positive definite: modes that depend on each "
-                "other? Use skfem_joint.pod.orthonormal, which drops them"
-            ) from error
-        return lambda right: linalg.cho_solve(factor, right)
-    return splu(sparse.csc_array(A)).solve
+            self._factorise(coefficients_of(row))
 
 
 @dataclass
@@ -262,7 +189,7 @@ class _CompiledStepper:
     recorder: Recorder
     failure: Failure = field(default_factory=Failure)
     rows: FloatArray = field(init=False)
-    start: _Start = field(init=False)
+    start: Start = field(init=False)
 
     def _note(self, done: int, rows: int, fields: int, residual: float, unknown: int) -> int:
         """Note what a compiled loop returned; give the steps that it did."""
@@ -293,23 +220,17 @@ class ChainStepper(_CompiledStepper):
     def __post_init__(self) -> None:
         s = self.system
         n = s.n
-        self.start = _Start(self.scheme)
-        self.contact = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
+        self.start = Start(self.scheme)
+        self.contact = np.asarray(_csr(s.B).indices, dtype=np.int64)
         self.w = np.zeros(n)
         self.w[self.contact] = s.w
         self.beta = np.full(n, np.inf)
         self.beta[self.contact] = s.beta
         self.bands = (*bands(s.M), *bands(s.C), *bands(s.K))
-        vectors = sparse.csr_array(s.load_vectors().T)
-        self.loads = LoadRows(
-            np.asarray(vectors.indptr, dtype=np.int64),
-            np.asarray(vectors.indices, dtype=np.int64),
-            np.asarray(vectors.data, dtype=float),
-        )
-        self.point_node = np.asarray(sparse.csr_array(s.P).indices, dtype=np.int64)
+        self.loads = load_rows([load.vector for load in s.loads])
+        self.point_node = np.asarray(_csr(s.P).indices, dtype=np.int64)
         self.rows = np.zeros((7, n))
         self.rows[0], self.rows[1] = self.u, self.v
-        self.rows[6] = np.where(self.w > 0.0, friction.force(self.v, self.beta), 0.0)
         self.chains: dict[Coefficients, Chain] = {}
         self.current: Coefficients | None = None
 
@@ -406,12 +327,8 @@ class ChainStepper(_CompiledStepper):
         """Take up a saved state."""
         super().restore(saved)
         for row in saved["steps"].tolist():
-            self._build(_coefficients(row))
-        self.current = next((_coefficients(row) for row in saved["current"].tolist()), None)
-
-
-def _coefficients(row: list[float]) -> Coefficients:
-    return Coefficients._make([*row[:-1], bool(row[-1])])
+            self._build(coefficients_of(row))
+        self.current = next((coefficients_of(row) for row in saved["current"].tolist()), None)
 
 
 def _dense(A: Any) -> FloatArray:
@@ -434,7 +351,7 @@ class DenseStepper(_CompiledStepper):
         self.matrices = (_dense(s.M), _dense(s.C), _dense(s.K))
         self.B, self.P = _dense(s.B), _dense(s.P)
         self.vectors = np.ascontiguousarray(s.load_vectors())
-        self.start = _Start(self.scheme)
+        self.start = Start(self.scheme)
         self.rows = np.zeros((5, s.n))
         self.rows[0], self.rows[1] = self.u, self.v
 
@@ -443,7 +360,7 @@ class DenseStepper(_CompiledStepper):
         u, v = self.rows[0], self.rows[1]
         s = self.system
         right = self.vectors @ amplitudes - s.C @ v - s.K @ u
-        right -= self.B.T @ (s.w * self.normalised_friction())
+        right -= self.B.T @ (s.on_rows(s.w) * self.normalised_friction())
         self.rows[2] = self.rows[3] = factorised(self.matrices[0])(right)
         self.rows[4] = v
         self.start.after_jump(s, self.rows[3])
@@ -466,9 +383,7 @@ class DenseStepper(_CompiledStepper):
             C,
             K,
             c.c_M * M + C + c.c_K * K,
-            self.B,
-            s.w,
-            self.beta,
+            kernels.contact_of(self.B, s.first_row, s.w, self.beta),
             self.tolerance,
             self.vectors,
             amplitudes,
@@ -481,4 +396,5 @@ class DenseStepper(_CompiledStepper):
 
     def normalised_friction(self) -> FloatArray:
         """Friction force over its limit at the contact points."""
-        return friction.force(self.B @ self.rows[1], self.system.beta)
+        s = self.system
+        return friction.force_vectors(self.B @ self.rows[1], s.beta, s.directions)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.errors import InputError
+from skfem_joint.friction import norms
 from skfem_joint.loads import Load
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +75,7 @@ class System:
     loads: tuple[AppliedLoad, ...] = ()
     P: Matrix = field(default=None)
     points: tuple[str, ...] = ()
-    directions: NDArray[np.int64] = field(default=None)  # type: ignore[assignment]
+    directions: Any = field(default=None)
 
     def __post_init__(self) -> None:
         n = self.M.shape[0]
@@ -127,11 +128,7 @@ class System:
 
     def slip_norm(self, slip: FloatArray) -> FloatArray:
         """Norm of the slip vector of each contact point, shape (..., m), from (..., rows)."""
-        if slip.shape[-1] == self.w.size:
-            return np.abs(slip)
-        if slip.shape[-1] == 0:
-            return slip
-        return np.asarray(np.sqrt(np.add.reduceat(slip * slip, self.first_row[:-1], axis=-1)))
+        return norms(slip, self.directions)
 
     @property
     def is_dense(self) -> bool:

@@ -29,6 +29,7 @@ from skfem_joint.steppers import (
     Stepper,
     choose,
 )
+from skfem_joint.steppers_contact import ContactStepper
 from skfem_joint.system import System
 
 
@@ -49,9 +50,10 @@ def test_each_structure_gets_its_stepper() -> None:
     # A slip row that joins two unknowns, or a matrix with more bands, is no chain.
     pair = sparse.csr_array(np.eye(10) - np.eye(10, k=1))
     assert isinstance(stepper_of(replace(system, B=pair)), DenseStepper)
+    # One unknown for each slip row, but more bands: the contact stepper.
     band = sparse.csr_array(system.M + 1e-3 * sparse.eye_array(10, k=2) @ system.M)
     band = sparse.csr_array(0.5 * (band + band.T))
-    assert isinstance(stepper_of(replace(system, M=band)), DenseStepper)
+    assert isinstance(stepper_of(replace(system, M=band)), ContactStepper)
 
 
 def test_observed_points_that_are_means_are_observed_right() -> None:
@@ -199,13 +201,104 @@ def test_coarse_problems_are_galerkin_projections_of_the_fine_one(n: int) -> Non
     assert chain.kappa > 0.0
 
 
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-def test_large_chains_converge_by_nested_solves(beta: float) -> None:
-    system = LapJoint(elements=20_000, beta=beta).system
+def test_large_chains_converge_by_nested_solves() -> None:
+    system = LapJoint(elements=20_000, beta=1e5).system
     run = integrate(system, step=1e-5, n_steps=12)
     assert run.counters.newton_iterations <= 60 * run.counters.steps
     assert run.counters.nested_solves > 0
     assert run.energy_residual < 1e-10
+
+
+def passes(H0: Any, H1: Any, w: Any, g: Any, middle: int) -> tuple[int, bool, Any, Any, Any]:
+    """Solution by passes alone: number, converged, v, sigma and s."""
+    n = g.size
+    chain = build_chain(H0, H1, w, np.full(n, np.inf))
+    s, v, sigma, slip, r = np.zeros((5, n))
+    count, converged, _ = kernels._passes(
+        chain.H0[:n], chain.H1[:n], chain.w[:n], chain.hold, chain.pivot, chain.stretch,
+        chain.kappa, g, s, v, sigma, slip, r, middle, 1e-12,
+    )  # fmt: skip
+    return int(count), bool(converged), v, sigma, s - chain.kappa * v
+
+
+def pulled(n: int, ends: str, seed: int) -> tuple[Any, ...]:
+    """Step problem of a chain pulled at its ends beyond what its first points hold."""
+    H0, H1, w, _, g = problem(n, np.inf, seed, stiffness=1e3)
+    w = np.maximum(w, 0.5)
+    g = 0.1 * g * w
+    if "left" in ends:
+        g[0] -= 0.3 * w.sum()
+    if "right" in ends:
+        g[-1] += 0.3 * w.sum()
+    return H0, H1, w, g
+
+
+@pytest.mark.parametrize("ends", ["left", "right", "left and right"])
+@pytest.mark.parametrize("n", [1, 2, 3, 40, 131, 1000])
+def test_a_few_passes_find_slip_that_spreads_from_the_ends(n: int, ends: str) -> None:
+    for seed in range(20):
+        H0, H1, w, g = pulled(n, ends, seed)
+        count, converged, v, sigma, inside = passes(H0, H1, w, g, n // 2)
+        assert converged
+        assert count <= 6
+        residual = tridiagonal(H0, H1) @ v + w * sigma - g
+        assert np.abs(residual).max() <= 1e-11 * np.abs(g).max()
+        assert np.all(np.abs(sigma) <= 1.0)
+        np.testing.assert_array_equal(sigma[v != 0.0], np.sign(v[v != 0.0]))
+        np.testing.assert_allclose(inside, sigma, rtol=0.0, atol=1e-12 * (1 + np.abs(v).max()))
+        if n > 3:
+            assert 0 < np.count_nonzero(v) < n
+
+
+def test_passes_agree_wherever_they_meet() -> None:
+    # They need not converge on every problem, but what they call converged is the only solution.
+    found = 0
+    for seed in range(40):
+        H0, H1, w, _, g = problem(60, np.inf, seed)
+        _, expected, _ = solve("newton", H0, H1, w, np.full(60, np.inf), g)
+        for middle in (0, 20, 59):
+            _, converged, v, sigma, _ = passes(H0, H1, w, g, middle)
+            found += converged
+            if converged:
+                atol = 1e-10 * np.abs(expected).max()
+                np.testing.assert_allclose(v, expected, rtol=0.0, atol=atol)
+                residual = tridiagonal(H0, H1) @ v + w * sigma - g
+                assert np.abs(residual).max() <= 1e-11 * np.abs(g).max()
+    assert found >= 20
+
+
+@pytest.mark.parametrize(("per_period", "most"), [(25, 2.5), (50, 2.0), (100, 1.5), (1000, 1.5)])
+def test_steps_under_coulomb_friction_take_a_pass_or_two(per_period: int, most: float) -> None:
+    run = integrate(LapJoint(beta=np.inf).system, step=1e-3 / per_period, n_steps=3 * per_period)
+    assert run.counters.newton_iterations <= most * run.counters.steps
+    assert run.counters.nested_solves == run.counters.descents == 0
+
+
+def test_a_regularised_start_has_the_velocity_of_slip_and_the_force_of_stick() -> None:
+    v = np.array([2.0, -1e-3, 0.0, 0.0, 0.0])
+    sigma = np.array([1.0, -1.0, 0.5, -0.9, 0.0])
+    kind = np.array([friction.ARCTAN] * 5, dtype=np.int8)
+    s = np.zeros(5)
+    kernels._regularise(kind, v, sigma, 3.0, np.full(5, 1e-5), s)
+    found = np.array([friction.graph_point(x, 3.0, 1e5)[:2] for x in s])
+    np.testing.assert_allclose(found[:2, 0], v[:2], rtol=1e-10)
+    np.testing.assert_allclose(found[2:, 1], sigma[2:], rtol=1e-10, atol=1e-15)
+
+
+@pytest.mark.parametrize("beta", [1e5, 1e7, 1e9])
+def test_coarse_steps_of_steep_laws_start_from_coulombs_solution(beta: float) -> None:
+    # Without it such steps take 22 iterations and most of them nested ones.
+    run = integrate(LapJoint(beta=beta).system, step=4e-5, n_steps=75)
+    assert run.counters.newton_iterations <= 12 * run.counters.steps
+    assert run.counters.nested_solves <= 5
+    assert run.energy_residual < 1e-10
+
+
+def test_passes_do_not_grow_with_the_chain() -> None:
+    run = integrate(LapJoint(elements=20_000, beta=np.inf).system, step=1e-5, n_steps=12)
+    assert run.counters.newton_iterations <= 2 * run.counters.steps
+    assert run.counters.nested_solves == 0
+    assert run.energy_residual < 1e-9
 
 
 @pytest.mark.parametrize("beta", [1e5, np.inf])
@@ -412,9 +505,10 @@ def test_one_entry_that_is_not_a_number_is_seen_wherever_it_is(row: int) -> None
     for method in ("newton", "nested", "descend"):
         assert not solve(method, H0, H1, w, beta, g)[0]
     q, slip, sigma = np.zeros(10), np.zeros(10), np.zeros(10)
-    room = (np.empty(10), np.empty((10, 10)), np.empty(10), np.empty(10))
+    contact = kernels_dense.contact_of(np.eye(10), np.arange(11), w, beta)
+    room = kernels_dense.make_room(10, 10, 10)
     converged = kernels_dense.solve_step(
-        tridiagonal(H0, H1), np.eye(10), w, beta, g, q, slip, sigma, 1e-12, room
+        tridiagonal(H0, H1), contact, g, q, slip, sigma, 1e-12, room
     )[2]
     assert not converged
 

@@ -55,6 +55,7 @@ def without_friction(system: System, damped: bool) -> System:
         B=system.B[:0],
         w=none,
         beta=none,
+        directions=none.astype(np.int64),
         C=system.C if damped else 0.0 * system.C,
         loads=tuple(replace(load, amplitude=step_load) for load in system.loads),
     )
