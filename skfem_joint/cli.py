@@ -9,10 +9,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from skfem_joint import __version__
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.study import Progress
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import PlateScene
 
 INTERRUPTED = 130
 
@@ -132,25 +136,46 @@ def _parser() -> argparse.ArgumentParser:
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint import memory
     from skfem_joint.resolution import check_resolution
-    from skfem_joint.scene import load_scene
-    from skfem_joint.structure import assemble
-    from skfem_joint.study import structure_of
+    from skfem_joint.scene import PlateScene, load_scene
+    from skfem_joint.study import full_system
 
     scene = load_scene(options.scene)
-    structure = structure_of(scene)
-    loads = [(item.on, item.to_load()) for item in scene.load]
-    system = assemble(structure, loads, scene.output_points)
+    system = full_system(scene)
     check_resolution(system, scene.time_step, scene.n_steps)
     limit = float(system.w.sum())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
-    for on, load in loads:
+    if isinstance(scene, PlateScene):
+        _describe(scene)
+    for item in scene.load:
         if limit > 0.0:
-            print(f"Load on {on}: {100.0 * load.peak_value / limit:.3g} % of the friction limit.")
+            share = 100.0 * item.to_load().peak_value / limit
+            print(f"Load on {item.on}: {share:.3g} % of the friction limit.")
     print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
     return 0
+
+
+def _describe(scene: PlateScene) -> None:
+    """Say what plates and joints a scene has."""
+    from skfem_joint.plate_study import plate_structure_of
+
+    plate = scene.plate
+    bodies = int(plate.body.max()) + 1
+    print(
+        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {plate.mesh.t.shape[1]} elements of "
+        f"order {plate.order}."
+    )
+    for patch in plate_structure_of(scene).patches:
+        against = f" against {patch.joint.against}" if patch.joint.against else ""
+        print(
+            f"Joint {patch.joint.name}{against}: {patch.points.size} contact points, clamp force "
+            f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
+            f"{patch.joint.friction * patch.normal_force.sum():.6g} N."
+        )
+    for note in plate.notes:
+        print(f"Note: {note}")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -211,9 +236,14 @@ def _reproduce(options: argparse.Namespace) -> int:
 def _error_time(options: argparse.Namespace) -> int:
     from skfem_joint import output
     from skfem_joint.error_time import report, table
-    from skfem_joint.scene import load_scene
+    from skfem_joint.scene import PlateScene, load_scene
 
     scene = load_scene(options.scene)
+    if isinstance(scene, PlateScene):
+        raise InputError(
+            f"{options.scene}: error-time compares models of struts; this scene has plates. Use "
+            "run --certify for the errors of its time step and mesh"
+        )
     if not report.threads_pinned(os.environ):
         # Read when numpy starts, so that it takes another process.
         again = [sys.executable, "-m", "skfem_joint", "error-time", str(options.scene)]

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Nodes per element of the Gmsh element types that a bar may hold: a point, and lines of order 1-10.
-_NODES_OF_TYPE = {15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11}
+_NODES_IN_BAR = {15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11}
+# In a plate there may be triangles and quadrangles of first and second order besides.
+_NODES_IN_PLATE = {**_NODES_IN_BAR, 2: 3, 3: 4, 9: 6, 10: 9, 16: 8}
+_BAR, _PLATE = 1, 2
 
 
 class _Numbers:
@@ -38,18 +41,32 @@ class _Numbers:
         return [int(value) for value in self.take(kind, count)]
 
 
-def check_msh(data: bytes) -> None:
+def check_msh(data: bytes, dimension: int = _BAR) -> dict[tuple[int, int], set[int]] | None:
     """Refuse a Gmsh file from which meshio would read something else than what it says.
 
     meshio allocates what the counts in a file ask for, ends up with the wrong node where an
     element names one that does not exist, keeps one of two groups of the same name, and reads on
     where a section is cut off. Raises ValueError with the reason.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    dimension : int
+        Largest dimension of the elements that it may hold, 1 or 2.
+
+    Returns
+    -------
+    dict or None
+        Physical tags, without sign, by dimension and tag of the entity; None where the file has no
+        entities (format 2.2).
     """
     sections = _sections(data)
     binary, legacy = _check_format(sections["MeshFormat"])
     _check_group_names(sections.get("PhysicalNames", b""))
+    groups = None
     if not legacy and "Entities" in sections:
-        _check_entities(_Numbers(sections["Entities"], "Entities", binary))
+        groups = _groups_of_entities(_Numbers(sections["Entities"], "Entities", binary))
     bodies = []
     for name in ("Nodes", "Elements"):
         count, body = 0, sections[name].lstrip(b"\r\n") if not binary else sections[name]
@@ -65,10 +82,20 @@ def check_msh(data: bytes) -> None:
         raise ValueError(f"$Nodes numbers nodes beyond 1 ... {largest}: renumber the mesh")
     if np.unique(tags).size != tags.size:
         raise ValueError("$Nodes uses a node number twice")
-    used = _element_tags_22(elements, n_elements) if legacy else _element_tags_41(elements)
+    if legacy:
+        used = _element_tags_22(elements, n_elements, dimension)
+    else:
+        used = _element_tags_41(elements, dimension)
     unknown = np.setdiff1d(used, tags)
     if unknown.size:
         raise ValueError(f"an element refers to node {unknown[0]:.0f}, which $Nodes does not hold")
+    return groups
+
+
+def without_entities(data: bytes) -> bytes:
+    """Content of a file that `check_msh` has let pass, without its section of entities."""
+    head, _, rest = data.partition(b"$Entities")
+    return head + rest.partition(b"$EndEntities")[2].lstrip(b" \t\r\n")
 
 
 def _sections(data: bytes) -> dict[str, bytes]:
@@ -109,14 +136,17 @@ def _check_group_names(section: bytes) -> None:
             raise ValueError(f"{names.count(name)} groups are named {name!r}: give each its own")
 
 
-def _check_entities(numbers: _Numbers) -> None:
+def _groups_of_entities(numbers: _Numbers) -> dict[tuple[int, int], set[int]]:
+    groups = {}
     for dimension, count in enumerate(numbers.integers("u8", 4)):
         for _ in range(count):
-            numbers.take("i4", 1)
+            (tag,) = numbers.integers("i4", 1)
             numbers.take("f8", 6 if dimension else 3)
-            numbers.take("i4", *numbers.integers("u8", 1))  # physical groups
+            physical = numbers.integers("i4", *numbers.integers("u8", 1))
+            groups[dimension, tag] = {abs(number) for number in physical}  # negative: reversed
             if dimension:
                 numbers.take("i4", *numbers.integers("u8", 1))  # bounding entities
+    return groups
 
 
 def _node_tags_22(numbers: _Numbers, count: int) -> NDArray[Any]:
@@ -143,7 +173,7 @@ def _node_tags_41(numbers: _Numbers) -> NDArray[Any]:
     return found
 
 
-def _element_tags_22(numbers: _Numbers, total: int) -> NDArray[Any]:
+def _element_tags_22(numbers: _Numbers, total: int, dimension: int) -> NDArray[Any]:
     """Tags of all nodes that elements refer to, once each."""
     used: list[NDArray[Any]] = [np.empty(0)]
     found = 0
@@ -154,14 +184,14 @@ def _element_tags_22(numbers: _Numbers, total: int) -> NDArray[Any]:
             (_, kind, n_tags), count = numbers.integers("i4", 3), 1
         if count < 1 or n_tags < 0:
             raise ValueError("$Elements is damaged: negative counts")
-        n_nodes = _nodes_of_type(kind)
+        n_nodes = _nodes_of_type(kind, dimension)
         width = n_tags + n_nodes + numbers.binary
         used.append(numbers.take("i4", count * width).reshape(count, width)[:, -n_nodes:].ravel())
         found += count
     return np.unique(np.concatenate(used))
 
 
-def _element_tags_41(numbers: _Numbers) -> NDArray[Any]:
+def _element_tags_41(numbers: _Numbers, dimension: int) -> NDArray[Any]:
     """Tags of all nodes that elements refer to, once each."""
     blocks, total, _, _ = numbers.integers("u8", 4)
     used: list[NDArray[Any]] = [np.empty(0)]
@@ -169,7 +199,7 @@ def _element_tags_41(numbers: _Numbers) -> NDArray[Any]:
     for _ in range(blocks):
         _, _, kind = numbers.integers("i4", 3)
         (count,) = numbers.integers("u8", 1)
-        n_nodes = _nodes_of_type(kind)
+        n_nodes = _nodes_of_type(kind, dimension)
         used.append(numbers.take("u8", count * (1 + n_nodes)).reshape(count, -1)[:, 1:].ravel())
         found += count
     if found != total:
@@ -177,10 +207,17 @@ def _element_tags_41(numbers: _Numbers) -> NDArray[Any]:
     return np.unique(np.concatenate(used))
 
 
-def _nodes_of_type(kind: int) -> int:
-    if kind not in _NODES_OF_TYPE:
+def _nodes_of_type(kind: int, dimension: int) -> int:
+    known = _NODES_IN_BAR if dimension < _PLATE else _NODES_IN_PLATE
+    if kind in known:
+        return known[kind]
+    if dimension < _PLATE:
         raise ValueError(
             f"it holds elements of Gmsh type {kind} (2 is a triangle, 3 a quadrangle): this loader "
             "is for bars; allowed are lines and points. Save the curves alone"
         )
-    return _NODES_OF_TYPE[kind]
+    raise ValueError(
+        f"it holds elements of Gmsh type {kind} (4 is a tetrahedron, 5 a hexahedron, 21 a triangle "
+        "and 36 a quadrangle of third order): allowed are points, lines, triangles and quadrangles "
+        "of first or second order. Save a plane mesh with Mesh.ElementOrder = 1 or 2"
+    )

@@ -7,12 +7,9 @@ line elements is refused with the place and the reason.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
 import math
 import re
-import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +20,7 @@ import skfem
 from numpy.typing import NDArray
 
 from skfem_joint.errors import InputError
-from skfem_joint.files import read_whole
-from skfem_joint.gmsh_file import check_msh
+from skfem_joint.mesh_file import cell_sets, lost_groups, name_problems, read_mesh
 
 if TYPE_CHECKING:
     import meshio
@@ -123,7 +119,11 @@ def load_mesh(path: str | Path, scale: float = 1.0) -> BarMesh:
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError(f"scale of mesh {path} is {scale}: it must be positive and finite")
     file = Path(path)
-    raw = _read(file)
+    return bar_of(read_mesh(file, 1), file, scale)
+
+
+def bar_of(raw: meshio.Mesh, file: Path, scale: float) -> BarMesh:
+    """Bar from what a file holds; parameters, repairs and errors as those of `load_mesh`."""
     try:
         segments, regions, points = _lines_and_names(raw)
         if raw.points.ndim != 2 or raw.points.shape[1] > 3:
@@ -151,7 +151,7 @@ def build_bar(regions: Sequence[tuple[str, float, int]], points: Mapping[str, fl
     InputError
         All mistakes in names, lengths, numbers and positions together.
     """
-    problems = _name_problems([name for name, _, _ in regions], points)
+    problems = name_problems(region=[name for name, _, _ in regions], point=points)
     if not regions:
         problems.append("a bar needs at least one region")
     for name, length, elements in regions:
@@ -221,7 +221,7 @@ def write_mesh(bar: BarMesh, path: str | Path) -> None:
     InputError
         A name cannot stand in the format, or the file cannot be written.
     """
-    problems = _name_problems(bar.regions, bar.points)
+    problems = name_problems(region=bar.regions, point=bar.points)
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
     n_nodes = len(bar.coordinates)
@@ -281,20 +281,6 @@ def write_mesh(bar: BarMesh, path: str | Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _name_problems(regions: Iterable[str], points: Iterable[str]) -> list[str]:
-    region_names, point_names = set(regions), set(points)
-    problems = [
-        f"name {name!r}: names may not be empty nor hold quotes, backslashes or control characters"
-        for name in sorted(region_names | point_names)
-        if not name.strip() or re.search(r'["\\\x00-\x1f\x7f]', name)
-    ]
-    problems += [
-        f"name {name!r} is both a region and a point: give each its own"
-        for name in sorted(region_names & point_names)
-    ]
-    return problems
-
-
 def _skfem_mesh(
     position: FloatArray, regions: Mapping[str, IntArray], points: Mapping[str, int]
 ) -> skfem.MeshLine1:
@@ -305,44 +291,6 @@ def _skfem_mesh(
         {name: np.array([node]) for name, node in points.items()} or None,
         dict(regions) or None,
     )
-
-
-def _read(file: Path) -> meshio.Mesh:
-    """Mesh as meshio reads it, every failure of which is turned into an InputError."""
-    import meshio
-
-    if not file.exists():
-        raise InputError(f"{file}: no such mesh file")
-    if not file.is_file():
-        raise InputError(f"{file}: not a file; a mesh file is needed, e.g. a Gmsh .msh")
-    # What meshio's parsers let through on damaged input, besides its own ReadError and exit.
-    failures = (
-        *(SystemExit, meshio.ReadError, struct.error),
-        *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
-        *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
-    )
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            data = read_whole(file)
-            if not data:
-                raise ValueError("the file is empty")
-            if file.suffix.lower() == ".msh":
-                check_msh(data)
-                return meshio.read(file, file_format="gmsh")
-            if file.suffix.lower() != ".inp":
-                raise ValueError(f"{file.suffix or 'no suffix'} is no known kind of mesh file")
-            return meshio.read(file, file_format="abaqus")
-    except failures as error:
-        reason = str(error) or type(error).__name__
-        if isinstance(error, SystemExit):
-            reason = " ".join(said.getvalue().split())
-        elif isinstance(error, LookupError):
-            reason = f"it refers to something that it does not define ({error})"
-        raise InputError(
-            f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
-        ) from error
 
 
 def _lines_and_names(
@@ -359,7 +307,7 @@ def _lines_and_names(
             f"it holds cells of type {', '.join(sorted(others))}: this loader is for bars; allowed "
             "are lines and points. Save the curves alone"
         )
-    sets = _cell_sets(raw)
+    sets = cell_sets(raw)
     segments: list[IntArray] = []
     regions: dict[str, list[IntArray]] = {}
     points: dict[str, list[IntArray]] = {
@@ -388,45 +336,14 @@ def _lines_and_names(
             count += len(segments[-1])
     if not segments:
         raise ValueError("it holds no line elements: a bar is made of lines")
-    lost = [
-        name
-        for name, (_, dimension) in _physical_groups(raw).items()
-        if dimension <= 1 and name not in regions and name not in points
-    ]
+    lost = lost_groups(raw, 1, regions.keys() | points.keys())
     if lost:
-        raise ValueError(
-            f"groups without elements: {', '.join(lost)}. Gmsh loses them when a file of format "
-            "2.2 is saved with Mesh.SaveAll; save it without, or take the names out"
-        )
+        raise ValueError(lost)
     return (
         np.concatenate(segments),
         {name: np.concatenate(parts) for name, parts in regions.items()},
         {name: np.concatenate(parts) for name, parts in points.items()},
     )
-
-
-def _physical_groups(raw: meshio.Mesh) -> dict[str, tuple[int, int]]:
-    """Tag and dimension of Gmsh's physical groups by name; empty for other formats."""
-    gmsh = "gmsh:dim_tags" in raw.point_data or any(k.startswith("gmsh:") for k in raw.cell_data)
-    return {name: (int(v[0]), int(v[1])) for name, v in raw.field_data.items()} if gmsh else {}
-
-
-def _cell_sets(raw: meshio.Mesh) -> dict[str, list[IntArray]]:
-    """Cell indices of each named set in each block of cells."""
-    sets = {
-        name: [np.asarray([] if m is None else m, dtype=np.int64).ravel() for m in members]
-        for name, members in raw.cell_sets.items()
-        if not name.startswith("gmsh:")  # bounding entities, which are no cells
-    }
-    if "gmsh:physical" not in raw.cell_data:
-        return sets
-    for name, (tag, dimension) in _physical_groups(raw).items():
-        if name not in sets:  # format 2.2 names no cell sets
-            sets[name] = [
-                np.flatnonzero(tags == tag) if block.dim == dimension else np.empty(0, np.int64)
-                for block, tags in zip(raw.cells, raw.cell_data["gmsh:physical"], strict=True)
-            ]
-    return sets
 
 
 def _chain(

@@ -13,11 +13,15 @@ from skfem_joint import report
 from skfem_joint.errors import InputError
 from skfem_joint.files import remove_unfinished, replacing, safe_name
 from skfem_joint.history import slip_state
-from skfem_joint.scene import Scene
-from skfem_joint.study import Model, Study
+from skfem_joint.offscreen import offscreen
+from skfem_joint.plate_output import write_plate_pictures, write_plate_series
+from skfem_joint.plate_study import PlateStudy
+from skfem_joint.results import Model
+from skfem_joint.scene import AnyScene, PlateScene
+from skfem_joint.study import AnyStudy, Study
 
 
-def prepare(scene: Scene, folder: Path) -> None:
+def prepare(scene: AnyScene, folder: Path) -> None:
     """See that the output can be made, before anything is computed: libraries and the folder.
 
     Raises
@@ -25,13 +29,19 @@ def prepare(scene: Scene, folder: Path) -> None:
     InputError
         If a library is missing or the folder cannot be written to.
     """
-    needed = {"matplotlib": ("plots", "plot"), "pyvista": ("vtk", "vtk")}
-    for library, (key, extra) in needed.items():
+    needed = [("matplotlib", "plots", "plot"), ("pyvista", "vtk", "vtk")]
+    draws_plates = isinstance(scene, PlateScene) and scene.output.plots
+    if draws_plates:
+        needed.append(("pyvista", "plots", "vtk"))
+    for library, key, extra in needed:
         if getattr(scene.output, key) and importlib.util.find_spec(library) is None:
             raise InputError(
                 f"output.{key}: needs {library}; pip install 'skfem-joint[{extra}]', or set "
                 f"output.{key} = false"
             )
+    if draws_plates:
+        with offscreen():  # tells what is missing before the run
+            pass
     prepare_folder(folder)
 
 
@@ -55,7 +65,7 @@ def prepare_folder(folder: Path) -> None:
     (folder / ".writable").unlink()
 
 
-def summary(study: Study) -> dict[str, Any]:
+def summary(study: AnyStudy) -> dict[str, Any]:
     """Content of ``summary.json``."""
     return {
         "title": study.scene.title,
@@ -66,6 +76,7 @@ def summary(study: Study) -> dict[str, Any]:
                 offline_s=model.offline_s,
                 active_length=model.active_length,
                 errors=model.errors,
+                active_area_fraction=model.active_area_fraction,
             )
             for name, model in study.models.items()
         },
@@ -73,7 +84,9 @@ def summary(study: Study) -> dict[str, Any]:
     }
 
 
-def write(study: Study, folder: Path, certificate: Mapping[str, Any] | None = None) -> list[Path]:
+def write(
+    study: AnyStudy, folder: Path, certificate: Mapping[str, Any] | None = None
+) -> list[Path]:
     """Write what the scene asks for; returns the main files."""
     output = study.scene.output
     runs = {name: model.run for name, model in study.models.items()}
@@ -87,7 +100,9 @@ def write(study: Study, folder: Path, certificate: Mapping[str, Any] | None = No
         report.write_history(written[-1], runs)
     if output.plots:
         written += _plots(study, folder)
-    if output.vtk:
+    if output.vtk and isinstance(study, PlateStudy):
+        written += write_plate_series(study, folder / "fields.pvd")
+    elif output.vtk and isinstance(study, Study):
         written.append(write_series(study, folder / "fields.pvd"))
     return written
 
@@ -118,7 +133,7 @@ def _field(study: Study, model: Model) -> Any:
     return vtk.Field(model.name, structure.expand(u), structure.expand(v), force, state)
 
 
-def _plots(study: Study, folder: Path) -> list[Path]:
+def _plots(study: AnyStudy, folder: Path) -> list[Path]:
     from skfem_joint import plot
 
     scene = study.scene
@@ -145,4 +160,6 @@ def _plots(study: Study, folder: Path) -> list[Path]:
             paths.append(
                 plot.proper_orthogonal_modes(path, reference.xi, reference.modes, reference.proper)
             )
+    if isinstance(study, PlateStudy):
+        paths += write_plate_pictures(study, folder)
     return paths

@@ -48,6 +48,7 @@ def model_summary(
     offline_s: float,
     active_length: dict[str, float],
     errors: Errors | None,
+    active_area_fraction: dict[str, float] | None = None,
 ) -> dict[str, Any]:
     """Entry of one model in ``summary.json``; SI units, see the key names."""
     cycles = run.cycles
@@ -73,6 +74,7 @@ def model_summary(
         "viscous_work_J": run.viscous_work,
         "scheme_work_J": run.scheme_work,
         "active_length_m": active_length,
+        **({"active_area_fraction": active_area_fraction} if active_area_fraction else {}),
         "energy_balance_residual": run.energy_residual,
         "steady_state_reached": state.reached if state is not None else None,
         "interrupted": run.interrupted,
@@ -119,6 +121,12 @@ def _entry(key: str, name: str, model: dict[str, Any]) -> float | None:
     return None if value is None else 1e3 * value
 
 
+def _percent(key: str, name: str, model: dict[str, Any]) -> float | None:
+    """Entry of a table by name, percent."""
+    value = model.get(key, {}).get(name)
+    return None if value is None else 100.0 * value
+
+
 def table(summary: dict[str, Any]) -> str:
     """Table of the models of a summary, for reading."""
     models = summary["models"]
@@ -150,6 +158,12 @@ def table(summary: dict[str, Any]) -> str:
             f"active length of {joint}, mm",
             partial(_entry, "active_length_m", joint),
             "{:.4g}",
+        )
+    for joint in models[names[0]].get("active_area_fraction", {}):
+        add(
+            f"active part of {joint}, %",
+            partial(_percent, "active_area_fraction", joint),
+            "{:.3g}",
         )
 
     def error(key: str) -> Callable[[dict[str, Any]], Any]:

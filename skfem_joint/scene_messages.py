@@ -13,7 +13,13 @@ from pydantic import BaseModel
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 # Tags of the forms a value may take; they turn up in pydantic's locations and are cut out there.
-WORD, NUMBER, TABLE = TAGS = ("form: word", "form: number", "form: table")
+WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
+    "form: word",
+    "form: number",
+    "form: table",
+    "form: list",
+    "form: bolts",
+)
 
 
 def mistake(text: str, key: str = "") -> PydanticCustomError:
@@ -129,6 +135,10 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
         return [f"{key}: {line}" for line in context["text"].split("\n")]
     if kind == "extra_forbidden":
         parents, _ = _follow(location[:-1], root)
+        for model in parents:
+            why = getattr(model, "foreign", {}).get(location[-1])
+            if why is not None:
+                return [f"{key_path(tuple(places))}: {why}"]
         keys = list(dict.fromkeys(key for model in parents for key in model.model_fields))
         hint = closest(str(location[-1]), keys)
         return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]

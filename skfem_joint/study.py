@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
+from typing import TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint import friction
 from skfem_joint.active_length import THRESHOLD, Estimate, measured
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.history import Errors, compare, peaks, steady_state
 from skfem_joint.hyper_reduction import with_friction_points
 from skfem_joint.integrate import integrate
 from skfem_joint.loads import Harmonic, Load, MultiHarmonic
+from skfem_joint.plate_study import (
+    PlateStudy,
+    plate_structure_of,
+    plate_system_of,
+    run_plate_scene,
+)
 from skfem_joint.pod import ProperModes, orthonormal, proper_modes
 from skfem_joint.recording import Run, Save
 from skfem_joint.reduction import (
@@ -31,111 +35,42 @@ from skfem_joint.reduction import (
     structure_basis,
 )
 from skfem_joint.reference import paper_reference
-from skfem_joint.scene import Scene
+from skfem_joint.results import (
+    STUCK_VELOCITY,
+    Model,
+    Progress,
+    Results,
+    ZoneLength,
+    finished,
+    run_models,
+    run_warnings,
+    save_of,
+    with_resolvable_beta,
+)
+from skfem_joint.scene import AnyScene, PlateScene, Scene
 from skfem_joint.schemes import generalized_alpha
 from skfem_joint.structure import Structure, assemble, build_structure
 from skfem_joint.system import System
 
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
+__all__ = ["AnyStudy", "Model", "PlateStudy", "Progress", "Study", "ZoneLength", "run_scene",
+           "save_of", "structure_of"]  # fmt: skip
 
-#: Slip velocities of a reduced model are wrong by about a percent of the largest one: resolving the
-#: friction law more finely than this share of it costs iterations and gains nothing.
-RESOLVED_SHARE = 1e-4
+FloatArray = NDArray[np.float64]
+
 #: A probe run takes at most so many cycles and steps a cycle.
 PROBE_CYCLES, PROBE_STEPS = 4, 100
 #: Friction points of an active stretch for each mode, by default: enough that the quadrature
 #: changes less than the modes leave out, whatever the mesh.
 POINTS_PER_MODE = 4
-#: Slip velocity of a joint that sticks throughout, for the choice of beta, m/s.
-STUCK_VELOCITY = 1e-3
 #: A joint slips as a whole when its least relative slip exceeds this share of its largest.
 GROSS_SLIP = 0.02
 
 
-@dataclass(frozen=True)
-class ZoneLength:
-    """Active length of one zone and where it comes from.
-
-    Attributes
-    ----------
-    joint : str
-    length : float
-        Used, m.
-    source : str
-        ``given``, ``probe`` or ``estimate``.
-    estimate : Estimate or None
-        By Eqs. (17)-(20), for harmonic loads.
-    """
-
-    joint: str
-    length: float
-    source: str
-    estimate: Estimate | None = None
+class Study(Results[Scene, Structure]):
+    """Results of a scene of struts."""
 
 
-@dataclass(frozen=True)
-class Model:
-    """One model that was run.
-
-    Attributes
-    ----------
-    name : str
-    run : Run
-    basis : ndarray, shape (n, j), or None
-        Reduced basis; None for the full model.
-    offline_s : float
-        Time for everything before the first step, s: reference run, decomposition, active length,
-        projection, compilation.
-    active_length : dict
-        Active length of each joint end where force enters, m.
-    zones : tuple of ZoneLength
-        How a reduced model got its active lengths.
-    proper : ProperModes or None
-        Decomposition that a reduced model's modes come from.
-    reference : ReferenceModes or None
-    errors : Errors or None
-        Against the full model, where both were run.
-    """
-
-    name: str
-    run: Run
-    basis: FloatArray | None
-    offline_s: float
-    active_length: dict[str, float]
-    zones: tuple[ZoneLength, ...] = ()
-    proper: ProperModes | None = None
-    reference: ReferenceModes | None = None
-    errors: Errors | None = None
-
-    def fields(self) -> tuple[FloatArray, FloatArray]:
-        """Displacement and velocity histories on the full model's unknowns."""
-        if self.basis is None:
-            return self.run.u, self.run.v
-        return self.run.u @ self.basis.T, self.run.v @ self.basis.T
-
-    def normalised_friction(self, system: System) -> FloatArray:
-        """Friction over its limit at all contact points of the full model, (frames, m).
-
-        A reduced model evaluates friction at points of its own; here its law is evaluated at its
-        velocities of the contact nodes.
-        """
-        if self.basis is None:
-            return self.run.sigma
-        slip = (system.B @ self.fields()[1].T).T
-        return friction.force(slip, np.minimum(system.beta, self.run.system.beta.max()))
-
-
-@dataclass
-class Study:
-    """Results of a scene; ``warnings`` are whole sentences."""
-
-    scene: Scene
-    structure: Structure
-    system: System
-    models: dict[str, Model] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    interrupted: bool = False
+AnyStudy: TypeAlias = Study | PlateStudy
 
 
 def structure_of(scene: Scene) -> Structure:
@@ -155,14 +90,22 @@ def structure_of(scene: Scene) -> Structure:
     )
 
 
+@overload
 def run_scene(
     scene: Scene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
-) -> Study:
+) -> Study: ...
+@overload
+def run_scene(
+    scene: PlateScene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
+) -> PlateStudy: ...
+def run_scene(
+    scene: AnyScene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
+) -> AnyStudy:
     """Run the models that a scene asks for, and nothing else.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PlateScene
     progress : callable, optional
         Called with (what is done, steps done, steps in all).
     checkpoints : Checkpoints, optional
@@ -176,35 +119,25 @@ def run_scene(
     InputError
         If the reduction does not fit the scene, or a checkpoint the run.
     """
+    if isinstance(scene, PlateScene):
+        return run_plate_scene(scene, progress, checkpoints)
     origin = _origin(scene) if checkpoints is not None else ""
     structure = structure_of(scene)
+    study = Study(scene, structure, _system_of(scene, structure))
+    makers = {"full": _full, "reduced": _reduced}
+    return run_models(study, makers, progress, checkpoints, origin, _check)
+
+
+def _system_of(scene: Scene, structure: Structure) -> System:
     loads = [(item.on, item.to_load()) for item in scene.load]
-    system = assemble(structure, loads, scene.output_points)
-    study = Study(scene, structure, system)
-    for name in sorted(scene.models.run):  # the full model first: others compare with it
-        make = _full if name == "full" else _reduced
-        try:
-            checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
-            model = make(study, partial(_report, progress, f"{name} model"), checkpoint)
-        except KeyboardInterrupt:
-            if not study.models:
-                raise
-            study.interrupted = True
-            study.warnings.append(f"The run was interrupted while the {name} model was made.")
-            break
-        if "full" in study.models and not model.run.interrupted:
-            model = replace(model, errors=compare(study.models["full"].run, model.run))
-        study.models[name] = model
-        if model.run.interrupted:
-            study.interrupted = True
-            study.warnings.append(
-                f"The run was interrupted in the {name} model at t = "
-                f"{model.run.counters.steps * scene.time_step:.6g} s; "
-                "results are those until then."
-            )
-            break
-        _check(study, model)
-    return study
+    return assemble(structure, loads, scene.output_points)
+
+
+def full_system(scene: AnyScene) -> System:
+    """System of the full model that a scene describes."""
+    if isinstance(scene, PlateScene):
+        return plate_system_of(scene, plate_structure_of(scene))
+    return _system_of(scene, structure_of(scene))
 
 
 def _origin(scene: Scene) -> str:
@@ -214,26 +147,6 @@ def _origin(scene: Scene) -> str:
         scene.model_dump(mode="json"),
         [item.to_load() for item in scene.load],
         [bar.mesh.p, bar.coordinates, bar.regions, bar.points],
-    )
-
-
-def _report(progress: Progress | None, label: str, done: int, total: int) -> None:
-    if progress is not None:
-        progress(label, done, total)
-
-
-def _cycle_steps(scene: Scene) -> int | None:
-    return scene.time.steps_per_cycle if scene.time.cycles is not None else None
-
-
-def save_of(scene: Scene) -> Save:
-    """Store only what a picture, a file or a comparison of this scene needs."""
-    output = scene.output
-    return Save(
-        every=output.every,
-        points=output.history or output.plots or len(scene.models.run) > 1,
-        fields=output.vtk,
-        fields_every=max(1, -(-scene.n_steps // output.frames)),
     )
 
 
@@ -249,7 +162,7 @@ def _integrate(
         n_steps=scene.n_steps,
         scheme=generalized_alpha(scene.time.rho_infinity),
         save=save_of(scene),
-        cycle_steps=_cycle_steps(scene),
+        cycle_steps=scene.cycle_steps,
         progress=progress,
         checkpoint=checkpoint,
     )
@@ -311,11 +224,7 @@ def _reduced(
         count = POINTS_PER_MODE * options.modes if isinstance(asked, str) else asked
         position = study.structure.position[study.structure.free[study.system.B.indices]]
         system = with_friction_points(system, position, reduction.stretches, count)
-    if isinstance(options.beta, str):
-        beta = np.minimum(system.beta, _resolvable_beta(study, reduction.slip_velocity))
-    else:
-        beta = np.full_like(system.beta, options.beta)
-    system = replace(system, beta=beta)
+    system = with_resolvable_beta(study, system, reduction.slip_velocity)
     before = time.perf_counter() - begin
     run = _integrate(study.scene, system, progress, checkpoint)
     return Model(
@@ -328,30 +237,6 @@ def _reduced(
         reduction.proper,
         reduction.reference,
     )
-
-
-def _resolvable_beta(study: Study, slip_velocity: float) -> float:
-    """Scaling constant that a reduced model can make use of, s/m.
-
-    A free decay comes to rest, where a law less steep would let the joint creep: there the share
-    of the slip velocity that is resolved is a hundred times smaller.
-    """
-    share = RESOLVED_SHARE if study.scene.time.cycles is not None else 0.01 * RESOLVED_SHARE
-    beta = 1.0 / (share * slip_velocity)
-    if np.any(study.system.beta > beta):
-        study.warnings.append(
-            f"The reduced model uses beta = {beta:.3g} s/m: its modes do not resolve slip "
-            f"velocities below {share:g} of the largest ({slip_velocity:.3g} m/s), where "
-            "a steeper law would differ. Set reduction.beta to choose."
-        )
-    return beta
-
-
-def _finished(run: Run) -> Run:
-    """Pass on a whole run; half of one makes neither modes nor an active length."""
-    if run.interrupted:
-        raise KeyboardInterrupt
-    return run
 
 
 @dataclass(frozen=True)
@@ -387,11 +272,11 @@ def _probe(study: Study, zones: list[Zone]) -> Run:
     )
     cycles = scene.time.cycles
     if cycles is None:
-        return _finished(integrate(probe, step=scene.time_step, n_steps=scene.n_steps))
+        return finished(integrate(probe, step=scene.time_step, n_steps=scene.n_steps))
     period = scene.time_step * scene.time.steps_per_cycle
     steps = min(scene.time.steps_per_cycle, PROBE_STEPS)
     n_steps = min(cycles, PROBE_CYCLES) * steps
-    return _finished(integrate(probe, step=period / steps, n_steps=n_steps))
+    return finished(integrate(probe, step=period / steps, n_steps=n_steps))
 
 
 def _basis_from_paper(study: Study) -> _Reduction:
@@ -521,7 +406,7 @@ def _basis_from_itself(study: Study) -> _Reduction:
     """Proper orthogonal modes of the scene's own full model."""
     scene, system = study.scene, study.system
     options = scene.reduction
-    cycle = _cycle_steps(scene)
+    cycle = scene.cycle_steps
     steps = scene.n_steps if cycle is None else min(scene.n_steps, 3 * cycle)
     training = integrate(
         system,
@@ -530,7 +415,7 @@ def _basis_from_itself(study: Study) -> _Reduction:
         scheme=generalized_alpha(scene.time.rho_infinity),
         save=Save(fields=True, points=False),
     )
-    _finished(training)
+    finished(training)
     if not (np.linalg.norm(training.u) > 0.0 and np.linalg.norm(training.v) > 0.0):
         raise InputError(
             'reduction.reference: nothing moves in the run that "self" takes its modes from, the '
@@ -557,21 +442,9 @@ def _basis_from_itself(study: Study) -> _Reduction:
 
 def _check(study: Study, model: Model) -> None:
     """Say what assumption the results violate."""
-    run = model.run
     if model.basis is None:
-        _warn_of_gross_slip(study, run)
-    state = steady_state(run)
-    if state is not None and not state.reached:
-        study.warnings.append(
-            f"The {model.name} model has not reached a steady state: the last cycle differs by "
-            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
-            "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
-        )
-    if np.any(peaks(run) > 0.0) and run.energy_residual > 1e-8:
-        study.warnings.append(
-            f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
-            "the energy in play."
-        )
+        _warn_of_gross_slip(study, model.run)
+    study.warnings += run_warnings(model)
 
 
 def _warn_of_gross_slip(study: Study, run: Run) -> None:

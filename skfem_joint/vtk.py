@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 
 from skfem_joint.contact import PressureTable
 from skfem_joint.errors import InputError
-from skfem_joint.files import replacing, safe_name
 from skfem_joint.structure import Structure
+from skfem_joint.vtk_files import series_problems, write_frames
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -94,38 +93,21 @@ def write_series(
     """
     index = Path(path)
     times = np.asarray(times, dtype=float)
-    blocks = [safe_name(field.name) for field in fields]
-    problems = _problems(index, structure, times, fields, blocks, shape)
+    problems = _problems(index, structure, times, fields, shape)
     if problems:
         raise InputError(problems)
     grid, source = _grid(structure, shape)
     axis = _axis(structure)
-    folder = index.with_suffix("")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        index.unlink(missing_ok=True)  # it would list old frames among new ones
-    except OSError as error:
-        raise InputError(f"{index}: cannot be written: {error}") from error
 
-    digits = max(4, len(str(times.size - 1)))
-    frames: list[list[Path]] = []
-    try:
-        for k, time in enumerate(times):
-            files = [folder / f"{block}_{k:0{digits}d}.vtu" for block in blocks]
-            for file, field in zip(files, fields, strict=True):
-                for name in ("displacement", "velocity", "friction_force"):
-                    values = getattr(field, name)[k, source]
-                    grid.point_data[name] = values[:, None] * axis
-                grid.point_data["slip_state"] = field.slip_state[k, source].astype(np.int8)
-                grid.field_data["TimeValue"] = [time]
-                _write_grid(file, grid)
-            frames.append(files)
-        _write_index(index, times, fields, frames)
-    except KeyboardInterrupt:
-        if frames:
-            _write_index(index, times, fields, frames)
-        raise
-    return [index, *(file for files in frames for file in files)]
+    def grids(k: int) -> Iterator[Any]:
+        for field in fields:
+            for name in ("displacement", "velocity", "friction_force"):
+                values = getattr(field, name)[k, source]
+                grid.point_data[name] = values[:, None] * axis
+            grid.point_data["slip_state"] = field.slip_state[k, source].astype(np.int8)
+            yield grid
+
+    return write_frames(index, times, [field.name for field in fields], grids)
 
 
 def _problems(
@@ -133,23 +115,11 @@ def _problems(
     structure: Structure,
     times: FloatArray,
     fields: Sequence[Field],
-    blocks: Sequence[str],
     shape: str,
 ) -> list[str]:
-    problems = []
-    if index.suffix != ".pvd":
-        problems.append(f"{index}: the name of a series for ParaView must end in .pvd")
+    problems = series_problems(index, times, [field.name for field in fields])
     if shape not in SHAPES:
         problems.append(f"shape: found {shape!r}, must be one of {', '.join(SHAPES)}")
-    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
-        problems.append("times: must be at least one finite number")
-    elif np.any(np.diff(times) <= 0.0):
-        problems.append("times: must be increasing")
-    if not fields:
-        problems.append("fields: found none, there must be at least one to write")
-    if len({block.casefold() for block in blocks}) < len(blocks):
-        names = ", ".join(repr(field.name) for field in fields)
-        problems.append(f"fields: the names {names} lead to files of the same name")
     for field in fields:
         for name in ("displacement", "velocity", "friction_force", "slip_state"):
             found = getattr(field, name).shape
@@ -217,37 +187,3 @@ def _section_directions(axis: FloatArray) -> FloatArray:
     length = np.linalg.norm(across)
     across = across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
     return np.array([across, np.cross(axis, across)])
-
-
-def _write_grid(file: Path, grid: Any) -> None:
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
-
-    with replacing(file) as temporary:
-        writer = vtkXMLUnstructuredGridWriter()
-        writer.SetInputData(grid)
-        writer.SetFileName(str(temporary))
-        writer.SetDataModeToAppended()
-        writer.EncodeAppendedDataOff()
-        writer.SetCompressorTypeToLZ4()
-        if not writer.Write():
-            raise OSError("VTK could not write it; is the disk full?")
-
-
-def _write_index(
-    index: Path, times: FloatArray, fields: Sequence[Field], frames: Sequence[Sequence[Path]]
-) -> None:
-    root = ET.Element("VTKFile", type="Collection", version="0.1")
-    collection = ET.SubElement(root, "Collection")
-    for time, files in zip(times[: len(frames)], frames, strict=True):
-        for part, (field, file) in enumerate(zip(fields, files, strict=True)):
-            ET.SubElement(
-                collection,
-                "DataSet",
-                timestep=repr(float(time)),
-                part=str(part),
-                name=field.name,
-                file=file.relative_to(index.parent).as_posix(),
-            )
-    ET.indent(root)
-    with replacing(index) as temporary:
-        ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bars import Harmonic, bar_structure
@@ -156,3 +158,15 @@ def test_a_stretch_of_one_row_is_that_row(
     one = with_friction_points(system, position, [rows[-1:]], 12)
     assert np.array_equal(one.w, system.w[rows[-1:]])
     assert np.allclose(one.B, system.B[rows[-1:]], rtol=1e-14)
+
+
+def test_points_with_two_directions_are_no_points_of_a_bar(
+    reduced: tuple[System, np.ndarray, np.ndarray],
+) -> None:
+    system, position, _ = reduced
+    half = np.arange(position.size // 2)
+    pairs = replace(
+        system, w=system.w[half], beta=system.beta[half], directions=np.full(half.size, 2)
+    )
+    with pytest.raises(InputError, match="slip in one direction"):
+        with_friction_points(pairs, position[::2], [half], 4)

@@ -108,7 +108,7 @@ def test_script_makes_the_shipped_files(tmp_path):
     runpy.run_path(str(MESHES / "make_meshes.py"))["main"](tmp_path)
     made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert made == {path.name: path.read_bytes() for path in MESHES.glob("*.msh")}
-    assert len(made) == 3
+    assert len(made) == 7
 
 
 def test_names_are_usable_through_skfem():

@@ -269,7 +269,7 @@ def refusal(tables: Tables, bar: BarMesh, table: Path) -> list[str]:
 NOT_NUMBERS: tuple[Any, ...] = (math.nan, math.inf, -math.inf, "1", "", True, [], [1.0], {}, None,
                                 10**400, 1j)  # fmt: skip
 NOT_COUNTS: tuple[Any, ...] = (*NOT_NUMBERS, 0, -1, 2.5, 10**10, 2**80)
-NOT_WORDS: tuple[Any, ...] = (3, 1.5, math.nan, False, [], ["x"], {}, None, b"x")
+NOT_WORDS: tuple[Any, ...] = (3, 1.5, math.nan, False, [], ["x", ["x"]], {}, None, b"x")
 NOT_NAMES = (*NOT_WORDS, "", "nonsense", "Free_end ", "\0", "free\nend", "é", "x" * 10_000)
 #: Keys below which nothing may be negative, and those that must not be zero either.
 NOT_NEGATIVE = {"pressure", "values", "friction", "stiffness", "mass", "start", "rho_infinity"}

@@ -670,7 +670,8 @@ def test_examples_are_the_systems_of_the_paper(
 
 
 def test_every_example_scene_is_one_of_those_tested() -> None:
-    assert {path.stem for path in EXAMPLES.glob("*.toml")} == {
+    struts = {path.stem for path in EXAMPLES.glob("*.toml") if "plate" not in path.stem}
+    assert struts == {
         "lap_joint_reference",
         "lap_joint_case_I",
         "structure_harmonic",

@@ -1,0 +1,326 @@
+"""The warped joint in ParaView, coloured by stick and slip, with the load's history below it.
+
+    pvpython examples/paraview_joint.py out/fields.pvd picture.png
+
+Options: --time SECONDS (default: where the largest displacement is), --factor NUMBER (scale of the
+displacements, default: the largest is a twentieth of the length), --arrows (friction traction).
+
+In ParaView itself: open fields.pvd, press Apply, then Tools > Python Shell > Run Script with this
+file; the series may be played then, and the mark on the load's curve runs with it.
+
+Needs ParaView 5.11 or newer. Without a display, use a build of ParaView for that (EGL, OSMesa), or
+for one that draws through X, such as Debian's, an X server in memory: apt-get install xvfb, then
+xvfb-run -a pvpython examples/paraview_joint.py out/fields.pvd picture.png
+"""
+
+import argparse
+import csv
+import ctypes
+import ctypes.util
+import math
+import operator
+import os
+import sys
+
+# A programmable source of ParaView puts numpy's in the place of these when it runs.
+from builtins import abs, max, min, sum  # noqa: UP029
+
+from paraview import simple
+
+STATES = (
+    ("-1", "no contact", (0.84, 0.85, 0.86)),
+    ("0", "stick", (0.18, 0.43, 0.70)),
+    ("1", "slip", (0.94, 0.54, 0.14)),
+)
+SIZE = (1400, 900)  # pixels
+TOP = 0.62  # share of the height for the joint
+SHARE = 0.05  # largest displacement in the picture over the length
+FRAMES = 100  # frames looked at for the largest displacement
+DIRECTION = (0.0, -0.55, 0.85)  # from the joint to the eye
+
+TIME_STEPS = """
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as pipeline
+times = {times!r}
+information = self.GetOutputInformation(0)
+information.Set(pipeline.TIME_STEPS(), times, len(times))
+information.Set(pipeline.TIME_RANGE(), [times[0], times[-1]], 2)
+"""
+CURVE = """
+import numpy
+rows = numpy.loadtxt({path!r}, delimiter=",", skiprows=1, ndmin=2)
+output.RowData.append(1e3 * rows[:, 0], "time, ms")
+for k, name in enumerate({names!r}, 1):
+    output.RowData.append(rows[:, k] / {unit!r}, name)
+"""
+# A point twice: ParaView complains about lines of one.
+MARK = """
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as pipeline
+import numpy
+rows = numpy.loadtxt({path!r}, delimiter=",", skiprows=1, ndmin=2)
+step = pipeline.UPDATE_TIME_STEP()
+information = self.GetOutputInformation(0)
+now = information.Get(step) if information.Has(step) else 0.0
+output.RowData.append(numpy.full(2, 1e3 * now), "time, ms")
+for k in range(1, rows.shape[1]):
+    force = numpy.interp(now, rows[:, 0], rows[:, k]) / {unit!r}
+    output.RowData.append(numpy.full(2, force), "now %d" % k)
+"""
+
+
+def blocks_by_model(reader):
+    """Paths of the blocks of each model; a block is called "MODEL: BODY" or "MODEL"."""
+    tree = reader.GetDataInformation().GetHierarchy()
+    models = {}
+    for node in tree.GetChildNodes(tree.GetRootNode(), False):
+        name = tree.GetAttributeOrDefault(node, "label", tree.GetNodeName(node))
+        models.setdefault(name.split(": ")[0], []).append(tree.GetNodePath(node))
+    return models
+
+
+def largest_displacement(reader):
+    """Largest displacement and its time."""
+    times, first = list(reader.TimestepValues), operator.itemgetter(0)
+    best = (0.0, times[0])
+    for time in times[:: max(1, len(times) // FRAMES)]:
+        reader.UpdatePipeline(time)
+        best = max(best, (reader.PointData["displacement"].GetRange(-1)[1], time), key=first)
+    return best
+
+
+def rounded(value):
+    """Next lower of 1, 2, 5, 10 and so on."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return power * max(step for step in (1, 2, 5) if step * power <= value)
+
+
+def can_draw(view):
+    """Whether drawing works: ParaView built for X ends the process when there is no X server."""
+    window = view.SMProxy.GetClientSideObject().GetRenderWindow().GetClassName()
+    if window != "vtkXOpenGLRenderWindow":
+        return True
+    library = ctypes.CDLL(ctypes.util.find_library("X11") or "libX11.so.6")
+    library.XOpenDisplay.restype = ctypes.c_void_p
+    library.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = library.XOpenDisplay(None)
+    if display:
+        library.XCloseDisplay(display)
+    return bool(display)
+
+
+def show_model(reader, name, paths, view, factor, shift, arrow):
+    """Warped bodies of one model in colour, their edges, and the model's name."""
+    model = simple.ExtractBlock(Input=reader, Selectors=paths)
+    moved = simple.Transform(Input=model)
+    moved.Transform.Translate = [0.0, -shift, 0.0]
+    warped = simple.WarpByVector(
+        Input=moved, Vectors=["POINTS", "displacement"], ScaleFactor=factor
+    )
+    simple.RenameSource(f"{name}, displacement x {factor:g}", warped)
+    drawn = simple.Show(warped, view)
+    drawn.Representation = "Surface"
+    simple.ColorBy(drawn, ("CELLS", "contact_state"))
+    drawn.Ambient, drawn.Diffuse = 0.4, 0.65
+    for source, colour, width in ((moved, (0.6, 0.63, 0.65), 1.0), (warped, (0.0, 0.0, 0.0), 2.0)):
+        edges = simple.FeatureEdges(Input=simple.ExtractSurface(Input=source))
+        line = simple.Show(edges, view)
+        simple.ColorBy(line, None)
+        line.AmbientColor = line.DiffuseColor = colour
+        line.LineWidth = width
+    if arrow:
+        glyphs = simple.Glyph(
+            Input=warped,
+            GlyphType="Arrow",
+            OrientationArray=["POINTS", "friction_traction"],
+            ScaleArray=["POINTS", "friction_traction"],
+            ScaleFactor=arrow,
+            GlyphMode="Uniform Spatial Distribution (Bounds Based)",
+            MaximumNumberOfSamplePoints=400,
+        )
+        shown = simple.Show(glyphs, view)
+        simple.ColorBy(shown, None)
+        shown.AmbientColor = shown.DiffuseColor = (0.1, 0.1, 0.1)
+
+
+def write(view, text, place=None, corner=None, size=20):
+    """Write a text at a place in space or a corner of the view."""
+    shown = simple.Show(simple.Text(Text=text), view)
+    shown.Color, shown.FontSize = (0.0, 0.0, 0.0), size
+    if place is None:
+        shown.WindowLocation = corner
+    else:
+        shown.TextPropMode = "Billboard 3D Text"
+        shown.BillboardPosition = place
+
+
+def colour_by_state(view):
+    """Give stick, slip and no contact their colours, and show what they mean."""
+    table = simple.GetColorTransferFunction("contact_state")
+    table.InterpretValuesAsCategories = 1
+    table.Annotations = [word for state in STATES for word in state[:2]]
+    table.IndexedColors = [part for state in STATES for part in state[2]]
+    bar = simple.GetScalarBar(table, view)
+    bar.Title, bar.ComponentTitle = "contact", ""
+    bar.TitleColor = bar.LabelColor = (0.0, 0.0, 0.0)
+    bar.TitleFontSize = bar.LabelFontSize = 18
+    bar.WindowLocation = "Any Location"
+    bar.Orientation = "Horizontal"
+    bar.Position, bar.ScalarBarLength = [0.64, 0.1], 0.3
+    bar.Visibility = 1
+
+
+def aim(view, bounds):
+    """Parallel view along DIRECTION that holds the box with room above and below it."""
+    norm = math.sqrt(sum(part**2 for part in DIRECTION))
+    _, back, rise = (part / norm for part in DIRECTION)
+    centre = [0.5 * (bounds[2 * k] + bounds[2 * k + 1]) for k in range(3)]
+    wide, deep, high = (bounds[2 * k + 1] - bounds[2 * k] for k in range(3))
+    tall = deep * rise - high * back
+    view.CameraParallelProjection = 1
+    view.CameraFocalPoint = centre
+    far = 10.0 * (wide + deep + high)
+    view.CameraPosition = [centre[0], centre[1] + far * back, centre[2] + far * rise]
+    view.CameraViewUp = [0.0, rise, -back]
+    view.CameraParallelScale = max(0.5 * tall / 0.62, 0.5 * wide / 0.94 * TOP * SIZE[1] / SIZE[0])
+
+
+def table(script):
+    """Table that a script makes inside ParaView."""
+    source = simple.ProgrammableSource(OutputDataSetType="vtkTable")
+    source.Script = script
+    return source
+
+
+def show_load(path, times, view):
+    """Curve of each load, with a mark that runs with the time."""
+    path = os.path.abspath(path)
+    with open(path, newline="", encoding="utf-8") as file:
+        columns, *rows = csv.reader(file)
+    largest = max((abs(float(word)) for row in rows for word in row[1:]), default=0.0)
+    unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
+    names = [name.removesuffix("N") + short for name in columns[1:]]
+    curve = simple.Show(table(CURVE.format(path=path, names=names, unit=unit)), view)
+    curve.UseIndexForXAxis, curve.XArrayName = 0, "time, ms"
+    curve.SeriesVisibility = names
+    curve.SeriesLabel = [word for name in names for word in (name, name)]
+    curve.SeriesColor = [
+        word for k, name in enumerate(names) for word in (name, *(3 * [str(0.1 + 0.3 * k)]))
+    ]
+    curve.SeriesLineThickness = [word for name in names for word in (name, "2")]
+
+    source = table(MARK.format(path=path, unit=unit))
+    source.ScriptRequestInformation = TIME_STEPS.format(times=times)
+    mark = simple.Show(source, view)
+    marks = [f"now {k}" for k in range(1, len(columns))]
+    mark.UseIndexForXAxis, mark.XArrayName = 0, "time, ms"
+    mark.SeriesVisibility = marks
+    mark.SeriesLabel = [word for name in marks for word in (name, "now")]
+    mark.SeriesColor = [word for name in marks for word in (name, "0.82", "0.12", "0.12")]
+    mark.SeriesLineStyle = [word for name in marks for word in (name, "0")]
+    mark.SeriesMarkerStyle = [word for name in marks for word in (name, "4")]  # a circle
+    mark.SeriesMarkerSize = [word for name in marks for word in (name, "14")]
+
+    view.HideTimeMarker = 1
+    view.BottomAxisTitle = "time, ms"
+    view.LeftAxisTitle = names[0] if len(names) == 1 else f"force, {short}"
+    view.ShowLegend = int(len(names) > 1)
+    if largest > 0.0:
+        view.LeftAxisUseCustomRange = 1
+        view.LeftAxisRangeMinimum = -1.15 * largest / unit
+        view.LeftAxisRangeMaximum = 1.15 * largest / unit
+    for axis in ("Bottom", "Left"):
+        setattr(view, f"{axis}AxisTitleFontSize", 18)
+        setattr(view, f"{axis}AxisLabelFontSize", 16)
+
+
+def joint(reader, time=None, factor=None, arrows=False):
+    """Build the views of a series without drawing; returns the layout, its view, and the time."""
+    simple._DisableFirstRenderCameraReset()
+    reader.UpdatePipeline()
+    times = list(reader.TimestepValues)
+    largest, at = largest_displacement(reader)
+    if time is not None:
+        at = min(times, key=lambda step: abs(step - time))
+    reader.UpdatePipeline(at)
+    traction = reader.PointData["friction_traction"].GetRange(-1)[1]
+    bounds = list(reader.GetDataInformation().GetBounds())
+    length = max(bounds[1] - bounds[0], bounds[3] - bounds[2])
+    arrow = 0.05 * length / traction if arrows and traction > 0.0 else 0.0
+    if factor is None:
+        factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
+
+    layout = simple.CreateLayout("joint")
+    view = simple.CreateRenderView()
+    simple.AssignViewToLayout(view=view, layout=layout)
+    load = os.path.splitext(reader.FileName)[0] + "_load.csv"
+    has_load = os.path.exists(load)
+    if has_load:
+        chart = simple.CreateView("XYChartView")
+        layout.SplitVertical(0, TOP)
+        simple.AssignViewToLayout(view=chart, layout=layout, hint=2)
+    layout.SetSize(*SIZE)
+    view.UseColorPaletteForBackground = 0
+    view.Background = [1.0, 1.0, 1.0]
+    view.OrientationAxesVisibility = 0
+
+    margin = factor * largest
+    depth = bounds[3] - bounds[2]
+    step = depth + 2.0 * margin + 0.05 * length
+    models = blocks_by_model(reader)
+    for k, (name, paths) in enumerate(models.items()):
+        show_model(reader, name, paths, view, factor, k * step, arrow)
+        if len(models) > 1:
+            place = [bounds[0], bounds[3] + margin + 0.01 * length - k * step, bounds[5]]
+            write(view, name, place=place, size=18)
+    colour_by_state(view)
+    write(view, f"displacement x {factor:g}", corner="Upper Right Corner")
+    shown = simple.Show(
+        simple.AnnotateTimeFilter(Input=reader, Format="t = {time:.3f} ms", Scale=1e3), view
+    )
+    shown.WindowLocation, shown.Color = "Upper Left Corner", (0.0, 0.0, 0.0)
+    shown.FontSize = 20
+
+    bounds[0], bounds[1] = bounds[0] - margin, bounds[1] + margin
+    bounds[2], bounds[3] = bounds[2] - margin - (len(models) - 1) * step, bounds[3] + margin
+    aim(view, bounds)
+    if has_load:
+        show_load(load, times, chart)
+    return layout, view, at
+
+
+def go_to(time):
+    """Set the time of all views, which draws them."""
+    scene = simple.GetAnimationScene()
+    scene.UpdateAnimationUsingDataTimeSteps()
+    scene.AnimationTime = time
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("series", help="index of a series, out/fields.pvd")
+    parser.add_argument("picture", nargs="?", help="PNG; SERIES.png if not given")
+    parser.add_argument("--time", type=float)
+    parser.add_argument("--factor", type=float)
+    parser.add_argument("--arrows", action="store_true")
+    given = parser.parse_args(arguments)
+    if not os.path.isfile(given.series):
+        sys.exit(f"{given.series}: no such file")
+    reader = simple.PVDReader(FileName=given.series)
+    layout, view, time = joint(reader, given.time, given.factor, given.arrows)
+    if not can_draw(view):
+        sys.exit(
+            "this ParaView draws through an X server and finds none: put xvfb-run -a before the "
+            "command (Debian: apt-get install xvfb), or use a ParaView built for EGL or OSMesa"
+        )
+    go_to(time)
+    picture = given.picture or os.path.splitext(given.series)[0] + ".png"
+    simple.SaveScreenshot(picture, layout, ImageResolution=SIZE)
+    print(picture)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        main(sys.argv[1:])
+    elif simple.GetActiveSource() is not None:  # from ParaView's shell, with a series opened
+        go_to(joint(simple.GetActiveSource())[2])
+    else:
+        sys.exit(__doc__)
