@@ -95,7 +95,7 @@ def own_basis(
     training : Run
         Run of the system with stored fields; it takes at most 300 of their times.
     modes : int
-    snapshots : {"both", "displacement"}
+    snapshots : {"both", "displacement", "rates"}
         See :func:`skfem_joint.reduction.snapshot_matrix`.
     inner_product : {"energy", "mass", "euclidean"}
         ``energy`` is that of strain energy, with the share of mass that keeps it definite.

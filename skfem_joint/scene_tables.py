@@ -274,8 +274,9 @@ class CommonReduction(SceneTable):
     friction_points : "auto", "all" or int
         Points at which the friction of a joint's end is evaluated: four for each mode, every
         contact node as in the paper, or so many.
-    snapshots : "both" or "displacement"
-        Whether the modes span displacement and velocity, or displacement alone as in the paper.
+    snapshots : "both", "displacement" or "rates"
+        Whether the modes span displacement and velocity, displacement alone as in the paper, or
+        velocity and acceleration.
     """
 
     modes: int = Field(default=5, ge=1, le=MOST)
@@ -292,7 +293,7 @@ class CommonReduction(SceneTable):
         | Annotated[int, Field(ge=1, le=MOST), Tag(NUMBER)],
         Discriminator(number_or_word),
     ] = Field(default="auto", description="'auto', 'all' or a whole number >= 1")
-    snapshots: Literal["both", "displacement"] = "both"
+    snapshots: Literal["both", "displacement", "rates"] = "both"
 
 
 class Reduction(CommonReduction):

@@ -13,6 +13,7 @@ from scipy import linalg
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Load
 from skfem_joint.meshing import build_bar
+from skfem_joint.paper.cases import CASES, study
 from skfem_joint.reduction import (
     ReferenceModes,
     active_zones,
@@ -298,6 +299,32 @@ def test_snapshots_of_both_kinds_weigh_alike() -> None:
     assert np.array_equal(snapshot_matrix(u, v, "displacement"), u)
     with pytest.raises(InputError, match="snapshots: found 'velocity'"):
         snapshot_matrix(u, v, "velocity")
+
+
+def test_snapshots_of_rates_have_no_units_and_weigh_instants_by_roots() -> None:
+    v = np.random.default_rng(1).normal(size=(30, 4)) * np.geomspace(1.0, 1e-3, 30)[:, np.newaxis]
+    rates = snapshot_matrix(v, v, "rates")
+    assert rates.shape == (59, 4)
+    np.testing.assert_allclose(snapshot_matrix(v, 7.0 * v, "rates"), rates, rtol=1e-12)
+    size = np.linalg.norm(v, axis=1)
+    expected = np.sqrt(size / size.max())
+    np.testing.assert_allclose(np.linalg.norm(rates[:30], axis=1), expected, rtol=1e-12)
+
+
+def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does() -> None:
+    """Within 2 %, where five modes of displacement and velocity leave twice as much."""
+
+    def friction_error(snapshots: str) -> float:
+        options = {"snapshots": snapshots, "friction_points": "all"}
+        time = {"cycles": 3, "steps_per_cycle": 200}
+        both = study(CASES["reference"], run=("full", "reduced"), reduction=options, time=time)
+        errors = both.models["reduced"].errors
+        assert errors is not None
+        assert errors.friction_energy_per_cycle is not None
+        return abs(errors.friction_energy_per_cycle)
+
+    assert friction_error("rates") < 0.02
+    assert friction_error("both") > 0.03
 
 
 def test_modes_keep_their_shape_on_the_unit_active_length(reference: ReferenceModes) -> None:

@@ -146,12 +146,16 @@ def full_jobs(scene: Scene, reference: Reference, wanted: Range) -> Iterator[Job
         yield from _jobs(one, grid, rho, wanted.parts, what, own=own)
 
 
-def _reduced(scene: Scene, modes: int, points: str | int) -> tuple[System, float] | None:
+def _reduced(
+    scene: Scene, modes: int, points: str | int, **options: Any
+) -> tuple[System, float] | None:
     """Reduced system of a scene and its off-line time; None where so many modes do not exist."""
     changed = variant(
         scene,
         models=scene.models.model_copy(update={"run": ("reduced",)}),
-        reduction=scene.reduction.model_copy(update={"modes": modes, "friction_points": points}),
+        reduction=scene.reduction.model_copy(
+            update={"modes": modes, "friction_points": points, **options}
+        ),
         output=scene.output.model_copy(update={"vtk": False, "plots": False}),
     )
     try:
@@ -172,22 +176,29 @@ def reduced_limit(scene: Scene) -> int:
 
 
 def reduced_jobs(scene: Scene, reference: Reference, wanted: Range) -> Iterator[Job]:
-    """Reduced models: friction at all nodes, and at Gauss points of the active length."""
+    """Reduced models: friction at all nodes, and at Gauss points of the active length.
+
+    The swept numbers of modes are also taken from snapshots of velocity and acceleration.
+    """
     grid, rho = reference.grid, scene.time.rho_infinity
     plan: list[tuple[int, str | int, tuple[int, ...]]] = []
+    rates: list[tuple[int, str | int, tuple[int, ...]]] = []
     for modes in wanted.modes:
         parts = wanted.reduced_parts if modes in wanted.swept else (wanted.usual,)
         plan += [(modes, "all", parts), (modes, "auto", parts)]
     plan += [(wanted.swept[0], count, wanted.reduced_parts) for count in wanted.counts]
-    for modes, points, parts in plan:
-        made = _reduced(scene, modes, points)
+    for modes in wanted.swept:
+        rates += [(modes, points, wanted.reduced_parts) for points in ("auto", 6 * modes)]
+    for k, (modes, points, parts) in enumerate(plan + rates):
+        by_rates = k >= len(plan)
+        made = _reduced(scene, modes, points, **({"snapshots": "rates"} if by_rates else {}))
         if made is None:
             continue
         system, offline = made
         family = POD if points == "all" else GAUSS
         what = What(
             family,
-            "reduced",
+            "reduced, rates" if by_rates else "reduced",
             _scheme(rho),
             int(scene.bar.mesh.t.shape[1]),
             system.n,
