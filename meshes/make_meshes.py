@@ -25,7 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from skfem_joint.meshing import BarMesh, build_bar, write_mesh
-from skfem_joint.plate_mesh import PlateMesh, build_plate, make_plate, merged, write_plate
+from skfem_joint.plate_file import write_plate
+from skfem_joint.plate_mesh import PlateMesh, build_plate, make_plate, merged
 
 WIDTH = 0.05
 

@@ -51,17 +51,18 @@ class Bolt:
             problems.append(f"bolt.at: found {self.at}, must be two finite numbers")
         where = f"bolt at {tuple(self.at)}"
         if not (self.force >= 0.0 and math.isfinite(self.force)):
-            problems.append(f"{where}: force {self.force} must be >= 0")
+            problems.append(f"{where}: force: found {self.force}, must be >= 0")
         if not (self.hole_radius >= 0.0 and math.isfinite(self.hole_radius)):
-            problems.append(f"{where}: hole_radius {self.hole_radius} must be >= 0")
+            problems.append(f"{where}: hole_radius: found {self.hole_radius}, must be >= 0")
         if not (self.head_radius > self.hole_radius and math.isfinite(self.head_radius)):
             problems.append(
-                f"{where}: head_radius {self.head_radius} must be greater than "
-                f"hole_radius {self.hole_radius}"
+                f"{where}: head_radius: found {self.head_radius}, must be > hole_radius, "
+                f"{self.hole_radius}"
             )
         if not 0.0 <= self.spreading_angle < 90.0:
             problems.append(
-                f"{where}: spreading_angle {self.spreading_angle} must be in degrees, in [0, 90)"
+                f"{where}: spreading_angle: found {self.spreading_angle}, must be in [0, 90), in "
+                "degrees"
             )
         if problems:
             raise InputError(problems)

@@ -53,6 +53,8 @@ FORCING, MOST_SOLVES = 0.1, 60
 PATIENCE = 8
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
+#: Forces, N, that count as none: products of smaller ones are lost.
+NOTHING = 1e-140
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,9 @@ class ContactProblem:
         self.points = self.first, self.second
         self.law = self.w, self.beta
 
-    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
+    def solve(
+        self, g: FloatArray, start: FloatArray, tolerance: float, force: float = 0.0
+    ) -> Solution:
         """Velocity at which A v + friction = g, from the velocity ``start``.
 
         Parameters
@@ -149,12 +153,19 @@ class ContactProblem:
         g : ndarray, shape (n,)
             Right side, N.
         tolerance : float
-            Largest force residual relative to the largest entry of ``g``.
+            Largest force residual relative to the largest force.
+        force : float, optional
+            Largest force besides those of ``g``, N.
+
+        Returns
+        -------
+        Solution
+            Not converged where anything is not finite.
         """
         from skfem_joint import kernels_contact as kernels
 
-        v = start.copy()
-        scale = float(np.abs(g).max())
+        scale = max(float(np.abs(g).max()), force)
+        v = start.copy() if scale > NOTHING else np.zeros_like(start)
         sigma = np.zeros(v.size)
         held = np.zeros(v.size, dtype=np.bool_)
         tangents = np.zeros_like(self.block)
@@ -167,10 +178,12 @@ class ContactProblem:
             r = g - Av
             residual, where = kernels.subtract_friction(*self.points, *self.law, v, r, sigma, held)
             evaluations += SWEEPS + 1
-            converged = residual <= tolerance * scale or (
+            if not np.isfinite(residual):
+                break
+            converged = residual <= max(tolerance * scale, NOTHING) or (
                 residual <= 1e-6 * scale and residual <= self._round_off(v, g)
             )
-            if converged or not np.isfinite(residual):
+            if converged:
                 break
             kernels.tangent(*self.points, *self.law, v, tangents)
             r[held] = 0.0
@@ -211,6 +224,8 @@ class ContactProblem:
         The factor kept is that of an earlier tangent: conjugate gradients make up for what has
         changed, until that takes longer than to factorise again.
         """
+        if not np.any(r):  # only held points are out of balance: relaxation sets them free
+            return np.zeros_like(r), 0
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(r, tangents, held, PATIENCE)
             if solved:
@@ -312,6 +327,8 @@ class ContactProblem:
             return linear + length * quadratic + float(friction)
 
         at_start = slope(0.0)
+        if not at_start < 0.0:  # round-off: the direction descends
+            return 1.0, 1
         low, slope_low = 0.0, at_start
         high, slope_high = np.inf, np.inf
         length = 1.0
@@ -323,6 +340,7 @@ class ContactProblem:
                 high, slope_high = length, here
             else:
                 low, slope_low = length, here
+            # The slope at `low` is negative and that at `high` positive.
             length = low - slope_low * (high - low) / (slope_high - slope_low)
             margin = 0.05 * (high - low)
             length = min(max(length, low + margin), high - margin)

@@ -45,8 +45,8 @@ def _relax(p, first, second, block, w, beta, r, s, v):
         v[j] = 0.0
         return
     speed = scalar_resolvent(size / w[p], largest / w[p], beta[p])[0]
-    v[i] = speed * x / size
-    v[j] = speed * y / size
+    v[i] = speed * (x / size)
+    v[j] = speed * (y / size)
 
 
 @compiled
@@ -92,6 +92,8 @@ def _speed(first, second, p, v):
 def subtract_friction(first, second, w, beta, v, r, sigma, held):
     """Subtract friction from the residual ``r`` = g - A v; returns its largest entry and where.
 
+    What is not a number counts as larger than any number.
+
     The force of a Coulomb point at rest is what the residual asks for, as far as it can hold.
     ``held`` marks the unknowns of such points; ``sigma`` is filled by unknown.
     """
@@ -115,12 +117,11 @@ def subtract_friction(first, second, w, beta, v, r, sigma, held):
             if j >= 0:
                 sigma[j] = 0.0
         else:
-            share = 1.0 / speed
-            if beta[p] != inf:
-                share *= 2.0 / pi * arctangent(beta[p] * speed)
-            sigma[i] = v[i] * share
+            # The inverse of the speed may be infinite, its products then are not numbers.
+            share = 1.0 if beta[p] == inf else 2.0 / pi * arctangent(beta[p] * speed)
+            sigma[i] = v[i] / speed * share
             if j >= 0:
-                sigma[j] = v[j] * share
+                sigma[j] = v[j] / speed * share
         r[i] -= w[p] * sigma[i]
         if j >= 0:
             r[j] -= w[p] * sigma[j]
@@ -130,6 +131,8 @@ def subtract_friction(first, second, w, beta, v, r, sigma, held):
         if not abs(r[i]) <= largest:
             largest = abs(r[i])
             where = i
+            if largest != largest:
+                break
     return largest, where
 
 
@@ -194,38 +197,6 @@ def round_off(first, second, w, beta, v):
                 change += 2.0 / pi * z / (1.0 + z * z)
             largest = max(largest, w[p] * change)
     return largest
-
-
-@compiled
-def shares(first, second, block, tangents, held, kept, rest):
-    """Blocks that blend the factor kept of A with the diagonal where friction rules.
-
-    With h the largest diagonal entry of a point and D its tangent: ``kept`` = h (h + D)^-1 and
-    ``rest`` = (1 - kept) (h + D)^-1; both zero where a point is held.
-    """
-    for p in range(first.size):
-        kept[p, :] = 0.0
-        rest[p, :] = 0.0
-        if held[first[p]]:
-            continue
-        j = second[p]
-        h = block[p, 0] if j < 0 else max(block[p, 0], block[p, 2])
-        a = h + tangents[p, 0]
-        if j < 0:
-            kept[p, 0] = h / a
-            rest[p, 0] = (1.0 - h / a) / a
-            continue
-        b = tangents[p, 1]
-        c = h + tangents[p, 2]
-        determinant = a * c - b * b
-        x, y, z = c / determinant, -b / determinant, a / determinant
-        kept[p, 0] = h * x
-        kept[p, 1] = h * y
-        kept[p, 2] = h * z
-        p0, p1, p2 = 1.0 - h * x, -h * y, 1.0 - h * z
-        rest[p, 0] = p0 * x + p1 * y
-        rest[p, 1] = p0 * y + p1 * z
-        rest[p, 2] = p1 * y + p2 * z
 
 
 @compiled

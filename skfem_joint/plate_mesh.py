@@ -1,4 +1,4 @@
-"""Plane plates of triangles or quadrilaterals: read from files, built in memory, written, refined.
+"""Plane plates of triangles or quadrilaterals: read from files, built in memory, merged, refined.
 
 Files are read with meshio, not with ``skfem.Mesh.load``, which keeps cells that a file holds twice,
 loses groups inside the plate and the boundaries of second-order files, and drops one kind of cell
@@ -8,7 +8,7 @@ where two are mixed. Whatever is no proper plane mesh is refused with the place 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -18,11 +18,21 @@ import skfem
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from skfem_joint.errors import InputError
 from skfem_joint.mesh_file import cell_sets, lost_groups, name_problems, read_mesh
 from skfem_joint.meshing import TOLERANCE, BarMesh, bar_of
+from skfem_joint.plate_checks import (
+    KINDS,
+    Kind,
+    check_connections,
+    check_neighbours,
+    check_shapes,
+    corner_areas,
+    facet_numbers,
+    not_an_edge,
+    spot,
+)
 
 if TYPE_CHECKING:
     import meshio
@@ -34,16 +44,14 @@ __all__ = [
     "make_plate",
     "merged",
     "refined",
-    "write_plate",
 ]
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
-Kind = Literal["triangle", "quadrilateral"]
 Side = Literal["left", "right", "bottom", "top"]
 
 # Of the plate, m: its stiffness, mass and energies must not overflow.
-_SHORTEST, _LONGEST = 1e-20, 1e20
+_LONGEST = 1e20
 # Corners and order of the cells, by meshio's names.
 _CELLS = {
     "triangle": (3, 1),
@@ -52,9 +60,6 @@ _CELLS = {
     "quad8": (4, 2),
     "quad9": (4, 2),
 }
-_KINDS: dict[int, Kind] = {3: "triangle", 4: "quadrilateral"}
-# Gmsh's numbers of the element types, by corners and order.
-_GMSH_TYPES = {(2, 1): 1, (2, 2): 8, (3, 1): 2, (3, 2): 9, (4, 1): 3, (4, 2): 10}
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class PlateMesh:
     @property
     def kind(self) -> Kind:
         """Kind of the elements."""
-        return _KINDS[len(self.mesh.t)]
+        return KINDS[len(self.mesh.t)]
 
 
 def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> BarMesh | PlateMesh:
@@ -258,8 +263,8 @@ def build_plate(
             problems.append(f"{what} has {count} elements: give an integer from 1 on")
     if not all(map(math.isfinite, origin)):
         problems.append(f"origin is {origin}: it must be finite")
-    if kind not in _KINDS.values():
-        problems.append(f"kind of element {kind!r}: allowed are {', '.join(_KINDS.values())}")
+    if kind not in KINDS.values():
+        problems.append(f"kind of element {kind!r}: allowed are {', '.join(KINDS.values())}")
     if order not in (1, 2):
         problems.append(f"order of the elements is {order}: allowed are 1 and 2")
     limits = {n: (at, None) if isinstance(at, str) else at for n, at in boundaries.items()}
@@ -320,7 +325,7 @@ def build_plate(
         if not distance[nearest] <= TOLERANCE * max(ends[-1], width):
             problems.append(
                 f"point {name!r} at {tuple(place)} m is not on a vertex; the nearest one is at "
-                f"{_at(p[:, nearest])}"
+                f"{spot(p[:, nearest])}"
             )
     if problems:
         raise InputError(problems)
@@ -411,107 +416,8 @@ def refined(plate: PlateMesh) -> PlateMesh:
     )
 
 
-def write_plate(plate: PlateMesh, path: str | Path) -> None:
-    """Write a plate as Gmsh 4.1 ASCII; regions, boundaries and points are its physical groups.
-
-    Elements of the same regions make one surface, facets of the same boundaries one curve, so that
-    overlapping groups need no repeated cells. Elements are written in the order of first
-    appearance of their surfaces. Of order 2, elements are written with their middle nodes.
-
-    Raises
-    ------
-    InputError
-        A name cannot stand in the format, or the file cannot be written.
-    """
-    problems = name_problems(region=plate.regions, boundary=plate.boundaries, point=plate.points)
-    if problems:
-        raise InputError([f"{path}: {problem}" for problem in problems])
-    mesh, order = plate.mesh, plate.order
-    positions, facets, cells = mesh.p, mesh.facets, mesh.t
-    if order == 2:
-        middle = mesh.nvertices + np.arange(mesh.nfacets)
-        positions = np.hstack([positions, mesh.p[:, mesh.facets].mean(axis=1)])
-        facets = np.vstack([facets, middle])
-        # scikit-fem's third facet of a triangle and fourth of a quadrilateral close the circle.
-        cells = np.vstack([cells, middle[mesh.t2f]])
-        if plate.kind == "quadrilateral":
-            cells = np.vstack([cells, positions.shape[1] + np.arange(mesh.nelements)])
-            positions = np.hstack([positions, mesh.p[:, mesh.t].mean(axis=1)])
-
-    tags: dict[tuple[int, str], int] = {}
-    names = []
-    groups: tuple[Iterable[str], ...] = (plate.points, plate.boundaries, plate.regions)
-    for dimension, named in enumerate(groups):
-        for name in named:
-            tags[dimension, name] = len(tags) + 1
-            names.append(f'{dimension} {tags[dimension, name]} "{name}"')
-    vertex_groups = {name: np.array([vertex]) for name, vertex in plate.points.items()}
-    # Dimension, physical tags, element type and rows of node numbers of each entity.
-    entities: list[tuple[int, list[int], int, IntArray]] = []
-    for dimension, named, nodes, kind in (
-        (0, vertex_groups, np.arange(mesh.nvertices)[np.newaxis], 15),
-        (1, plate.boundaries, facets, _GMSH_TYPES[2, order]),
-        (2, plate.regions, cells, _GMSH_TYPES[len(mesh.t), order]),
-    ):
-        for members, chosen in _by_membership(named, nodes.shape[1]):
-            if members or dimension == 2:
-                physical = [tags[dimension, name] for name in members]
-                entities.append((dimension, physical, kind, nodes[:, chosen].T))
-
-    counts = [sum(entity[0] == dimension for entity in entities) for dimension in range(3)]
-    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat"]
-    if names:
-        lines += ["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
-    lines += ["$Entities", _words([*counts, 0])]
-    surface = len(entities) - counts[2] + 1
-    for tag, (dimension, physical, _, nodes) in enumerate(entities, 1):
-        used = positions[:, np.unique(nodes)]
-        low, high = ([*side.tolist(), 0.0] for side in (used.min(axis=1), used.max(axis=1)))
-        box = low if dimension == 0 else [*low, *high]
-        bounds = [] if dimension == 0 else [0]
-        lines.append(_words([tag, *box, len(physical), *physical, *bounds]))
-    n_nodes = positions.shape[1]
-    lines += ["$EndEntities", "$Nodes", f"1 {n_nodes} 1 {n_nodes}", f"2 {surface} 0 {n_nodes}"]
-    lines += [str(number) for number in range(1, n_nodes + 1)]
-    lines += [f"{x!r} {y!r} 0.0" for x, y in positions.T.tolist()]
-    total = sum(len(nodes) for _, _, _, nodes in entities)
-    lines += ["$EndNodes", "$Elements", f"{len(entities)} {total} 1 {total}"]
-    number = 0
-    for tag, (dimension, _, kind, nodes) in enumerate(entities, 1):
-        lines.append(f"{dimension} {tag} {kind} {len(nodes)}")
-        for row in (nodes + 1).tolist():
-            number += 1
-            lines.append(_words([number, *row]))
-    lines += ["$EndElements", ""]
-    try:
-        Path(path).write_text("\n".join(lines), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def _words(values: Sequence[float]) -> str:
-    return " ".join(map(str, values))
-
-
-def _by_membership(named: Mapping[str, IntArray], count: int) -> list[tuple[list[str], IntArray]]:
-    """Names of the groups and numbers of the things that are in just these, by first thing."""
-    member = np.zeros((count, len(named)), dtype=bool)
-    for column, numbers in enumerate(named.values()):
-        member[numbers, column] = True
-    which, first, at = np.unique(member, axis=0, return_index=True, return_inverse=True)
-    names = list(named)
-    return [
-        ([names[i] for i in np.flatnonzero(which[row])], np.flatnonzero(at.ravel() == row))
-        for row in np.argsort(first)
-    ]
-
-
 def _described(plate: PlateMesh) -> str:
     return f"{plate.kind}s of {'first' if plate.order == 1 else 'second'} order"
-
-
-def _at(position: FloatArray) -> str:
-    return f"({', '.join(f'{value:.9g}' for value in position)}) m"
 
 
 def _load(file: Path, scale: float) -> BarMesh | PlateMesh:
@@ -574,7 +480,7 @@ def _plate_of(raw: meshio.Mesh, path: str, scale: float) -> PlateMesh:
     if strange.any():
         node = int(np.argmax(strange))
         raise ValueError(
-            f"node {node + 1} at {_at(position[node])}: coordinates must be finite, below 1e20 m"
+            f"node {node + 1} at {spot(position[node])}: coordinates must be finite, below 1e20 m"
         )
     cell = np.concatenate(cells)
     z = position[np.unique(cell), 2]
@@ -587,7 +493,7 @@ def _plate_of(raw: meshio.Mesh, path: str, scale: float) -> PlateMesh:
     xy = position[:, :2].T
     vertices, t = np.unique(cell[:, :corners].T, return_inverse=True)
     t = t.reshape(corners, -1)
-    _check_shapes(xy[:, vertices], t)
+    check_shapes(xy[:, vertices], t)
     # Cells of the same corners are one element; all are convex, so that no two differ otherwise.
     _, first, element_of = np.unique(
         np.sort(t, axis=0), axis=1, return_index=True, return_inverse=True
@@ -606,7 +512,7 @@ def _plate_of(raw: meshio.Mesh, path: str, scale: float) -> PlateMesh:
         off = (named_pairs[name] < 0).any(axis=0)
         if off.any():
             a, b = xy[:, ends[:, np.argmax(off)]].T
-            raise ValueError(_not_an_edge(name, a, b))
+            raise ValueError(not_an_edge(name, a, b))
     named_points = {}
     for name, marked in points.items():
         places = np.unique(np.concatenate(marked))
@@ -614,7 +520,7 @@ def _plate_of(raw: meshio.Mesh, path: str, scale: float) -> PlateMesh:
             raise ValueError(f"point name {name!r} marks {places.size} nodes: give each its own")
         if vertex_of[places[0]] < 0:
             raise ValueError(
-                f"point {name!r} at {_at(xy[:, places[0]])} is not a corner of any element"
+                f"point {name!r} at {spot(xy[:, places[0]])} is not a corner of any element"
             )
         named_points[name] = int(vertex_of[places[0]])
     return make_plate(
@@ -640,118 +546,24 @@ def _checked(
     notes: tuple[str, ...],
 ) -> PlateMesh:
     p = np.ascontiguousarray(p, dtype=np.float64)
-    _check_shapes(p, t)
-    clockwise = _corner_areas(p, t)[0] < 0.0
+    check_shapes(p, t)
+    clockwise = corner_areas(p, t)[0] < 0.0
     t = np.ascontiguousarray(np.where(clockwise, t[[0, *range(len(t) - 1, 0, -1)]], t))
-    _check_neighbours(p, t)
+    check_neighbours(p, t)
 
     regions = {name: np.unique(elements).astype(np.int64) for name, elements in regions.items()}
     made = skfem.MeshTri1 if len(t) == 3 else skfem.MeshQuad1
     # Sorting vertices would turn triangles round again; facets do not depend on it.
     mesh = made(p, t, sort_t=False)
-    boundaries = {name: _facet_numbers(mesh, ends, name) for name, ends in pairs.items()}
+    boundaries = {name: facet_numbers(mesh, ends, name) for name, ends in pairs.items()}
     mesh = made(p, t, _boundaries=boundaries or None, _subdomains=regions or None, sort_t=False)
 
     inside = mesh.f2t[:, mesh.f2t[1] >= 0]
     touching = coo_array((np.ones(inside.shape[1]), tuple(inside)), shape=(mesh.nelements,) * 2)
     body = connected_components(touching, directed=False)[1].astype(np.int64)
-    _check_connections(mesh, body)
+    check_connections(mesh, body)
     return PlateMesh(
         mesh, order, dict(regions), boundaries, dict(points), body, path=path, notes=notes
-    )
-
-
-def _corner_areas(p: FloatArray, t: IntArray) -> FloatArray:
-    """Parallelogram area (m2) at each corner of each element, positive counter-clockwise."""
-    forward = p[:, np.roll(t, -1, axis=0)] - p[:, t]
-    backward = p[:, np.roll(t, 1, axis=0)] - p[:, t]
-    return np.asarray(forward[0] * backward[1] - forward[1] * backward[0])
-
-
-def _check_shapes(p: FloatArray, t: IntArray) -> None:
-    """Refuse elements that are not convex or have no area."""
-    size = float(np.ptp(p, axis=1).max())
-    if size < _SHORTEST:
-        raise ValueError(f"the plate is {size:.3g} m in size: it must be {_SHORTEST:g} m or more")
-    area = _corner_areas(p, t)
-    longest = ((p[:, np.roll(t, -1, axis=0)] - p[:, t]) ** 2).sum(axis=0).max(axis=0)
-    flat = np.abs(area) <= TOLERANCE * longest
-    left = (area > 0.0).sum(axis=0)
-    kind = _KINDS[len(t)]
-
-    def place(wrong: NDArray[np.bool_]) -> str:
-        corners = p[:, t[:, np.argmax(wrong)]].T
-        more = f" ({wrong.sum()} such elements)" if wrong.sum() > 1 else ""
-        return f"with corners at {', '.join(_at(corner)[:-2] for corner in corners)} m{more}"
-
-    if flat.any():
-        reason = "has no area" if len(t) == 3 else "has no area or three corners on one line"
-        raise ValueError(f"a {kind} {reason}: {place(flat.any(axis=0))}. Mesh this place anew")
-    if len(t) == 4:
-        for wrong, reason in (
-            (left == 2, "crosses itself"),
-            ((left == 1) | (left == 3), "is not convex (its Jacobian changes sign)"),
-        ):
-            if wrong.any():
-                raise ValueError(f"a {kind} {reason}: {place(wrong)}. Mesh this place anew")
-
-
-def _check_neighbours(p: FloatArray, t: IntArray) -> None:
-    """Refuse counter-clockwise elements that lie on the same side of an edge."""
-    start, stop = t.ravel(), np.roll(t, -1, axis=0).ravel()
-    code = start * np.int64(p.shape[1]) + stop
-    order = np.argsort(code, kind="stable")
-    again = np.flatnonzero(np.diff(code[order]) == 0)
-    if again.size:
-        a, b = (_at(p[:, t[:, order[again[0] + i] % t.shape[1]]].mean(axis=1)) for i in range(2))
-        edge = order[again[0]]
-        raise ValueError(
-            f"two elements, with centres at {a} and {b}, lie on the same side of their edge from "
-            f"{_at(p[:, start[edge]])} to {_at(p[:, stop[edge]])}: the mesh overlaps itself or an "
-            "element is inverted. Two plates over each other must not share nodes"
-        )
-
-
-def _check_connections(mesh: skfem.Mesh, body: IntArray) -> None:
-    """Refuse nodes of one body in one place, and elements that only touch in a point."""
-    ends = mesh.facets[:, mesh.f2t[1] < 0]
-    hinge = np.bincount(ends.ravel(), minlength=mesh.nvertices) > 2
-    if hinge.any():
-        raise ValueError(
-            f"elements only touch in the point {_at(mesh.p[:, np.argmax(hinge)])}, a hinge: join "
-            "them along an edge, or give them separate nodes"
-        )
-    body_of = np.empty(mesh.nvertices, np.int64)
-    body_of[mesh.t] = body
-    size = float(np.ptp(mesh.p, axis=1).max())
-    apart = np.vstack([mesh.p, 2.0 * size * body_of]).T  # bodies may lie over each other
-    double = cKDTree(apart).query(apart, k=2)[0][:, 1] <= TOLERANCE * size
-    if double.any():
-        raise ValueError(
-            f"{double.sum()} nodes of one body lie in one place with another node that is not "
-            f"joined to them, the first at {_at(mesh.p[:, np.argmax(double)])}: the plate would "
-            "be cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
-        )
-
-
-def _facet_numbers(mesh: skfem.Mesh, ends: IntArray, name: str) -> IntArray:
-    """Sorted numbers of the facets between pairs of vertices."""
-    count = np.int64(mesh.nvertices)
-    known = mesh.facets[0].astype(np.int64) * count + mesh.facets[1]
-    low, high = np.sort(ends.astype(np.int64), axis=0)
-    order = np.argsort(known)
-    at = order[np.searchsorted(known, low * count + high, sorter=order).clip(max=known.size - 1)]
-    wrong = known[at] != low * count + high
-    if wrong.any():
-        a, b = mesh.p[:, ends[:, np.argmax(wrong)]].T
-        raise ValueError(_not_an_edge(name, a, b))
-    return np.unique(at).astype(np.int64)
-
-
-def _not_an_edge(name: str, a: FloatArray, b: FloatArray) -> str:
-    return (
-        f"boundary {name!r}: its line from {_at(a)} to {_at(b)} is not an edge of any element. In "
-        "Gmsh, embed the curve in the surface before meshing"
     )
 
 

@@ -30,7 +30,8 @@ from skfem_joint.plate_vtk import (
     filled,
     plate_blocks,
 )
-from skfem_joint.plot import _figure, _save, _unit
+from skfem_joint.plot import new_figure, prefixed_unit, save_figure
+from skfem_joint.vtk_files import needed_pyvista
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -271,7 +272,7 @@ class _Picture:
         else:
             arrays = [getattr(f, name.get(self.quantity, self.quantity)) for f in self.fields]
         sizes = [np.linalg.norm(a, axis=-1) if a.ndim == 3 else np.abs(a) for a in arrays]
-        unit, self.scale = _unit(QUANTITIES[self.quantity], sizes)
+        unit, self.scale = prefixed_unit(QUANTITIES[self.quantity], sizes)
         self.title = f"{self.quantity.replace('_', ' ')}, {unit}"
         largest = max(float(size.max(initial=0.0)) for size in sizes) / self.scale
         return 0.0, largest if largest > 0.0 else 1.0
@@ -317,7 +318,7 @@ class _Picture:
 
         assert self.load is not None
         forces = list(self.load.forces.values())
-        unit, scale = _unit("N", forces)
+        unit, scale = prefixed_unit("N", forces)
         _, time_scale = self._time_unit()
         share = (_PANEL - 15) / self.size[1]
         chart = pyvista.Chart2D(size=(0.7, share), loc=(0.01, 0.005))
@@ -341,7 +342,7 @@ class _Picture:
         return marks
 
     def _time_unit(self) -> tuple[str, float]:
-        return _unit("s", [np.asarray(self.times)])
+        return prefixed_unit("s", [np.asarray(self.times)])
 
     def show(self, frame: int) -> None:
         """Set everything to a frame."""
@@ -398,12 +399,7 @@ def _picture(
         problems.append(f"quantity: found {quantity!r}, must be one of {', '.join(QUANTITIES)}")
     if problems:
         raise InputError(problems)
-    try:
-        import pyvista
-    except ImportError as error:
-        raise InputError(
-            "pictures of plates need pyvista: pip install 'skfem-joint[vtk]', or switch them off"
-        ) from error
+    pyvista = needed_pyvista("pictures of plates")
     if factor is None:
         factor = warp_factor(fields, structure.nodes)
     with offscreen():
@@ -434,7 +430,7 @@ def active_region_figure(
         )
     active = np.asarray(active, dtype=bool)
     share = float(patch.area[active].sum() / (patch.area.sum() + patch.held_area))
-    unit, scale = _unit("m", [largest_slip])
+    unit, scale = prefixed_unit("m", [largest_slip])
     slip = largest_slip / scale
     position = structure.nodes[patch.nodes]
     title = f"{patch.joint.name}: active on {100.0 * share:.1f} % of the area"
@@ -449,7 +445,7 @@ def _edge_figure(
     along = int(np.ptp(position, axis=0).argmax())
     order = np.argsort(position[:, along])
     place, slip, active = position[order, along], slip[order], active[order]
-    figure = _figure(7.5, 3.5)
+    figure = new_figure(7.5, 3.5)
     panel = figure.subplots()
     panel.fill_between(
         place, 0.0, 1.0, where=active, transform=panel.get_xaxis_transform(), color="#f08a24",
@@ -481,7 +477,7 @@ def _area_figure(
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
     x, y = structure.nodes[nodes].T
     wide, tall = np.ptp(x), np.ptp(y)
-    figure = _figure(8.0, float(np.clip(1.8 + 6.5 * tall / wide, 2.6, 9.0)))
+    figure = new_figure(8.0, float(np.clip(1.8 + 6.5 * tall / wide, 2.6, 9.0)))
     from matplotlib.tri import Triangulation
 
     panel = figure.subplots()
@@ -531,4 +527,4 @@ def active_region(
     InputError
         Arrays that do not fit, a path that cannot be written, or matplotlib is missing.
     """
-    return _save(path, active_region_figure(structure, joint, largest_slip, active))
+    return save_figure(path, active_region_figure(structure, joint, largest_slip, active))

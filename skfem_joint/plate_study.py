@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import InputError
 from skfem_joint.integrate import integrate
 from skfem_joint.plate import PlateStructure, assemble_plate, build_plate_structure
 from skfem_joint.plate_reduction import (
@@ -27,10 +27,12 @@ from skfem_joint.results import (
     Model,
     Progress,
     Results,
+    check_friction,
     finished,
+    full_run,
+    integrated,
     run_models,
     run_warnings,
-    save_of,
     with_resolvable_beta,
 )
 from skfem_joint.scene import PlateScene
@@ -99,24 +101,6 @@ def _origin(scene: PlateScene) -> str:
     )
 
 
-def _integrate(
-    scene: PlateScene,
-    system: System,
-    progress: Callable[[int, int], None],
-    checkpoint: Checkpoint | None,
-) -> Run:
-    return integrate(
-        system,
-        step=scene.time_step,
-        n_steps=scene.n_steps,
-        scheme=generalized_alpha(scene.time.rho_infinity),
-        save=save_of(scene),
-        cycle_steps=scene.cycle_steps,
-        progress=progress,
-        checkpoint=checkpoint,
-    )
-
-
 def place_of(structure: PlateStructure, unknown: int) -> tuple[int, FloatArray]:
     """Displacement node that an unknown moves most, and its position, m."""
     column = structure.T[:, [unknown]].tocoo()
@@ -127,16 +111,11 @@ def place_of(structure: PlateStructure, unknown: int) -> tuple[int, FloatArray]:
 def _full(
     study: PlateStudy, progress: Callable[[int, int], None], checkpoint: Checkpoint | None
 ) -> Model:
-    try:
-        run = _integrate(study.scene, study.system, progress, checkpoint)
-    except ConvergenceError as error:
-        if error.unknown is None:
-            raise
-        node, (x, y) = place_of(study.structure, error.unknown)
-        raise ConvergenceError(
-            f"full model: {error} That unknown is of node {node}, at ({x:.6g}, {y:.6g}) m.",
-            error.unknown,
-        ) from error
+    def place(unknown: int) -> str:
+        node, (x, y) = place_of(study.structure, unknown)
+        return f"of node {node}, at ({x:.6g}, {y:.6g}) m"
+
+    run = full_run(study, progress, checkpoint, place)
     return Model(
         "full",
         run,
@@ -157,11 +136,7 @@ def _reduced(
     begin = time.perf_counter()
     scene = study.scene
     options = scene.reduction
-    if study.system.contact_points == 0:
-        raise InputError(
-            "models.run: 'reduced' needs friction in a joint; every joint of this scene has zero "
-            "pressure or zero friction. Run 'full' alone."
-        )
+    check_friction(study.system)
     training = _training(study)
     basis = (_scaled if options.reference == "paper" else _own)(study, training)
     _check_basis(study, basis)
@@ -173,7 +148,7 @@ def _reduced(
         system = with_friction_points(study.system, basis, count)
     system = with_resolvable_beta(study, system, basis.slip_velocity or STUCK_VELOCITY)
     before = time.perf_counter() - begin
-    run = _integrate(scene, system, progress, checkpoint)
+    run = integrated(scene, system, progress, checkpoint)
     return Model(
         "reduced",
         run,

@@ -16,7 +16,7 @@ from scipy import sparse
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 from skfem_joint.plate import PlateStructure
-from skfem_joint.vtk_files import series_problems, write_frames
+from skfem_joint.vtk_files import needed_pyvista, region_numbers, series_problems, write_frames
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -244,18 +244,9 @@ def plate_blocks(structure: PlateStructure, shape: str = "swept") -> list[Block]
     InputError
         If pyvista is missing.
     """
-    try:
-        import pyvista
-    except ImportError as error:
-        raise InputError(
-            "files for ParaView need pyvista: pip install 'skfem-joint[vtk]', or switch them off"
-        ) from error
-
+    pyvista = needed_pyvista("files for ParaView")
     plate = structure.plate
-    names = list(plate.regions)
-    region = np.full(plate.body.size, -1, dtype=np.int32)
-    for name in sorted(names, key=lambda name: plate.regions[name].size, reverse=True):
-        region[plate.regions[name]] = names.index(name)
+    region = region_numbers(plate.regions, plate.body.size)
     bottom = _bottoms(structure)
     corners = _counter_clockwise(structure)
     body = plate.body[structure.cell_element]
@@ -285,8 +276,8 @@ def plate_blocks(structure: PlateStructure, shape: str = "swept") -> list[Block]
         grid.cell_data["region"] = region[elements]
         grid.cell_data["body"] = np.full(cells.size, number, dtype=np.int32)
         grid.cell_data["thickness"] = size
-        if names:
-            grid.field_data["region_names"] = names
+        if plate.regions:
+            grid.field_data["region_names"] = list(plate.regions)
         grid.field_data["units"] = list(UNITS)
         blocks.append(Block(label, grid, nodes, cells))
     return blocks

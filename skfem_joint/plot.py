@@ -45,11 +45,11 @@ MODES, VALUES = 5, 20
 def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     """Displacement of named points over time, one panel a point; see :func:`histories`."""
     _check_points(runs, points)
-    figure = _figure(7.5, 1.0 + 2.2 * len(points))
+    figure = new_figure(7.5, 1.0 + 2.2 * len(points))
     panels = figure.subplots(len(points), 1, sharex=True, squeeze=False)[:, 0]
-    time_unit, time_scale = _unit("s", (run.times for run in runs.values()))
+    time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
     for panel, point in zip(panels, points, strict=True):
-        unit, scale = _unit("m", (run.point(point) for run in runs.values()))
+        unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
         for (name, run), style in zip(runs.items(), _styles(runs), strict=True):
             panel.plot(run.times / time_scale, run.point(point) / scale, label=name, **style)
         panel.set_ylabel(f"displacement, {unit}")
@@ -78,9 +78,9 @@ def hysteresis_figure(
         # A run that was stopped in its first cycle has nothing but that.
         rows = cycle_rows if cycle_rows is not None and run.times.size > cycle_rows else None
         loops.append(hysteresis_loop(run, point, load_index, rows))
-    unit, scale = _unit("m", (u for u, _ in loops))
-    force_unit, force_scale = _unit("N", (force for _, force in loops))
-    figure = _figure(6.0, 5.0)
+    unit, scale = prefixed_unit("m", (u for u, _ in loops))
+    force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
+    figure = new_figure(6.0, 5.0)
     panel = figure.subplots()
     for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
         panel.plot(u / scale, force / force_scale, label=name, **style)
@@ -102,7 +102,7 @@ def proper_orthogonal_modes_figure(
             f"modes: found shape {modes.shape} for xi of shape {xi.shape}, must be (points, modes)"
         )
     count = min(MODES, modes.shape[1], proper.proper_values.size)
-    figure = _figure(7.5, 4.5)
+    figure = new_figure(7.5, 4.5)
     panel = figure.subplots()
     lines = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
     shades = ("#000000", "#a33b00", "#1f5fa8", "#2e7d32", "#8d5fb0")
@@ -131,7 +131,7 @@ def proper_values_figure(proper: ProperModes) -> Figure:
     values, sums = proper.proper_values, proper.cumulative
     count = min(VALUES, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
-    figure = _figure(8.0, 3.8)
+    figure = new_figure(8.0, 3.8)
     left, right = figure.subplots(1, 2)
     left.bar(number, values[:count], color="#7fb2e5", edgecolor="#1a1a1a", linewidth=0.6)
     left.set_yscale("log")
@@ -169,10 +169,10 @@ def _energies_of_cycles(runs: Mapping[str, Run]) -> Figure:
         }
         for name, run in runs.items()
     }
-    figure = _figure(8.0, 5.5)
+    figure = new_figure(8.0, 5.5)
     panels = figure.subplots(2, 2, sharex=True)
     for panel, title in zip(panels.flat, ("input", "friction", "viscous", "scheme"), strict=True):
-        unit, scale = _unit("J", (part[title] for part in parts.values()))
+        unit, scale = prefixed_unit("J", (part[title] for part in parts.values()))
         for (name, part), style in zip(parts.items(), _styles(runs), strict=True):
             number = np.arange(1, part[title].size + 1)
             panel.plot(number, part[title] / scale, label=name, marker="o", markersize=4, **style)
@@ -201,8 +201,8 @@ def _energies_of_runs(runs: Mapping[str, Run]) -> Figure:
         )
         for run in runs.values()
     ]
-    unit, scale = _unit("J", works)
-    figure = _figure(7.0, 4.0)
+    unit, scale = prefixed_unit("J", works)
+    figure = new_figure(7.0, 4.0)
     panel = figure.subplots()
     width = 0.8 / len(runs)
     place = np.arange(len(labels)) - 0.4 + 0.5 * width
@@ -247,7 +247,7 @@ def histories(path: str | Path, runs: Mapping[str, Run], points: Sequence[str]) 
         No runs or points, a run that did not store a point, a path that cannot be written, or
         matplotlib is missing.
     """
-    return _save(path, histories_figure(runs, points))
+    return save_figure(path, histories_figure(runs, points))
 
 
 def hysteresis(
@@ -278,7 +278,7 @@ def hysteresis(
     InputError
         As for :func:`histories`, and for a load that a run does not have.
     """
-    return _save(path, hysteresis_figure(runs, point, load_index, cycle_rows))
+    return save_figure(path, hysteresis_figure(runs, point, load_index, cycle_rows))
 
 
 def proper_orthogonal_modes(
@@ -300,7 +300,7 @@ def proper_orthogonal_modes(
     -------
     Path
     """
-    return _save(path, proper_orthogonal_modes_figure(xi, modes, proper))
+    return save_figure(path, proper_orthogonal_modes_figure(xi, modes, proper))
 
 
 def proper_values(path: str | Path, proper: ProperModes) -> Path:
@@ -310,7 +310,7 @@ def proper_values(path: str | Path, proper: ProperModes) -> Path:
     -------
     Path
     """
-    return _save(path, proper_values_figure(proper))
+    return save_figure(path, proper_values_figure(proper))
 
 
 def energies(path: str | Path, runs: Mapping[str, Run]) -> Path:
@@ -323,10 +323,10 @@ def energies(path: str | Path, runs: Mapping[str, Run]) -> Path:
     -------
     Path
     """
-    return _save(path, energies_figure(runs))
+    return save_figure(path, energies_figure(runs))
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """Empty figure of a size in inches."""
     try:
         from matplotlib.figure import Figure
@@ -348,7 +348,7 @@ def _legend_above(figure: Figure, panel: Any) -> None:
     figure.legend(handles, labels, loc="outside upper center", ncols=4, handlelength=3.0)
 
 
-def _unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
+def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
     """Return the unit with the SI prefix that suits the largest value, and its size."""
     largest = max((float(np.max(np.abs(array), initial=0.0)) for array in arrays), default=0.0)
     for prefix, size in (("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9)):
@@ -374,7 +374,7 @@ def _check_points(runs: Mapping[str, Run], points: Sequence[str]) -> None:
         raise InputError(problems)
 
 
-def _save(path: str | Path, figure: Figure) -> Path:
+def save_figure(path: str | Path, figure: Figure) -> Path:
     """Write a figure as a PNG that takes its place when it is whole."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from skfem_joint import friction
 from skfem_joint.active_length import Estimate
 from skfem_joint.checkpoint import Checkpoint, Checkpoints
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.history import Errors, compare, peaks, steady_state
+from skfem_joint.integrate import integrate
 from skfem_joint.pod import ProperModes
 from skfem_joint.recording import Run, Save
 from skfem_joint.reduction import ReferenceModes
 from skfem_joint.scene import CommonScene, PlateScene
+from skfem_joint.schemes import generalized_alpha
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -191,6 +194,62 @@ def save_of(scene: CommonScene) -> Save:
         fields=output.vtk or (output.plots and isinstance(scene, PlateScene)),
         fields_every=max(1, -(-scene.n_steps // output.frames)),
     )
+
+
+def integrated(
+    scene: CommonScene,
+    system: System,
+    progress: Callable[[int, int], None],
+    checkpoint: Checkpoint | None,
+) -> Run:
+    """Run of one of a scene's models with the steps, scheme and output that the scene asks for."""
+    return integrate(
+        system,
+        step=scene.time_step,
+        n_steps=scene.n_steps,
+        scheme=generalized_alpha(scene.time.rho_infinity),
+        save=save_of(scene),
+        cycle_steps=scene.cycle_steps,
+        progress=progress,
+        checkpoint=checkpoint,
+    )
+
+
+def full_run(
+    study: R,
+    progress: Callable[[int, int], None],
+    checkpoint: Checkpoint | None,
+    place: Callable[[int], str],
+) -> Run:
+    """Run of the full model; ``place`` says in words where an unknown is.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step does not converge, with the place of the largest residual.
+    """
+    try:
+        return integrated(study.scene, study.system, progress, checkpoint)
+    except ConvergenceError as error:
+        if error.unknown is None:
+            raise
+        raise ConvergenceError(
+            f"full model: {error} That unknown is {place(error.unknown)}.", error.unknown
+        ) from error
+
+
+def check_friction(system: System) -> None:
+    """Refuse to reduce a system without friction.
+
+    Raises
+    ------
+    InputError
+    """
+    if system.contact_points == 0:
+        raise InputError(
+            "models.run: 'reduced' needs friction in a joint; every joint of this scene has zero "
+            "pressure or zero friction. Run 'full' alone."
+        )
 
 
 def finished(run: Run) -> Run:

@@ -20,7 +20,15 @@ from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
 from skfem_joint.schemes import Coefficients, Scheme
 from skfem_joint.steppers_contact import ContactStepper
-from skfem_joint.steppers_shared import Failure, Start, Stepper, coefficients_of, factorised
+from skfem_joint.steppers_shared import (
+    Failure,
+    Start,
+    Stepper,
+    coefficients_of,
+    end_of_step,
+    factorised,
+    prediction,
+)
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -129,18 +137,13 @@ class LinearStepper:
         sigma = np.zeros(s.B.shape[0])
         n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):
-            u, v, a, d = self.u, self.v, self.a, self.d
-            predictor = u + c.u_v * v + c.u_a * a
-            right = self.vectors @ amplitudes[:, k + 1] - s.K @ predictor
-            right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+            before = u, v, _, d = self.u, self.v, self.a, self.d
+            predictor, right = prediction(s, c, self.vectors @ amplitudes[:, k + 1], before)
             v_new = solve(right)
             if not np.all(np.isfinite(v_new)):
                 self.failure = Failure(float("nan"), int(np.flatnonzero(~np.isfinite(v_new))[0]))
                 return k
-            self.v = v_new
-            self.u = predictor + c.c_K * self.v
-            self.a = c.a_v * (self.v - v) + c.a_a * a
-            self.d = c.d_a * self.a + c.d_a0 * a + c.d_d0 * d
+            self.u, self.v, self.a, self.d = end_of_step(c, predictor, v_new, before)
             recorder.add_step(
                 h,
                 (amplitudes[:, k], amplitudes[:, k + 1]),

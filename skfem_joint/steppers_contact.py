@@ -20,7 +20,14 @@ from skfem_joint.contact_solver import ContactProblem, Solution
 from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
 from skfem_joint.schemes import Coefficients, Scheme
-from skfem_joint.steppers_shared import Failure, Start, coefficients_of, factorised
+from skfem_joint.steppers_shared import (
+    Failure,
+    Start,
+    coefficients_of,
+    end_of_step,
+    factorised,
+    prediction,
+)
 from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
@@ -85,9 +92,9 @@ class _Condensed:
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         g_rest = g[self.rest]
         right = g[self.contact] - self.H_cr @ self.factor(g_rest)
-        # The scale of the step's forces is that of all of them.
-        scale = float(np.abs(g).max()) / max(float(np.abs(right).max()), np.finfo(float).tiny)
-        found = self.problem.solve(right, start[self.contact], tolerance * max(scale, 1.0))
+        found = self.problem.solve(
+            right, start[self.contact], tolerance, force=float(np.abs(g).max())
+        )
         v, sigma = np.zeros(self.n), np.zeros(self.n)
         v[self.contact], sigma[self.contact] = found.v, found.sigma
         v[self.rest] = self.factor(g_rest - self.H_rc @ found.v)
@@ -188,15 +195,14 @@ class ContactStepper:
         s, c, recorder = self.system, self.start.coefficients(h), self.recorder
         if c not in self.matrices:
             self._prepare(c)
+            recorder.factorizations += isinstance(self.matrices[c], _Condensed)
         step_matrix = self.matrices[c]
         step_matrix.problem.forget()  # so that a run taken up again goes on in the same way
         counters = recorder.counters
         n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):
-            u, v, a, d = self.u, self.v, self.a, self.d
-            predictor = u + c.u_v * v + c.u_a * a
-            g = self.vectors @ amplitudes[:, k + 1] - s.K @ predictor
-            g += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+            before = u, v, _, d = self.u, self.v, self.a, self.d
+            predictor, g = prediction(s, c, self.vectors @ amplitudes[:, k + 1], before)
             found = step_matrix.solve(g, self._extrapolated(), self.tolerance)
             counters[0] += found.iterations
             counters[3] += found.evaluations
@@ -208,17 +214,14 @@ class ContactStepper:
                 self.start.done(k)
                 return k
             sigma = found.sigma[self.unknown]
-            before = (u, v, d, self.sigma)
+            at_start = (u, v, d, self.sigma)
             self.v_before = v
-            self.v = found.v
-            self.u = predictor + c.c_K * self.v
-            self.a = c.a_v * (self.v - v) + c.a_a * a
-            self.d = c.d_a * self.a + c.d_a0 * a + c.d_d0 * d
+            self.u, self.v, self.a, self.d = end_of_step(c, predictor, found.v, before)
             self.sigma = sigma
             recorder.add_step(
                 h,
                 (amplitudes[:, k], amplitudes[:, k + 1]),
-                before,
+                at_start,
                 (self.u, self.v, self.d, sigma),
                 self.vectors,
                 trapezoidal=c.trapezoidal,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -45,7 +45,7 @@ class Stepper(Protocol):
         """Displacement and velocity now."""
 
     def normalised_friction(self) -> FloatArray:
-        """Friction force over its limit at the contact points now, shape (m,)."""
+        """Friction force over its limit now, one value a slip row, shape (rows,)."""
 
     def saved(self) -> dict[str, FloatArray]:
         """State between two calls of :meth:`advance`, for a checkpoint."""
@@ -86,6 +86,30 @@ class Start:
         """Go on with the scheme once a step has been done."""
         if steps > 0:
             self.frequency = 0.0
+
+
+def prediction(
+    system: System, c: Coefficients, force: FloatArray, state: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (m) at the end of a step but for its velocity, and the step's right side (N).
+
+    ``force`` is that of the loads at the end, N; ``state`` is u, v, a, d at the start.
+    """
+    u, v, a, d = state
+    predictor = u + c.u_v * v + c.u_a * a
+    right = force - system.K @ predictor
+    right += system.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+    return predictor, right
+
+
+def end_of_step(
+    c: Coefficients, predictor: FloatArray, velocity: FloatArray, state: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """State u, v, a, d at the end of a step from the velocity there and the state at its start."""
+    _, v, a, d = state
+    a_end = c.a_v * (velocity - v) + c.a_a * a
+    d_end = c.d_a * a_end + c.d_a0 * a + c.d_d0 * d
+    return predictor + c.c_K * velocity, velocity, a_end, d_end
 
 
 def factorised(A: Any) -> Any:

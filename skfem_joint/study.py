@@ -13,7 +13,7 @@ from scipy import sparse
 
 from skfem_joint.active_length import THRESHOLD, Estimate, measured
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import InputError
 from skfem_joint.hyper_reduction import with_friction_points
 from skfem_joint.integrate import integrate
 from skfem_joint.loads import Harmonic, Load, MultiHarmonic
@@ -41,7 +41,10 @@ from skfem_joint.results import (
     Progress,
     Results,
     ZoneLength,
+    check_friction,
     finished,
+    full_run,
+    integrated,
     run_models,
     run_warnings,
     save_of,
@@ -150,39 +153,16 @@ def _origin(scene: Scene) -> str:
     )
 
 
-def _integrate(
-    scene: Scene,
-    system: System,
-    progress: Callable[[int, int], None],
-    checkpoint: Checkpoint | None,
-) -> Run:
-    return integrate(
-        system,
-        step=scene.time_step,
-        n_steps=scene.n_steps,
-        scheme=generalized_alpha(scene.time.rho_infinity),
-        save=save_of(scene),
-        cycle_steps=scene.cycle_steps,
-        progress=progress,
-        checkpoint=checkpoint,
-    )
-
-
 def _full(
     study: Study, progress: Callable[[int, int], None], checkpoint: Checkpoint | None
 ) -> Model:
     structure = study.structure
-    try:
-        run = _integrate(study.scene, study.system, progress, checkpoint)
-    except ConvergenceError as error:
-        if error.unknown is None:
-            raise
-        node = int(structure.free[error.unknown])
-        raise ConvergenceError(
-            f"full model: {error} That unknown is node {node}, {structure.position[node]:.6g} m "
-            "along the bar.",
-            error.unknown,
-        ) from error
+
+    def place(unknown: int) -> str:
+        node = int(structure.free[unknown])
+        return f"node {node}, {structure.position[node]:.6g} m along the bar"
+
+    run = full_run(study, progress, checkpoint, place)
     return Model("full", run, None, run.preparation_s, _measure(study, run))
 
 
@@ -211,11 +191,7 @@ def _reduced(
 ) -> Model:
     begin = time.perf_counter()
     options = study.scene.reduction
-    if study.system.contact_points == 0:
-        raise InputError(
-            "models.run: 'reduced' needs friction in a joint; every joint of this scene has zero "
-            "pressure or zero friction. Run 'full' alone."
-        )
+    check_friction(study.system)
     maker = _basis_from_paper if options.reference == "paper" else _basis_from_itself
     reduction = maker(study)
     system = study.system.project(reduction.V)
@@ -226,7 +202,7 @@ def _reduced(
         system = with_friction_points(system, position, reduction.stretches, count)
     system = with_resolvable_beta(study, system, reduction.slip_velocity)
     before = time.perf_counter() - begin
-    run = _integrate(study.scene, system, progress, checkpoint)
+    run = integrated(study.scene, system, progress, checkpoint)
     return Model(
         "reduced",
         run,

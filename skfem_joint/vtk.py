@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skfem_joint.contact import PressureTable
 from skfem_joint.errors import InputError
 from skfem_joint.structure import Structure
-from skfem_joint.vtk_files import series_problems, write_frames
+from skfem_joint.vtk_files import needed_pyvista, region_numbers, series_problems, write_frames
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -139,13 +139,7 @@ def _axis(structure: Structure) -> FloatArray:
 
 def _grid(structure: Structure, shape: str) -> tuple[Any, IntArray]:
     """Grid with what does not change in time, and the node that each of its points stands for."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise InputError(
-            "files for ParaView need pyvista: pip install 'skfem-joint[vtk]', or switch them off"
-        ) from error
-
+    pyvista = needed_pyvista("files for ParaView")
     n_elements = structure.E.size
     if shape == "line":
         source = np.arange(structure.n_nodes)
@@ -166,10 +160,7 @@ def _grid(structure: Structure, shape: str) -> tuple[Any, IntArray]:
 
     grid = pyvista.UnstructuredGrid(cells, points)
     regions = structure.bar.regions
-    region = np.full(n_elements, -1, dtype=np.int32)
-    for name in sorted(regions, key=lambda name: regions[name].size, reverse=True):
-        region[regions[name]] = list(regions).index(name)
-    grid.cell_data["region"] = region
+    grid.cell_data["region"] = region_numbers(regions, n_elements)
     if regions:
         grid.field_data["region_names"] = list(regions)
     pressure = np.zeros(n_elements)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,35 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import replacing, safe_name
 
 FloatArray = NDArray[np.float64]
+
+
+def needed_pyvista(what: str) -> Any:
+    """The library pyvista.
+
+    Raises
+    ------
+    InputError
+        If it is missing; ``what`` says what it is needed for.
+    """
+    try:
+        import pyvista
+    except ImportError as error:
+        raise InputError(
+            f"{what} need pyvista: pip install 'skfem-joint[vtk]', or switch them off"
+        ) from error
+    return pyvista
+
+
+def region_numbers(regions: Mapping[str, NDArray[Any]], elements: int) -> NDArray[np.int32]:
+    """Position in ``regions`` of the region of each element, -1 without one.
+
+    Of regions that overlap it is the one with fewest elements.
+    """
+    names = list(regions)
+    number = np.full(elements, -1, dtype=np.int32)
+    for name in sorted(names, key=lambda name: regions[name].size, reverse=True):
+        number[regions[name]] = names.index(name)
+    return number
 
 
 def series_problems(index: Path, times: FloatArray, names: Sequence[str]) -> list[str]:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skfem_joint import __version__, cli, study
+from skfem_joint import __version__, cli, results, study
 from skfem_joint.errors import ConvergenceError
 
 ROOT = Path(__file__).parent.parent
@@ -302,7 +302,7 @@ def test_run_that_does_not_converge_ends_with_3(
     def fail(*args: object, **options: object) -> None:
         raise ConvergenceError("step 7 at t = 7e-05 s did not converge")
 
-    monkeypatch.setattr(study, "integrate", fail)
+    monkeypatch.setattr(results, "integrate", fail)
     out = tmp_path / "out"
     assert cli.main(["run", str(scene()), "--out", str(out)]) == 3
     assert capsys.readouterr().err == "skfem-joint: step 7 at t = 7e-05 s did not converge\n"

@@ -17,7 +17,7 @@ from skfem_joint.contact_solver import ContactProblem
 from skfem_joint.integrate import integrate
 from skfem_joint.loads import Harmonic, Rectangle
 from skfem_joint.plate import PlateStructure, assemble_plate
-from skfem_joint.plate_mesh import build_plate
+from skfem_joint.plate_mesh import build_plate, merged
 from skfem_joint.recording import Run, Save
 from skfem_joint.schemes import generalized_alpha
 from skfem_joint.system import System
@@ -270,3 +270,83 @@ def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side() -> No
     assert found.energy_residual < 1e-10
     assert found.slip_peak.shape == system.w.shape
     assert found.sigma.shape[1] == system.directions.sum()
+
+
+@pytest.mark.parametrize("beta", LAWS)
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("size", [0.0, 1e-200])
+def test_without_force_all_comes_to_rest_wherever_it_starts(
+    beta: float, dense: bool, size: float
+) -> None:
+    made, g, _ = problem(beta, dense)
+    far = 1e3 * np.random.default_rng(1).normal(size=g.size)
+    found = made.solve(size * g, far, 1e-11)
+    assert found.converged
+    assert np.abs(found.v).max() <= size * np.abs(g).max()
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("unknown", range(4))
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_never_accepted(
+    beta: float, dense: bool, unknown: int, bad: float
+) -> None:
+    """The bodies do not touch: in the others all is as it should be."""
+    A: Any = np.diag([1.0, 2.0, 3.0, 4.0])
+    points = np.array([0, 2]), np.array([1, -1]), np.full(2, 5.0), np.full(2, beta)
+    made = ContactProblem(A if dense else sparse.csr_array(A), *points)
+    wrong = np.ones(4)
+    wrong[unknown] = bad
+    assert not made.solve(wrong, np.zeros(4), 1e-11).converged
+    assert not made.solve(np.ones(4), np.where(wrong == 1.0, 0.0, np.nan), 1e-11).converged
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_sweeps_that_leave_all_points_at_rest_are_not_the_end(dense: bool) -> None:
+    """Found by search: all points are held, one of them with more than its friction."""
+    A = np.array([[1.0, 0.40783138], [0.40783138, 1.0]])
+    w, g = np.array([1.95682578, 0.82512249]), np.array([-3.72516003, -1.19008965])
+    points = np.array([0, 1]), np.array([-1, -1]), w, np.full(2, np.inf)
+    made = ContactProblem(A if dense else sparse.csr_array(A), *points)
+    found = made.solve(g, np.array([15.26763545, -46.54703781]), 1e-11)
+    assert found.converged
+    assert np.any(found.v != 0.0)
+    np.testing.assert_allclose(A @ found.v + w * found.sigma, g, atol=1e-10)
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+def test_velocities_below_the_smallest_normal_number_keep_the_law(directions: int) -> None:
+    """Motion dies out by 1000 a point: far from the load its inverse overflows."""
+    n = 240
+    diagonals = [np.full(n - 1, -1.0), np.full(n, 1e3), np.full(n - 1, -1.0)]
+    A = sparse.csr_array(sparse.diags_array(diagonals, offsets=[-1, 0, 1]))
+    first = np.arange(0, n, directions)
+    second = first + 1 if directions == 2 else np.full(n, -1)
+    made = ContactProblem(A, first, second, np.full(first.size, 1e-3), np.full(first.size, 1e5))
+    g = np.zeros(n)
+    g[-1] = 10.0
+    found = made.solve(g, np.zeros(n), 1e-11)
+    assert found.converged
+    assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+def test_a_loaded_body_beside_one_in_contact_at_rest(beta: float) -> None:
+    """Condensed, the contact has no force at all while the step has."""
+    sticks = build_plate([("joint", 0.1, 4)], 0.05, 2, prefix="held_")
+    moves = build_plate([("free", 0.3, 12)], 0.05, 3, origin=(0.5, 0.0))
+    structure = plate_structure(
+        merged([sticks, moves]), [pressed(beta=beta)], [("held_left", "xy"), ("left", "xy")]
+    )
+    system = assemble_plate(structure, [("right", (1.0, 0.0), Harmonic(1e4, 1000.0))], [])
+    found = run(system)
+    assert found.friction_work.sum() == 0.0
+    assert found.energy_residual < 1e-10
+    assert np.abs(found.v).max() > 0.0
+
+
+def test_contact_on_every_unknown_is_condensed_to_itself() -> None:
+    _, system = reference_plate(1e5, elements=(5, 2))
+    assert system.B.shape[0] == system.n
+    assert run(system).energy_residual < 1e-10

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import meshio
+import msh_files
 import numpy as np
 import pytest
 import skfem
+from msh_files import Cells
 from skfem.helpers import dot, grad
 
 from skfem_joint.errors import InputError
@@ -19,7 +21,6 @@ from skfem_joint.meshing import BarMesh, build_bar, load_mesh, write_mesh
 MESHES = Path(__file__).parent.parent / "meshes"
 EA = 200e9 * 0.05 * 0.01
 
-Cells = Sequence[tuple[int, int, Sequence[int]]]  # Gmsh type, physical tag, node tags
 BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
 NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
 CELLS: Cells = [
@@ -32,17 +33,7 @@ CELLS: Cells = [
 
 
 def msh22(nodes: Sequence[Sequence[float]], cells: Cells, names: str = NAMES) -> str:
-    """Gmsh 2.2 ASCII; node tags count from 1."""
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
-    lines += ["$PhysicalNames", f"{names.count(chr(10))}", names + "$EndPhysicalNames"]
-    lines += ["$Nodes", f"{len(nodes)}"]
-    lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(nodes, 1)]
-    lines += ["$EndNodes", "$Elements", f"{len(cells)}"]
-    lines += [
-        f"{i} {kind} 2 {tag} 1 {' '.join(map(str, at))}"
-        for i, (kind, tag, at) in enumerate(cells, 1)
-    ]
-    return "\n".join([*lines, "$EndElements", ""])
+    return msh_files.msh22(nodes, cells, names)
 
 
 def saved(folder: Path, text: str | bytes, name: str = "bar.msh") -> Path:

@@ -568,14 +568,14 @@ def test_every_mistake_is_reported_at_once() -> None:
         "bottom, left, right, top",
         "joint 'bolt': no region named 'bolt' in the mesh; it has: regions hollow, joint, rest; "
         "boundaries bottom, left, right, top; points corner",
-        "joint 'bolt': beta 0.0 must be > 0",
-        "joint 'joint': friction -0.1 must be >= 0",
-        "joint 'joint': pressure -1.0 must be >= 0",
+        "joint 'bolt': beta: found 0.0, must be > 0",
+        "joint 'joint': friction: found -0.1, must be >= 0",
+        "joint 'joint': pressure: found -1.0, must be >= 0",
         "joint 'joint' overlaps joint 'joint'",
         "joint 'hollow': the region 'hollow' is empty",
         "joint 'rest': 'rest' and 'joint' belong to the same body; a joint needs two bodies that "
         "do not share nodes",
-        "joint 'top': kind 'edge' must be region or boundary",
+        "joint 'top': kind: found 'edge', must be region or boundary",
         "support: no region, boundary or point named 'wall' in the mesh; it has: regions hollow, "
         "joint, rest; boundaries bottom, left, right, top; points corner",
         "support 'left': found 'z', must be one of xy, x, y",
@@ -667,7 +667,7 @@ def test_loads_and_points_must_exist_and_be_free() -> None:
         )
     text = str(caught.value)
     assert "load: no region, boundary or point named 'nose'" in text
-    assert "load on 'right': direction (0, 0) must be two finite numbers, not both zero" in text
+    assert "load on 'right': direction: found (0, 0), must be two finite numbers" in text
     assert "points: no region, boundary or point named 'tail'" in text
     with pytest.raises(InputError, match="load on 'left': a support holds it"):
         assemble_plate(structure, [("left", (1, 0), LOAD)])

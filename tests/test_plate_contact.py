@@ -193,10 +193,13 @@ def test_the_cone_under_the_head_widens_with_depth() -> None:
     ("change", "message"),
     [
         ({"at": (np.nan, 0.0)}, "bolt.at"),
-        ({"force": -1.0}, "force -1.0 must be >= 0"),
-        ({"head_radius": 0.001}, "head_radius 0.001 must be greater than hole_radius 0.002"),
+        ({"force": -1.0}, "force: found -1.0, must be >= 0"),
+        ({"head_radius": 0.001}, "head_radius: found 0.001, must be > hole_radius, 0.002"),
         ({"hole_radius": -0.002}, "hole_radius"),
-        ({"spreading_angle": 90.0}, r"spreading_angle 90.0 must be in degrees, in \[0, 90\)"),
+        (
+            {"spreading_angle": 90.0},
+            r"spreading_angle: found 90.0, must be in \[0, 90\), in degrees",
+        ),
     ],
 )
 def test_bolts_that_make_no_sense_are_refused(change: dict[str, Any], message: str) -> None:

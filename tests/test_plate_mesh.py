@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import meshio
+import msh_files
 import numpy as np
 import pytest
 import skfem
+from msh_files import Cells
 from skfem.helpers import dot
 
 from skfem_joint.errors import InputError
 from skfem_joint.meshing import BarMesh, build_bar, write_mesh
+from skfem_joint.plate_file import write_plate
 from skfem_joint.plate_mesh import (
     PlateMesh,
     build_plate,
@@ -20,12 +23,10 @@ from skfem_joint.plate_mesh import (
     make_plate,
     merged,
     refined,
-    write_plate,
 )
 
 MESHES = Path(__file__).parent.parent / "meshes"
 
-Cells = Sequence[tuple[int, int, Sequence[int]]]  # Gmsh type, physical tag, node tags
 # Two squares side by side, 1 m x 1 m each: nodes 1 2 3 below, 4 5 6 above.
 NODES = [(float(x), float(y), 0.0) for y in range(2) for x in range(3)]
 NAMES = '0 5 "corner"\n1 3 "left"\n1 4 "inside"\n2 1 "joint"\n2 2 "linear"\n'
@@ -39,17 +40,7 @@ CELLS: Cells = [
 
 
 def msh22(nodes: Sequence[Sequence[float]], cells: Cells, names: str = NAMES) -> str:
-    """Gmsh 2.2 ASCII; node tags count from 1."""
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
-    lines += ["$PhysicalNames", f"{names.count(chr(10))}", names + "$EndPhysicalNames"]
-    lines += ["$Nodes", f"{len(nodes)}"]
-    lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(nodes, 1)]
-    lines += ["$EndNodes", "$Elements", f"{len(cells)}"]
-    lines += [
-        f"{i} {kind} 2 {tag} {tag} {' '.join(map(str, at))}"
-        for i, (kind, tag, at) in enumerate(cells, 1)
-    ]
-    return "\n".join([*lines, "$EndElements", ""])
+    return msh_files.msh22(nodes, cells, names)
 
 
 def saved(folder: Path, text: str, name: str = "plate.msh") -> Path:

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import problems_of, with_changes
 
 from skfem_joint import loads
 from skfem_joint.bolts import Bolt, Bolts
-from skfem_joint.errors import InputError
 from skfem_joint.meshing import build_bar, write_mesh
 from skfem_joint.plate_contact import AxialPressure
-from skfem_joint.plate_mesh import build_plate, write_plate
+from skfem_joint.plate_file import write_plate
+from skfem_joint.plate_mesh import build_plate
 from skfem_joint.scene import PlateScene, Scene, load_scene
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -72,12 +73,8 @@ def scene_file(tmp_path: Path) -> Callable[..., Path]:
     write_mesh(bar, tmp_path / "bar.msh")
 
     def write(*changes: tuple[str, str]) -> Path:
-        text = GOOD
-        for old, new in changes:
-            assert text.count(old) == 1, f"{old!r} must stand in the good scene once"
-            text = text.replace(old, new)
         path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(with_changes(GOOD, changes), encoding="utf-8")
         return path
 
     return write
@@ -87,15 +84,6 @@ def read(path: Path) -> PlateScene:
     scene = load_scene(path)
     assert isinstance(scene, PlateScene)
     return scene
-
-
-def problems_of(path: Path) -> list[str]:
-    """What is wrong with a scene, without the file name that starts every line."""
-    with pytest.raises(InputError) as caught:
-        load_scene(path)
-    assert caught.value.exit_status == 2
-    assert all(problem.startswith(f"{path}: ") for problem in caught.value.problems)
-    return [problem.removeprefix(f"{path}: ") for problem in caught.value.problems]
 
 
 REGION = 'region = "upper_joint"\nagainst = "joint"'

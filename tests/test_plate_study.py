@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skfem_joint import cli, memory, output, plate_study
+from skfem_joint import cli, memory, output, results
 from skfem_joint.certificate import certify
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.meshing import build_bar, write_mesh
-from skfem_joint.plate_mesh import PlateMesh, build_plate, merged, write_plate
+from skfem_joint.plate_file import write_plate
+from skfem_joint.plate_mesh import PlateMesh, build_plate, merged
 from skfem_joint.plate_output import plate_field
 from skfem_joint.plate_study import PlateStudy
 from skfem_joint.scene import PlateScene, load_scene, scene_from
@@ -302,7 +303,7 @@ def test_step_that_does_not_converge_names_the_place(monkeypatch: pytest.MonkeyP
     def fail(*args: object, **options: object) -> None:
         raise ConvergenceError("step 7 did not converge.", unknown)
 
-    monkeypatch.setattr(plate_study, "integrate", fail)
+    monkeypatch.setattr(results, "integrate", fail)
     with pytest.raises(ConvergenceError, match=r"of node 12, at \(0\.25, 0\) m\.$") as caught:
         run_scene(scene)
     assert caught.value.exit_status == 3
@@ -313,7 +314,7 @@ def test_a_run_taken_up_again_is_the_same(
 ) -> None:
     path = scene_file(two_plates(), **TWO)
     assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
-    real = plate_study.integrate
+    real = results.integrate
 
     class KilledError(Exception):
         pass
@@ -325,13 +326,13 @@ def test_a_run_taken_up_again_is_the_same(
 
         return real(*args, **(options | {"progress": progress}))
 
-    monkeypatch.setattr(plate_study, "integrate", killed)
+    monkeypatch.setattr(results, "integrate", killed)
     out = tmp_path / "out"
     arguments = ["run", str(path), "--out", str(out), "--checkpoint-every", "100"]
     with pytest.raises(KilledError):
         cli.main(arguments)
     assert (out / "checkpoint_full.npz").exists()
-    monkeypatch.setattr(plate_study, "integrate", real)
+    monkeypatch.setattr(results, "integrate", real)
     assert cli.main([*arguments, "--resume"]) == 0
     with (
         np.load(tmp_path / "whole" / "history.npz") as whole,
@@ -382,6 +383,16 @@ def test_notes_of_the_mesh_are_warnings() -> None:
     assert note in run(mesh, models={"run": ["full"]}).warnings
 
 
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compile, and load what draws and writes, which takes memory of its own."""
+    small = {"time": {"cycles": 1, "steps_per_cycle": 50}, "output": {"vtk": True, "frames": 2}}
+    output.write(
+        run(reference(10), reduction={"modes": 2}, **small), tmp_path_factory.mktemp("out")
+    )
+
+
+@pytest.mark.usefixtures("loaded")
 @pytest.mark.parametrize(
     ("elements", "changes"),
     [
@@ -392,8 +403,21 @@ def test_notes_of_the_mesh_are_warnings() -> None:
                 "output": {"points": ["right", "top", "bottom"] + [f"at {k}" for k in range(9)]},
             },
         ),
-        (20, {"output": {"vtk": True, "frames": 150, "history": False}}),
-        (20, {"models": {"run": ["full", "reduced"]}, "output": {"history": False}}),
+        (
+            20,
+            {
+                "time": {"cycles": 1, "steps_per_cycle": 150},
+                "output": {"vtk": True, "frames": 150, "history": False},
+            },
+        ),
+        (
+            20,
+            {
+                "models": {"run": ["full", "reduced"]},
+                "time": {"cycles": 1, "steps_per_cycle": 150},
+                "output": {"history": False},
+            },
+        ),
         (200, {"time": {"cycles": 1, "steps_per_cycle": 10}, "output": {"history": False}}),
     ],
     ids=["points", "fields", "training", "unknowns"],
@@ -407,8 +431,6 @@ def test_memory_needed_bounds_what_a_run_takes(
         base: dict[str, Any] = {"models": {"run": ["full"]}, "reduction": {"modes": 8}}
         return scene_from(tables(**(base | changes)), mesh)
 
-    run_scene(scene(10))  # compiles
-    output.write(run_scene(scene(10)), tmp_path)  # loads what draws
     tracemalloc.start()
     try:
         output.write(run_scene(scene(elements)), tmp_path)

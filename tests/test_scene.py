@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import problems_of, with_changes
 
 from skfem_joint import loads
 from skfem_joint.errors import InputError
@@ -63,24 +64,11 @@ def scene_file(tmp_path: Path) -> Callable[..., Path]:
     (tmp_path / "back.csv").write_text("0,0\n1,5e3\n0.5,0\n")
 
     def write(*changes: tuple[str, str]) -> Path:
-        text = GOOD
-        for old, new in changes:
-            assert text.count(old) == 1, f"{old!r} must stand in the good scene once"
-            text = text.replace(old, new)
         path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(with_changes(GOOD, changes), encoding="utf-8")
         return path
 
     return write
-
-
-def problems_of(path: Path) -> list[str]:
-    """What is wrong with a scene, without the file name that starts every line."""
-    with pytest.raises(InputError) as caught:
-        load_scene(path)
-    assert caught.value.exit_status == 2
-    assert all(problem.startswith(f"{path}: ") for problem in caught.value.problems)
-    return [problem.removeprefix(f"{path}: ") for problem in caught.value.problems]
 
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
@@ -336,7 +324,7 @@ BAD: list[tuple[tuple[str, str], str, list[str]]] = [
     (
         ("modes = 5", 'snapshots = "velocity"'),
         "reduction.snapshots",
-        ["found 'velocity'", "'both' or 'displacement'"],
+        ["found 'velocity'", "'both', 'displacement' or 'rates'"],
     ),
     (("modes = 5", 'inner_product = "energy"'), "reduction.inner_product", ["'mass'"]),
     (("every = 1", "every = 0"), "output.every", ["must be >= 1"]),

@@ -13,6 +13,7 @@ import pytest
 
 from skfem_joint import output, study
 from skfem_joint import reference as reference_module
+from skfem_joint import results as results_module
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.history import Errors
 from skfem_joint.meshing import build_bar, write_mesh
@@ -221,10 +222,11 @@ def test_full_model_alone_needs_no_reference_and_no_decomposition(
     monkeypatch.setattr(np.linalg, "svd", refuse)
     monkeypatch.setattr(study, "paper_reference", refuse)
     monkeypatch.setattr(reference_module, "integrate", refuse)
+    monkeypatch.setattr(study, "integrate", refuse)
     calls = []
-    real = study.integrate
+    real = results_module.integrate
     monkeypatch.setattr(
-        study, "integrate", lambda *args, **kw: (calls.append(1), real(*args, **kw))[1]
+        results_module, "integrate", lambda *args, **kw: (calls.append(1), real(*args, **kw))[1]
     )
     results = run(models=("full",), time="cycles = 2")
     assert list(results.models) == ["full"]
@@ -589,6 +591,6 @@ def test_a_run_that_does_not_converge_names_the_node_and_where_it_is(
     def refuse(*_: Any, **__: Any) -> Any:
         raise ConvergenceError("step 7 at t = 1e-5 s did not converge.", 99)
 
-    monkeypatch.setattr(study, "integrate", refuse)
+    monkeypatch.setattr(results_module, "integrate", refuse)
     with pytest.raises(ConvergenceError, match=r"step 7 .* node 100, 0\.1 m along the bar"):
         run_scene(loaded(tmp_path, time="cycles = 2"))
