@@ -118,7 +118,7 @@ class ContactProblem:
         beta: FloatArray,
     ) -> None:
         n = A.shape[0]
-        self.A = A
+        self.A, self.sizes = A, abs(A)
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
         free = np.ones(n, dtype=bool)
@@ -213,7 +213,7 @@ class ContactProblem:
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
         from skfem_joint import kernels_contact as kernels
 
-        size = float((abs(self.A) @ np.abs(v)).max()) + float(np.abs(g).max())
+        size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())
         return ROUND_OFF * (size + float(kernels.round_off(*self.points, *self.law, v)))
 
     def _newton_direction(
