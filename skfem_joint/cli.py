@@ -17,8 +17,10 @@ from skfem_joint.study import Progress
 
 if TYPE_CHECKING:
     from skfem_joint.scene import PlateScene
+    from skfem_joint.system import System
 
 INTERRUPTED = 130
+BROKEN_PIPE = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,6 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except JointError as error:
         print(f"skfem-joint: {error}", file=sys.stderr)
         return error.exit_status
+    except BrokenPipeError:  # the reader of the output has left: `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except OSError as error:  # a disk that is full where a library keeps its compiled code
         print(f"skfem-joint: the system refuses a file: {error}", file=sys.stderr)
         return InputError.exit_status
@@ -148,7 +153,7 @@ def _check(options: argparse.Namespace) -> int:
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
     if isinstance(scene, PlateScene):
-        _describe(scene)
+        _describe(scene, system)
     for item in scene.load:
         if limit > 0.0:
             share = 100.0 * item.to_load().peak_value / limit
@@ -157,8 +162,9 @@ def _check(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(scene: PlateScene) -> None:
-    """Say what plates and joints a scene has."""
+def _describe(scene: PlateScene, system: System) -> None:
+    """Say what plates and joints a scene has, and what looks wrong with them."""
+    from skfem_joint.plate_doubts import doubts
     from skfem_joint.plate_study import plate_structure_of
 
     plate = scene.plate
@@ -167,7 +173,10 @@ def _describe(scene: PlateScene) -> None:
         f"{bodies} {'body' if bodies == 1 else 'bodies'}, {plate.mesh.t.shape[1]} elements of "
         f"order {plate.order}."
     )
-    for patch in plate_structure_of(scene).patches:
+    structure = plate_structure_of(scene)
+    for doubt in [*plate.notes, *doubts(structure, system)]:
+        print(f"Note: {doubt}")
+    for patch in structure.patches:
         against = f" against {patch.joint.against}" if patch.joint.against else ""
         print(
             f"Joint {patch.joint.name}{against}: {patch.points.size} contact points, clamp force "
@@ -191,11 +200,19 @@ def _run(options: argparse.Namespace) -> int:
     checkpoints = None
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(options.out, options.checkpoint_every, options.resume)
+        if options.resume and not checkpoints.files():
+            print(f"No checkpoint in {options.out}: the run starts anew.", file=sys.stderr)
     output.prepare(scene, options.out)
     certificate = {}
+    failure = None
     with _progress() as progress:
-        study = run_scene(scene, progress, checkpoints)
-        if options.certify and not study.interrupted:
+        try:
+            study = run_scene(scene, progress, checkpoints)
+        except JointError as error:
+            if error.results is None:
+                raise
+            failure, study = error, error.results
+        if options.certify and not study.interrupted and failure is None:
             certificate = {
                 model: {one.source: one.errors for one in certify(scene, model, progress)}
                 for model in study.models
@@ -207,11 +224,20 @@ def _run(options: argparse.Namespace) -> int:
         print("\n" + report.certificate_table(certificate))
     for warning in study.warnings:
         print(f"\nNote: {warning}")
+    if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
+        print("\nDrawing pictures and writing files ...", file=sys.stderr)
     files = output.write(study, options.out, certificate)
-    if checkpoints is not None and not study.interrupted:
+    whole = not study.interrupted and failure is None
+    if checkpoints is not None and whole:
         checkpoints.remove()
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
-    return INTERRUPTED if study.interrupted else 0
+    if study.interrupted:
+        saved = checkpoints is not None and checkpoints.files()
+        print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
+        return INTERRUPTED
+    if failure is not None:
+        raise failure
+    return 0
 
 
 def _reproduce(options: argparse.Namespace) -> int:

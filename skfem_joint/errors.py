@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class JointError(Exception):
     """Base of all errors raised on purpose by this package.
@@ -10,9 +12,12 @@ class JointError(Exception):
     ----------
     exit_status : int
         Status with which the command line ends when the error reaches it.
+    results : Any
+        Results of what was done before, if there are any.
     """
 
     exit_status = 1
+    results: Any = None
 
 
 class InputError(JointError):

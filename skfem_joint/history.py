@@ -103,7 +103,8 @@ class Errors:
         Root mean square and largest difference of the histories over the reference's root mean
         square and largest value; the named point that differs most counts.
     by_point : dict
-        The same two for each named point.
+        The same two for each named point; both components of a plate's point are compared with
+        the larger one.
     peak_displacement : float
         Of the named point that moves most, in the last cycle (or the whole run without cycles).
     friction_energy_per_cycle, loop_energy_per_cycle : float or None
@@ -141,13 +142,16 @@ def compare(reference: Run, other: Run) -> Errors:
         raise InputError("compare: the runs must store the same times and named points")
     difference = other.point_u - reference.point_u
     by_point = {}
-    largest = np.abs(reference.point_u).max(initial=0.0)
+    norm = np.linalg.norm(reference.point_u, axis=0)
+    most_of = np.abs(reference.point_u).max(axis=0, initial=0.0)
+    places = [name.removesuffix(".x").removesuffix(".y") for name in reference.system.points]
     for k, name in enumerate(reference.system.points):
-        scale = np.linalg.norm(reference.point_u[:, k])
-        if np.abs(reference.point_u[:, k]).max(initial=0.0) > AT_REST * largest:
+        # The components of a plate's point are compared with the larger of them.
+        same = [i for i, place in enumerate(places) if place == places[k]]
+        if most_of[same].max() > AT_REST * most_of.max():
             by_point[name] = (
-                float(np.linalg.norm(difference[:, k]) / scale),
-                float(np.abs(difference[:, k]).max() / np.abs(reference.point_u[:, k]).max()),
+                float(np.linalg.norm(difference[:, k]) / norm[same].max()),
+                float(np.abs(difference[:, k]).max() / most_of[same].max()),
             )
     peak = peaks(reference)
     most = int(np.argmax(peak)) if peak.size else 0

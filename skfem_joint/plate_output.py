@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.active_length import THRESHOLD
 from skfem_joint.files import safe_name
 from skfem_joint.history import slip_state
-from skfem_joint.plate_study import PlateStudy
+from skfem_joint.plate_reduction import slips
+from skfem_joint.plate_study import PlateStudy, period_of
 from skfem_joint.plate_vtk import LoadHistory, PlateField, write_load, write_series
 from skfem_joint.results import Model
 
@@ -118,11 +118,15 @@ def write_plate_pictures(study: PlateStudy, folder: Path) -> list[Path]:
 
     paths = []
     full = study.models.get("full")
+    slipping = np.zeros(study.system.w.size, dtype=np.bool_)
+    if full is not None:
+        peak = full.run.slip_peak
+        slipping = slips(study.structure, study.system, peak, period_of(study.scene))
     for k, patch in enumerate(study.structure.patches):
         if full is None or patch.points.size == 0:
             continue
         slip = full.run.slip_peak[patch.points]
-        active = slip > THRESHOLD * slip.max()
+        active = slipping[patch.points]
         path = folder / f"active_region_{safe_name(patch.joint.name)}.png"
         paths.append(plate_plot.active_region(path, study.structure, k, slip, active))
     times, fields = _frames(study)

@@ -57,7 +57,10 @@ SHARE = 0.05
 _WIDTH = 1400  # pixels
 _TITLE = 70  # pixels above the plates
 _PANEL, _BAR = 300, 150  # pixels below them, with and without a load
-_VIEW = np.array([0.0, -0.55, 0.85])
+_TALLEST = 760  # pixels for the plates
+_LABEL, _SPACE = 44, 30  # pixels above each model for its name, and between models
+_VIEW = np.array([0.0, -0.55, 0.85]) / np.hypot(0.55, 0.85)  # from the plates to the eye
+_UP = np.cross(_VIEW, [1.0, 0.0, 0.0])
 _LOADS = ("#1a1a1a", "#9c1c00", "#2e6b2e", "#8d5fb0")
 
 
@@ -83,7 +86,7 @@ def still(
     load: LoadHistory | None = None,
     factor: float | None = None,
 ) -> Path:
-    """Draw one frame of one or more models as a PNG, the models one behind the other.
+    """Draw one frame of one or more models as a PNG, the models below or beside each other.
 
     Parameters
     ----------
@@ -197,34 +200,50 @@ class _Picture:
         self.load = load
         self.scale, self.title = 1.0, ""
         plotter.set_background("white")
-        low, high = self._add_plates(structure)
-        self._aim(low, high)
+        self._add_plates(structure)
         self._add_colours()
         self.marks = self._add_load() if load is not None else []
 
-    def _add_plates(self, structure: PlateStructure) -> tuple[FloatArray, FloatArray]:
-        """Add the models' bodies; returns the corners of the box they move in."""
-        limits = self._limits()
-        height = float(np.ptp(structure.nodes[:, 1]))
-        length = float(np.ptp(structure.nodes[:, 0]))
-        moves = [self.factor * np.abs(f.displacement[..., 1]).max(initial=0.0) for f in self.fields]
-        step = height + 2.0 * max(moves) + 0.05 * max(height, length)
+    def _add_plates(self, structure: PlateStructure) -> None:
+        """Lay the models out in the window, aim the camera at them, and add their bodies."""
+        limits, blocks = self._limits(), plate_blocks(structure)
+        low, high = self._extents(blocks)
+        (wide, tall), n = high - low, len(self.fields)
+        label = _LABEL if n > 1 else 0
+        layouts = []
+        for columns, rows in ((1, n), (n, 1)):
+            room = 0.94 * _WIDTH - (columns - 1) * _SPACE
+            height = _TALLEST - rows * label - (rows - 1) * _SPACE
+            layouts.append((max(columns * wide / room, rows * tall / height), columns, rows))
+        pixel, columns, rows = min(layouts)  # world length of a pixel
+        right, down = wide + _SPACE * pixel, tall + (_SPACE + label) * pixel
+        beside = columns > 1
         self.bodies: list[_Body] = []
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._aim(
+            np.array([low[0], low[1] - (rows - 1) * down]),
+            np.array([high[0] + (columns - 1) * right, high[1] + label * pixel]),
+            pixel,
+        )
         for k, field in enumerate(self.fields):
-            shift = np.array([0.0, -k * step, 0.0])
-            reach = self.factor * np.abs(field.displacement).max(axis=(0, 1), initial=0.0)
-            for block in plate_blocks(structure):
-                points = np.asarray(block.grid.points) + shift
-                low = np.minimum(low, points.min(axis=0) - np.array([*reach, 0.0]))
-                high = np.maximum(high, points.max(axis=0) + np.array([*reach, 0.0]))
+            place = np.array([k * right, 0.0] if beside else [0.0, -k * down])
+            shift = np.array([place[0], place[1] / _UP[1], 0.0])
+            if n > 1:
+                self._add_label(field.name, np.array([low[0], high[1]]) + place)
+            for block in blocks if k == 0 else plate_blocks(structure):
                 self._add_body(field, block, shift, limits)
-            if len(self.fields) > 1:
-                corner = shift.copy()
-                corner[0] += structure.nodes[:, 0].min()
-                corner[1] += structure.nodes[:, 1].max() + max(moves) + 0.02 * max(height, length)
-                self._add_label(field.name, corner)
-                high[1] = max(high[1], corner[1] + 0.04 * length)
+
+    def _extents(self, blocks: Sequence[Block]) -> tuple[FloatArray, FloatArray]:
+        """Least and largest coordinates across and up the picture that a model reaches."""
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        for block in blocks:
+            points = np.asarray(block.grid.points)
+            still = np.column_stack([points[:, 0], points @ _UP])
+            low, high = np.minimum(low, still.min(axis=0)), np.maximum(high, still.max(axis=0))
+            for field in self.fields:
+                moves = field.displacement[: len(self.times), block.nodes]
+                moves = self.factor * moves * [1.0, _UP[1]]
+                low = np.minimum(low, (still + moves.min(axis=0)).min(axis=0))
+                high = np.maximum(high, (still + moves.max(axis=0)).max(axis=0))
         return low, high
 
     def _add_body(
@@ -255,10 +274,12 @@ class _Picture:
         self.mapper = actor.mapper
         self.plotter.add_mesh(edges, color="black", line_width=2)
 
-    def _add_label(self, text: str, place: FloatArray) -> None:
-        self.plotter.add_point_labels(
-            [place], [text], font_size=26, shape=None, text_color="black", show_points=False,
-            justification_horizontal="left", always_visible=True,
+    def _add_label(self, text: str, corner: FloatArray) -> None:
+        """Write a model's name above the left upper corner of what it reaches."""
+        x, y = (corner - self.origin) / self.pixel
+        self.plotter.add_text(
+            text, position=(float(x), float(y) + 8.0), font_size=13, color="black",
+            name=f"model {text}", render=False,
         )  # fmt: skip
 
     def _limits(self) -> tuple[float, float]:
@@ -277,30 +298,24 @@ class _Picture:
         largest = max(float(size.max(initial=0.0)) for size in sizes) / self.scale
         return 0.0, largest if largest > 0.0 else 1.0
 
-    def _aim(self, low: FloatArray, high: FloatArray) -> None:
-        """Set the window's size and the camera so that the box fills the part for the plates."""
-        view = _VIEW / np.linalg.norm(_VIEW)
-        right = np.array([1.0, 0.0, 0.0])
-        up = np.cross(view, right)
-        corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-        wide, tall = np.ptp(corners @ right), np.ptp(corners @ up)
+    def _aim(self, low: FloatArray, high: FloatArray, pixel: float) -> None:
+        """Set the window's size and the camera for a rectangle in the plane of the picture."""
         panel = _PANEL if self.load is not None else _BAR
-        across = wide / 0.94  # world width of the window
-        middle = int(np.clip(_WIDTH * tall / across, 160, 760))
-        across = max(across, _WIDTH * tall / middle)
-        size = (_WIDTH, (_TITLE + middle + panel) // 2 * 2)
-        self.plotter.window_size = size
-        self.size = size
-        pixel = across / _WIDTH
+        middle = int(np.clip(np.ceil((high[1] - low[1]) / pixel), 160, _TALLEST))
+        self.size = (_WIDTH, (_TITLE + middle + panel + 1) // 2 * 2)
+        self.plotter.window_size = self.size
+        across, up = 0.5 * (low + high)
         # The plates' middle lies above the window's by half of what the panel has over the title.
-        centre = 0.5 * (low + high) - up * pixel * 0.5 * (panel - _TITLE)
+        up -= 0.5 * (panel - _TITLE) * pixel
+        self.pixel = pixel
+        self.origin = np.array([across, up]) - 0.5 * pixel * np.array(self.size)
+        centre = np.array([across, 0.0, 0.0]) + up * _UP
         camera = self.plotter.camera
         camera.parallel_projection = True
         camera.focal_point = centre
-        camera.position = centre + 10.0 * np.linalg.norm(high - low) * view
-        camera.up = up
-        camera.parallel_scale = 0.5 * size[1] * pixel
-        self.plotter.reset_camera_clipping_range()
+        camera.position = centre + 10.0 * (np.ptp([low, high], axis=0).sum() + abs(up)) * _VIEW
+        camera.up = _UP
+        camera.parallel_scale = 0.5 * self.size[1] * pixel
 
     def _add_colours(self) -> None:
         bottom = 100 if self.load is not None else 20
@@ -367,6 +382,7 @@ class _Picture:
         for mark, force in self.marks:
             assert self.load is not None
             mark.update([time / scale], [float(np.interp(time, self.load.times, force))])
+        self.plotter.reset_camera_clipping_range()
 
     def _colour(self, body: _Body) -> None:
         surface, grid = body.surface, body.block.grid
@@ -477,17 +493,19 @@ def _area_figure(
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
     x, y = structure.nodes[nodes].T
     wide, tall = np.ptp(x), np.ptp(y)
-    figure = new_figure(8.0, float(np.clip(1.8 + 6.5 * tall / wide, 2.6, 9.0)))
+    figure = new_figure(8.0, float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0)))
     from matplotlib.tri import Triangulation
 
     panel = figure.subplots()
     grid = Triangulation(x, y, triangles)
     drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis")
-    if active.any() and not active.all():
-        for colour, width in (("#ffffff", 4.0), ("#d11f1f", 2.0)):
-            panel.tricontour(
-                grid, active.astype(float), levels=[0.5], colors=colour, linewidths=width
-            )
+    if not active.all():
+        panel.tricontourf(
+            grid, active.astype(float), levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75
+        )
+    for line in _outlines(x, y, triangles, active.astype(float)):
+        for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+            panel.plot(*line.T, color=colour, linewidth=width, solid_capstyle="round")
     panel.set_aspect("equal")
     panel.set_xlabel("x, m")
     panel.set_ylabel("y, m")

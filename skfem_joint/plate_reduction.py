@@ -257,21 +257,38 @@ def with_friction_points(system: System, basis: PlateBasis, count: int) -> Syste
 
 
 def active_area_fraction(
-    structure: PlateStructure, system: System, slip_peak: FloatArray
+    structure: PlateStructure, system: System, slip_peak: FloatArray, period: float
 ) -> dict[str, float]:
     """Share of each joint's contact area that slips, by joint name.
 
-    Points slip where their largest slip (m), ``slip_peak`` of shape (m,), exceeds a thousandth of
-    the largest in their joint. Held nodes do not slip.
+    See :func:`slips` for ``slip_peak`` (m) and ``period`` (s). Held nodes do not slip.
     """
+    active = slips(structure, system, slip_peak, period)
     fractions = {}
     for patch in structure.patches:
-        pressed = system.w[patch.points] > 0.0
-        peak = np.where(pressed, slip_peak[patch.points], 0.0)
         area = float(patch.area.sum()) + patch.held_area
-        slips = (peak > THRESHOLD * peak.max(initial=0.0)) & (peak > 0.0)
-        fractions[patch.joint.name] = float(patch.area[slips].sum() / area) if area > 0.0 else 0.0
+        slipping = patch.area[active[patch.points]].sum()
+        fractions[patch.joint.name] = float(slipping / area) if area > 0.0 else 0.0
     return fractions
+
+
+def slips(
+    structure: PlateStructure, system: System, slip_peak: FloatArray, period: float
+) -> NDArray[np.bool_]:
+    """Contact points that slip rather than creep, shape (m,).
+
+    Their largest slip, ``slip_peak`` (m), exceeds a thousandth of the largest in their joint, and
+    also what the arctan law lets a point creep at half of its limit, 1 / beta, for a ``period`` (s)
+    of the load.
+    """
+    active = np.zeros(system.w.size, dtype=np.bool_)
+    for patch in structure.patches:
+        points = patch.points[system.w[patch.points] > 0.0]
+        least = np.maximum(
+            THRESHOLD * slip_peak[points].max(initial=0.0), period / system.beta[points]
+        )
+        active[points] = slip_peak[points] > least
+    return active
 
 
 def _basis(

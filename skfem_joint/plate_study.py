@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.integrate import integrate
 from skfem_joint.plate import PlateStructure, assemble_plate, build_plate_structure
+from skfem_joint.plate_doubts import doubts
 from skfem_joint.plate_reduction import (
     PlateBasis,
     active_area_fraction,
@@ -57,25 +59,36 @@ class PlateStudy(Results[PlateScene, PlateStructure]):
 
 def plate_structure_of(scene: PlateScene) -> PlateStructure:
     """Structure that a scene describes."""
-    return build_plate_structure(
-        scene.plate,
-        E=scene.material.E,
-        poisson=scene.material.poisson,
-        density=scene.material.density,
-        thickness=scene.section.thickness,
-        plane=scene.section.plane,
-        supports=scene.support.named,
-        joints=[joint.to_joint() for joint in scene.joint],
-        stiffness_damping=scene.damping.stiffness,
-        mass_damping=scene.damping.mass,
-        regions=scene.overrides,
-    )
+    with _mistakes_of(scene):
+        return build_plate_structure(
+            scene.plate,
+            E=scene.material.E,
+            poisson=scene.material.poisson,
+            density=scene.material.density,
+            thickness=scene.section.thickness,
+            plane=scene.section.plane,
+            supports=scene.support.named,
+            joints=[joint.to_joint() for joint in scene.joint],
+            stiffness_damping=scene.damping.stiffness,
+            mass_damping=scene.damping.mass,
+            regions=scene.overrides,
+        )
 
 
 def plate_system_of(scene: PlateScene, structure: PlateStructure) -> System:
     """Full system of a scene."""
     loads = [(item.on, item.direction, item.to_load()) for item in scene.load]
-    return assemble_plate(structure, loads, scene.output_points)
+    with _mistakes_of(scene):
+        return assemble_plate(structure, loads, scene.output_points)
+
+
+@contextmanager
+def _mistakes_of(scene: PlateScene) -> Iterator[None]:
+    """Name the scene's file in what is found wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError([f"{scene.path}: {problem}" for problem in error.problems]) from error
 
 
 def run_plate_scene(
@@ -85,7 +98,8 @@ def run_plate_scene(
     origin = _origin(scene) if checkpoints is not None else ""
     structure = plate_structure_of(scene)
     study = PlateStudy(scene, structure, plate_system_of(scene, structure))
-    study.warnings += scene.plate.notes
+    study.warnings += [*scene.plate.notes, *doubts(structure, study.system)]
+    study.warnings += _unused(scene)
     makers = {"full": _full, "reduced": _reduced}
     return run_models(study, makers, progress, checkpoints, origin, _check)
 
@@ -127,7 +141,22 @@ def _full(
 
 
 def _active_area(study: PlateStudy, slip_peak: FloatArray) -> dict[str, float]:
-    return active_area_fraction(study.structure, study.system, slip_peak)
+    return active_area_fraction(study.structure, study.system, slip_peak, period_of(study.scene))
+
+
+def period_of(scene: PlateScene) -> float:
+    """Period of the load, or the length of the run where it has none, s."""
+    return (scene.cycle_steps or scene.n_steps) * scene.time_step
+
+
+def _unused(scene: PlateScene) -> list[str]:
+    """Sentences about keys that do nothing in this scene."""
+    if scene.reduction.reference == "paper" or "reduced" not in scene.models.run:
+        return []
+    found = []
+    if scene.reduction.active_length != "auto":
+        found.append("reduction.active_length has no effect beside reference = 'self'.")
+    return found
 
 
 def _reduced(
@@ -156,7 +185,10 @@ def _reduced(
         before + run.preparation_s,
         dict(basis.active_length),
         proper=basis.proper,
-        active_area_fraction=_active_area(study, training.slip_peak),
+        # Beside a full model its own says more.
+        active_area_fraction={}
+        if "full" in study.models
+        else _active_area(study, training.slip_peak),
     )
 
 
@@ -165,11 +197,13 @@ def _check_basis(study: PlateStudy, basis: PlateBasis) -> None:
 
     Scaled modes are made for pulls along the axis of a joint; they cannot bend it.
     """
-    missed = f"{100 * basis.missed:.2g} % of the full model's displacement (norm of strain energy)"
+    share = 100 * min(basis.missed, 1.0)
+    missed = f"{share:.2g} % of the full model's displacement (norm of strain energy)"
     if basis.missed > WRONG_BASIS:
         raise InputError(
-            f"reduction: the {basis.V.shape[1]} modes cannot follow {missed}; scaled modes hold "
-            'for pulls along the axes of the joints: use reference = "self", or more modes'
+            f"reduction: the {basis.V.shape[1]} vectors of its basis cannot follow {missed}; "
+            "scaled modes hold for pulls along the axes of the joints: use reference = 'self', or "
+            "more modes"
         )
     if basis.missed > DOUBTFUL_BASIS:
         study.warnings.append(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skfem_joint import friction
 from skfem_joint.active_length import Estimate
 from skfem_joint.checkpoint import Checkpoint, Checkpoints
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.history import Errors, compare, peaks, steady_state
 from skfem_joint.integrate import integrate
 from skfem_joint.pod import ProperModes
@@ -153,12 +153,24 @@ def run_models(
         Fingerprint of the scene, for checkpoints.
     check : callable
         Adds warnings about a model that was run whole.
+
+    Raises
+    ------
+    JointError
+        If a model is refused or does not converge; its ``results`` are the study where other
+        models were run before.
     """
     scene = study.scene
     for name in sorted(scene.models.run):  # the full model first: others compare with it
         try:
             checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
             model = makers[name](study, partial(_report, progress, f"{name} model"), checkpoint)
+        except JointError as error:
+            if not study.models:
+                raise
+            study.warnings.append(f"There is no {name} model: {error}")
+            error.results = study
+            raise
         except KeyboardInterrupt:
             if not study.models:
                 raise

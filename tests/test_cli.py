@@ -271,8 +271,14 @@ def test_reduction_that_does_not_fit_the_scene(
 ) -> None:
     path = scene(('on = "free_end"', 'on = "joint"'))
     out = tmp_path / "out"
-    refused(["run", str(path), "--out", str(out)], capsys, "a load acts inside it", "self")
-    assert not out.exists() or files_below(out) == []
+    assert cli.main(["run", str(path), "--out", str(out)]) == 2
+    told = capsys.readouterr()
+    assert "a load acts inside it" in told.err
+    assert "self" in told.err
+    # The full model was run by then, and is not lost.
+    models = json.loads((out / "summary.json").read_text())["models"]
+    assert list(models) == ["full"]
+    assert "There is no reduced model" in told.out
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ FLOORS = {
     "reduction": 4.5,
     "hyper_reduction": 4.5,
     "plate_reduction": 4.75,
+    "plate_doubts": 4.75,
     "history": 5.0,
     "reference": 5.0,
     "report": 6.0,

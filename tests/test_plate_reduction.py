@@ -22,6 +22,7 @@ from skfem_joint.plate_reduction import (
     active_area_fraction,
     own_basis,
     scaled_basis,
+    slips,
     with_friction_points,
 )
 from skfem_joint.recording import Run, Save
@@ -363,11 +364,21 @@ def test_active_area_counts_the_area_of_slipping_points() -> None:
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
     peak = np.zeros(system.w.size)
-    assert active_area_fraction(structure, system, peak) == {"joint": 0.0}
+    assert active_area_fraction(structure, system, peak, 0.0) == {"joint": 0.0}
     peak[patch.points] = np.where(x > 0.125, 1e-4, 1e-8)
     # Nodes right of the middle: 19 whole columns and half a one, of 40.
-    found = active_area_fraction(structure, system, peak)["joint"]
+    found = active_area_fraction(structure, system, peak, 0.0)["joint"]
     assert found == pytest.approx(19.5 / 40.0, rel=1e-12)
     peak[patch.points] = 1.0
-    held = active_area_fraction(structure, system, peak)["joint"]
+    held = active_area_fraction(structure, system, peak, 0.0)["joint"]
     assert held == pytest.approx(39.5 / 40.0, rel=1e-12)
+
+
+def test_creep_of_points_that_stick_is_no_slip() -> None:
+    """Under the arctan law a point at half of its limit creeps by period / beta."""
+    structure, system, _ = case("lap")
+    period, beta = 1e-3, float(system.beta[0])
+    creep = np.full(system.w.size, 0.9 * period / beta)
+    assert not slips(structure, system, creep, period).any()
+    assert slips(structure, system, creep, 0.0).all()
+    assert slips(structure, system.with_beta(np.inf), creep, period).all()
