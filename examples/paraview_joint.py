@@ -36,7 +36,9 @@ SIZE = (1400, 900)  # pixels
 TOP = 0.62  # share of the height for the joint
 SHARE = 0.05  # largest displacement in the picture over the length
 FRAMES = 100  # frames looked at for the largest displacement
-DIRECTION = (0.0, -0.55, 0.85)  # from the joint to the eye
+BACK, RISE = -0.55 / math.hypot(0.55, 0.85), 0.85 / math.hypot(0.55, 0.85)  # joint to eye
+ABOVE, BELOW = 50, 125  # pixels for the texts above the joint and the colours below it
+LABEL, SPACE = 45, 30  # pixels above each model for its name, and between models
 
 TIME_STEPS = """
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as pipeline
@@ -78,13 +80,16 @@ def blocks_by_model(reader):
 
 
 def largest_displacement(reader):
-    """Largest displacement and its time."""
+    """Largest displacement, its time, and the largest parts of all frames along x and y."""
     times, first = list(reader.TimestepValues), operator.itemgetter(0)
-    best = (0.0, times[0])
+    best, reach = (0.0, times[0]), [0.0, 0.0]
     for time in times[:: max(1, len(times) // FRAMES)]:
         reader.UpdatePipeline(time)
-        best = max(best, (reader.PointData["displacement"].GetRange(-1)[1], time), key=first)
-    return best
+        displacement = reader.PointData["displacement"]
+        best = max(best, (displacement.GetRange(-1)[1], time), key=first)
+        for k in range(2):
+            reach[k] = max(reach[k], *(abs(part) for part in displacement.GetRange(k)))
+    return *best, reach
 
 
 def rounded(value):
@@ -111,7 +116,7 @@ def show_model(reader, name, paths, view, factor, shift, arrow):
     """Warped bodies of one model in colour, their edges, and the model's name."""
     model = simple.ExtractBlock(Input=reader, Selectors=paths)
     moved = simple.Transform(Input=model)
-    moved.Transform.Translate = [0.0, -shift, 0.0]
+    moved.Transform.Translate = [*shift, 0.0]
     warped = simple.WarpByVector(
         Input=moved, Vectors=["POINTS", "displacement"], ScaleFactor=factor
     )
@@ -168,19 +173,42 @@ def colour_by_state(view):
     bar.Visibility = 1
 
 
-def aim(view, bounds):
-    """Parallel view along DIRECTION that holds the box with room above and below it."""
-    norm = math.sqrt(sum(part**2 for part in DIRECTION))
-    _, back, rise = (part / norm for part in DIRECTION)
-    centre = [0.5 * (bounds[2 * k] + bounds[2 * k + 1]) for k in range(3)]
-    wide, deep, high = (bounds[2 * k + 1] - bounds[2 * k] for k in range(3))
-    tall = deep * rise - high * back
+def laid_out(low, high, count, pixels):
+    """Lay models out below or beside each other so that they are drawn as large as they can be.
+
+    From the corners of the box that one model moves in, and the pixels of the view; returns the
+    shift of each model along x and y, the place of its name, the middle of all along x and up the
+    picture, and the length of a pixel.
+    """
+    label = LABEL if count > 1 else 0
+    wide, bottom = high[0] - low[0], low[1] * RISE - low[2] * BACK
+    top = high[1] * RISE - high[2] * BACK
+    tall, options = top - bottom, []
+    for columns, rows in ((1, count), (count, 1)):
+        room = 0.94 * pixels[0] - (columns - 1) * SPACE
+        height = pixels[1] - ABOVE - BELOW - rows * label - (rows - 1) * SPACE
+        options.append((max(columns * wide / room, rows * tall / height), columns, rows))
+    pixel, columns, rows = min(options)
+    right = wide + SPACE * pixel if columns > 1 else 0.0
+    down = tall + (SPACE + label) * pixel if rows > 1 else 0.0
+    shifts = [(k * right, -k * down / RISE) for k in range(count)]
+    name = (top + 0.2 * label * pixel + high[2] * BACK) / RISE
+    names = [(low[0] + x, name + y, high[2]) for x, y in shifts]
+    across = low[0] + 0.5 * (wide + (count - 1) * right)
+    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down)
+    return shifts, names, (across, up + 0.5 * (ABOVE - BELOW) * pixel), pixel
+
+
+def aim(view, middle, pixel, pixels):
+    """Parallel view from the front and above with a point of the picture in its middle."""
+    across, up = middle
+    centre = [across, up * RISE, -up * BACK]
+    far = 10.0 * pixel * sum(pixels)
     view.CameraParallelProjection = 1
     view.CameraFocalPoint = centre
-    far = 10.0 * (wide + deep + high)
-    view.CameraPosition = [centre[0], centre[1] + far * back, centre[2] + far * rise]
-    view.CameraViewUp = [0.0, rise, -back]
-    view.CameraParallelScale = max(0.5 * tall / 0.62, 0.5 * wide / 0.94 * TOP * SIZE[1] / SIZE[0])
+    view.CameraPosition = [across, centre[1] + far * BACK, centre[2] + far * RISE]
+    view.CameraViewUp = [0.0, RISE, -BACK]
+    view.CameraParallelScale = 0.5 * pixels[1] * pixel
 
 
 def table(script):
@@ -228,6 +256,9 @@ def show_load(path, times, view):
         view.LeftAxisRangeMinimum = -1.15 * largest / unit
         view.LeftAxisRangeMaximum = 1.15 * largest / unit
     for axis in ("Bottom", "Left"):
+        # In Arial, VTK repeats the first row and the last column of a text at its other end.
+        setattr(view, f"{axis}AxisTitleFontFamily", "Courier")
+        setattr(view, f"{axis}AxisLabelFontFamily", "Courier")
         setattr(view, f"{axis}AxisTitleFontSize", 18)
         setattr(view, f"{axis}AxisLabelFontSize", 16)
 
@@ -237,7 +268,7 @@ def joint(reader, time=None, factor=None, arrows=False):
     simple._DisableFirstRenderCameraReset()
     reader.UpdatePipeline()
     times = list(reader.TimestepValues)
-    largest, at = largest_displacement(reader)
+    largest, at, reach = largest_displacement(reader)
     if time is not None:
         at = min(times, key=lambda step: abs(step - time))
     reader.UpdatePipeline(at)
@@ -262,14 +293,15 @@ def joint(reader, time=None, factor=None, arrows=False):
     view.Background = [1.0, 1.0, 1.0]
     view.OrientationAxesVisibility = 0
 
-    margin = factor * largest
-    depth = bounds[3] - bounds[2]
-    step = depth + 2.0 * margin + 0.05 * length
     models = blocks_by_model(reader)
-    for k, (name, paths) in enumerate(models.items()):
-        show_model(reader, name, paths, view, factor, k * step, arrow)
+    reach = [factor * part for part in reach] + [0.0]
+    low = [bounds[2 * k] - reach[k] for k in range(3)]
+    high = [bounds[2 * k + 1] + reach[k] for k in range(3)]
+    pixels = (SIZE[0], SIZE[1] * (TOP if has_load else 1.0))
+    shifts, places, middle, pixel = laid_out(low, high, len(models), pixels)
+    for (name, paths), shift, place in zip(models.items(), shifts, places, strict=True):
+        show_model(reader, name, paths, view, factor, shift, arrow)
         if len(models) > 1:
-            place = [bounds[0], bounds[3] + margin + 0.01 * length - k * step, bounds[5]]
             write(view, name, place=place, size=18)
     colour_by_state(view)
     write(view, f"displacement x {factor:g}", corner="Upper Right Corner")
@@ -279,9 +311,7 @@ def joint(reader, time=None, factor=None, arrows=False):
     shown.WindowLocation, shown.Color = "Upper Left Corner", (0.0, 0.0, 0.0)
     shown.FontSize = 20
 
-    bounds[0], bounds[1] = bounds[0] - margin, bounds[1] + margin
-    bounds[2], bounds[3] = bounds[2] - margin - (len(models) - 1) * step, bounds[3] + margin
-    aim(view, bounds)
+    aim(view, middle, pixel, pixels)
     if has_load:
         show_load(load, times, chart)
     return layout, view, at

@@ -35,6 +35,7 @@ from skfem_joint.vtk_files import needed_pyvista
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.tri import Triangulation
 
 FloatArray = NDArray[np.float64]
 
@@ -494,6 +495,8 @@ def _area_figure(
     x, y = structure.nodes[nodes].T
     wide, tall = np.ptp(x), np.ptp(y)
     figure = new_figure(8.0, float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0)))
+    figure.set_layout_engine("compressed")
+    from matplotlib.collections import LineCollection
     from matplotlib.tri import Triangulation
 
     panel = figure.subplots()
@@ -503,15 +506,34 @@ def _area_figure(
         panel.tricontourf(
             grid, active.astype(float), levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75
         )
-    for line in _outlines(x, y, triangles, active.astype(float)):
-        for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
-            panel.plot(*line.T, color=colour, linewidth=width, solid_capstyle="round")
+    border = _active_border(grid, active)
+    for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+        if active.any() and not active.all():
+            panel.tricontour(
+                grid, active.astype(float), levels=[0.5], colors=colour, linewidths=width
+            )
+        panel.add_collection(
+            LineCollection(border, colors=colour, linewidths=width, capstyle="round", zorder=2.5)
+        )
+    pad = 0.02 * max(wide, tall)
+    panel.set_xlim(x.min() - pad, x.max() + pad)
+    panel.set_ylim(y.min() - pad, y.max() + pad)
     panel.set_aspect("equal")
     panel.set_xlabel("x, m")
     panel.set_ylabel("y, m")
-    panel.set_title(f"{title} (outlined)", loc="left")
+    figure.suptitle(f"{title} (outlined; the rest is faded)")
     figure.colorbar(drawn, ax=panel, label=f"largest slip, {unit}", location="bottom", aspect=40)
     return figure
+
+
+def _active_border(grid: Triangulation, active: NDArray[np.bool_]) -> list[FloatArray]:
+    """Parts of the mesh's outer border that are active, each with its two ends, shape (2, 2)."""
+    triangle, side = np.nonzero(grid.neighbors == -1)
+    ends = np.stack([grid.triangles[triangle, side], grid.triangles[triangle, (side + 1) % 3]], 1)
+    ends = ends[active[ends].any(axis=1)]
+    place = np.stack([grid.x, grid.y], axis=1)[ends]
+    middle = place.mean(axis=1, keepdims=True)
+    return list(np.where(active[ends][..., np.newaxis], place, middle))
 
 
 def active_region(

@@ -171,8 +171,9 @@ def test_the_script_builds_what_it_is_to_show(series: Path, tmp_path: Path) -> N
     assert set(warped) == {"full, displacement x 200", "reduced, displacement x 200"}
     reach = [bounds[1] for bounds in warped.values()]
     assert reach == pytest.approx([0.5 + 200 * LARGEST] * 2)
-    depths = [(bounds[2], bounds[3]) for bounds in warped.values()]
-    assert depths[1][1] < depths[0][0]  # one behind the other
+    full, reduced = (np.array(bounds).reshape(3, 2) for bounds in warped.values())
+    # What the eye sees of a body reaches from its lower front edge to its upper rear one.
+    assert reduced[1, 1] * 0.85 + reduced[2, 1] * 0.55 < full[1, 0] * 0.85 + full[2, 0] * 0.55
     assert found["annotations"] == ["-1", "no contact", "0", "stick", "1", "slip"]
     assert [colour for colour in found["colours"] if colour[1]] == [["CELLS", "contact_state"]] * 2
     assert len(found["sources"]["Glyph"]) == 2

@@ -7,12 +7,15 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
 from skfem_joint import offscreen, plate_plot
@@ -109,6 +112,49 @@ def test_a_still_shows_stick_slip_and_no_contact(tmp_path: Path, lap: PlateStruc
 
 
 @draws
+@pytest.mark.parametrize("thickness", [1e-3, 0.05])
+@pytest.mark.parametrize("width", [0.02, 0.3])
+def test_models_and_their_names_lie_clear_of_each_other(thickness: float, width: float) -> None:
+    made = build_plate_structure(
+        build_plate([("bar", 0.2, 8)], width, 2), E=200e9, poisson=0.3, density=8e3,
+        thickness=thickness, supports=[("left", "xy")],
+        joints=[PlateJoint("bottom", "boundary", None, 50e6, 0.7)],
+    )  # fmt: skip
+    models = [pulled(made), pulled(made, "reduced")]
+    inside = plate_plot._picture(made, TIMES, models, pressure(made), "slip_state", LOAD, None)
+    with inside as picture:
+        renderer, size = picture.plotter.renderer, picture.size
+        boxes = {}
+        for frame in range(TIMES.size):
+            picture.show(frame)
+            picture.plotter.render()
+            for body in picture.bodies:
+                pixels = []
+                for point in np.asarray(body.surface.points):
+                    renderer.SetWorldPoint(*point, 1.0)
+                    renderer.WorldToDisplay()
+                    pixels.append(renderer.GetDisplayPoint()[:2])
+                low, high = np.min(pixels, axis=0), np.max(pixels, axis=0)
+                assert np.all(low > 0.0)
+                assert np.all(high < size)
+                old = boxes.get(body.field.name, (low, high))
+                boxes[body.field.name] = (np.minimum(low, old[0]), np.maximum(high, old[1]))
+        for name in ("full", "reduced"):
+            bounds = [0] * 4
+            picture.plotter.actors[f"model {name}"].GetBoundingBox(renderer, bounds)
+            right, height = bounds[1], bounds[3]
+            left, top = boxes[name][0][0], boxes[name][1][1]
+            origin = picture.plotter.actors[f"model {name}"].GetPosition()
+            assert origin[0] == pytest.approx(left, abs=5.0)
+            assert 0.0 < origin[1] - top < plate_plot._LABEL
+            boxes[f"name {name}"] = (
+                np.array(origin), np.array([origin[0] + right, origin[1] + height])
+            )  # fmt: skip
+    for one, other in combinations(boxes.values(), 2):
+        assert np.any((one[1] < other[0]) | (other[1] < one[0]))
+
+
+@draws
 @pytest.mark.parametrize(
     ("quantity", "title", "largest"),
     [
@@ -192,11 +238,38 @@ def test_the_active_share_of_the_area_is_in_the_title(lap: PlateStructure) -> No
     slip = 1e-6 * np.abs(x - 0.25)
     figure = plate_plot.active_region_figure(lap, 0, slip, x > 0.27)  # columns at 0.28 and 0.3
     panel, bar = figure.axes
-    assert panel.get_title(loc="left") == "joint: active on 30.0 % of the area (outlined)"
+    assert figure.get_suptitle() == (
+        "joint: active on 30.0 % of the area (outlined; the rest is faded)"
+    )
     assert bar.get_xlabel() == "largest slip, nm"
     contours = [c for c in panel.collections if len(getattr(c, "levels", [])) == 1]
     outline = np.vstack([path.vertices for path in contours[-1].get_paths()])
     np.testing.assert_allclose(outline[:, 0], 0.27)  # half way between the columns
+    (border, _) = (c for c in panel.collections if isinstance(c, LineCollection))
+    ends = np.array(border.get_segments())
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+    assert length == pytest.approx(2 * 0.03 + 0.05)  # with the contour a closed line
+    assert ends[..., 0].min() == pytest.approx(0.27)
+
+
+@pytest.mark.parametrize(("length", "width"), [(0.1, 0.004), (0.1, 0.05), (0.05, 0.2)])
+def test_title_and_axes_of_an_active_region_are_inside_its_picture(
+    length: float, width: float
+) -> None:
+    made = build_plate_structure(
+        build_plate([("joint", length, 6), ("arm", 0.1, 4)], width, 3), E=200e9, poisson=0.3,
+        density=8e3, thickness=0.01, supports=[("right", "xy")],
+        joints=[PlateJoint("joint", "region", None, 50e6, 0.7)],
+    )  # fmt: skip
+    k = made.patches[0].nodes.size
+    figure = plate_plot.active_region_figure(made, 0, np.linspace(0, 1e-6, k), np.arange(k) < 9)
+    FigureCanvasAgg(figure).draw()
+    boxes = [panel.get_tightbbox() for panel in figure.axes]
+    boxes += [text.get_window_extent() for text in figure.texts]
+    assert len(boxes) == 3
+    for box in boxes:
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
 
 
 def test_the_active_part_of_an_edge_is_a_share_of_its_length(side: PlateStructure) -> None:
