@@ -113,9 +113,7 @@ def report(size: tuple[int, int, float], bolted: bool) -> None:
     with refactoring():
         few = run(system, steps=60)
         rivals["refactoring each iteration"] = few.wall_s / 60
-    models = {"full": (system, 0.0)} | reduced_systems(
-        system, [(5, 20), (10, 40), (14, 60)]
-    )
+    models = {"full": (system, 0.0)} | reduced_systems(system, [(5, 20), (10, 40), (14, 60)])
     runs: dict[str, list[Run]] = {name: [] for name in models}
     for _ in range(REPEATS):
         for name, (model, _) in models.items():
