@@ -36,7 +36,7 @@ FLOORS = {
     "plate_contact": 1.5,
     "plate": 3.5,
     "schemes": 3.0,
-    "resolution": 3.0,
+    "resolution": 3.9,
     "recording": 3.0,
     "chain": 3.0,
     "kernels_friction": 3.0,

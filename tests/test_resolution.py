@@ -6,7 +6,7 @@ from math import inf, pi
 
 import numpy as np
 import pytest
-from bars import LapJoint, oscillator
+from bars import DENSITY, E, LapJoint, oscillator
 
 from skfem_joint.errors import InputError
 from skfem_joint.integrate import integrate
@@ -54,3 +54,15 @@ def test_dissipating_schemes_do_not_overshoot_when_a_load_is_switched_on(
     difference = np.abs(coarse.point_u - fine.point_u).max()
     assert difference < 0.1 * fine.peak[0]
     assert coarse.energy_residual < 1e-10
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share: float) -> None:
+    """Static slip tau x^2 / (2 EA) over the active length a: 2 pi sqrt(3/20) a / c by Rayleigh."""
+    joint = LapJoint(elements=200, beta=inf)
+    load = Rectangle(share * float(joint.system.w.sum()), 1.0)
+    system = LapJoint(elements=200, beta=inf, load=load).system
+    period = 2.0 * pi * np.sqrt(3.0 / 20.0) * share * joint.length / np.sqrt(E / DENSITY)
+    check_resolution(system, 0.095 * period, 10)
+    with pytest.raises(InputError, match="it jumps"):
+        check_resolution(system, 0.105 * period, 10)

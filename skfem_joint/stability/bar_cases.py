@@ -181,6 +181,14 @@ def _single_axes() -> list[BarCase]:
         *vary(
             "switched on",
             switched,
+            phase=(half_pi,),
+            share=(0.1, 0.3, 0.5),
+            steps=(56, 200, 1000),
+            beta=FEW,
+        ),
+        *vary(
+            "switched on",
+            switched,
             load=("rectangle",),
             duration=(1000.0,),
             steps=(30, 100, 1000),

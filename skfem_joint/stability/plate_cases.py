@@ -265,6 +265,14 @@ def _single_axes() -> list[PlateCase]:
         ),
         *vary(
             "plate switched on",
+            base,
+            phase=(0.5 * pi,),
+            share=(0.1, 0.3, 0.5),
+            steps=(100,),
+            beta=PAIR,
+        ),
+        *vary(
+            "plate switched on",
             replace(base, duration=1000.0, steps=200),
             load=("rectangle",),
             damping=(0.0, 1e-5),

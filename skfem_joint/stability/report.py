@@ -34,9 +34,9 @@ _EXPLANATION = (
 )
 _LIMITS = (
     "Three kinds of steps that are too long are not refused yet, and not in the matrix: halve the "
-    "step and compare. A load that jumps to less than about "
-    "half of the friction limit moves a small part of the joint, which vibrates faster than the "
-    "whole that the step is checked against. At eight to nine steps a period, the fewest that are "
+    "step and compare. Under the arctan law, a load that jumps to a few percent of the friction "
+    "limit moves little more than the joint creeps, and what vibrates is not told from what "
+    "creeps. At eight to nine steps a period, the fewest that are "
     "accepted, the displacement may be off by more than a fifth. A body that friction alone "
     "holds, and that breaks loose for a few steps only, needs more of them in that time."
 )
