@@ -39,7 +39,7 @@ SYSTEMS: dict[str, System] = {
     "chain": JOINT.system,
     "Coulomb": replace(JOINT, beta=np.inf).system,
     # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
-    "jumps": replace(JOINT, load=Rectangle(50e3, 3.37e-4, 1.13e-4)).system,
+    "jumps": replace(JOINT, load=Rectangle(62e3, 3.37e-4, 1.13e-4)).system,
     "dense": JOINT.system.project(BASIS),
     "linear": replace(JOINT, friction=0.0).system,
 }
