@@ -25,7 +25,9 @@ the same, given up after 4 solves instead of 8   4.8              16.3 and 1.0
 ===============================================  ===============  ============================
 
 A factor costs about thirty solves. Newton's method on a parametrisation of the law's graph, so good
-on chains, does not converge on two-dimensional slip fronts.
+on chains, takes 9.0 steps and 145 solves there, up to 34 steps in one, if its scale is a tenth of
+the diagonal over the friction limit and its systems are solved to 1e-3. With a scale three times as
+large, or with systems solved to 0.1, it fails.
 """
 
 from __future__ import annotations
