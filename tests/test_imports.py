@@ -40,6 +40,7 @@ FLOORS = {
     "recording": 3.0,
     "chain": 3.0,
     "kernels_friction": 3.0,
+    "kernels_fronts": 3.1,
     "kernels_tridiagonal": 3.25,
     "kernels_dense": 3.25,
     "kernels_contact": 3.25,

@@ -14,7 +14,7 @@ import pytest
 from bars import CASE_I, LapJoint, tridiagonal
 from scipy import sparse
 
-from skfem_joint import friction, kernels_dense
+from skfem_joint import friction, kernels_dense, kernels_fronts
 from skfem_joint import kernels_tridiagonal as kernels
 from skfem_joint.chain import build_chain
 from skfem_joint.errors import ConvergenceError, InputError
@@ -214,7 +214,7 @@ def passes(H0: Any, H1: Any, w: Any, g: Any, middle: int) -> tuple[int, bool, An
     n = g.size
     chain = build_chain(H0, H1, w, np.full(n, np.inf))
     s, v, sigma, slip, r = np.zeros((5, n))
-    count, converged, _ = kernels._passes(
+    count, converged, _ = kernels_fronts.passes_of(
         chain.H0[:n], chain.H1[:n], chain.w[:n], chain.hold, chain.pivot, chain.stretch,
         chain.kappa, g, s, v, sigma, slip, r, middle, 1e-12,
     )  # fmt: skip
