@@ -153,10 +153,9 @@ def _unused(scene: PlateScene) -> list[str]:
     """Sentences about keys that do nothing in this scene."""
     if scene.reduction.reference == "paper" or "reduced" not in scene.models.run:
         return []
-    found = []
-    if scene.reduction.active_length != "auto":
-        found.append("reduction.active_length has no effect beside reference = 'self'.")
-    return found
+    if scene.reduction.active_length == "auto":
+        return []
+    return ["reduction.active_length has no effect beside reference = 'self'."]
 
 
 def _reduced(
@@ -175,6 +174,11 @@ def _reduced(
         asked = options.friction_points
         count = POINTS_PER_MODE * basis.V.shape[1] if isinstance(asked, str) else asked
         system = with_friction_points(study.system, basis, count)
+        if not isinstance(asked, str) and system.w.size < asked:
+            study.warnings.append(
+                f"The reduced model has {system.w.size} friction points instead of {asked}: no "
+                "more of the joints' points slip apart from each other."
+            )
     system = with_resolvable_beta(study, system, basis.slip_velocity or STUCK_VELOCITY)
     before = time.perf_counter() - begin
     run = integrated(scene, system, progress, checkpoint)
