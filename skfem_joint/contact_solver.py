@@ -43,6 +43,7 @@ from scipy.linalg import lapack
 
 from skfem_joint.errors import InputError
 from skfem_joint.steppers_shared import factorised
+from skfem_joint.system import System
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -96,6 +97,19 @@ def _inverse(A: FloatArray) -> FloatArray:
         raise InputError("the condensed step matrix is not positive definite: is the step tiny?")
     lower = np.tril(inverse)
     return np.asarray(lower + np.tril(lower, -1).T)
+
+
+def contact_unknowns(system: System) -> tuple[IntArray, IntArray]:
+    """Unknowns that each contact point slips by, -1 for a second direction that it has not.
+
+    For systems whose slip rows each pick an unknown of their own.
+    """
+    unknown = np.asarray(sparse.csr_array(system.B).indices, dtype=np.int64)
+    row = system.first_row[:-1]
+    second = np.full(row.size, -1)
+    two = system.directions == 2
+    second[two] = unknown[row[two] + 1]
+    return unknown[row], second
 
 
 class ContactProblem:

@@ -48,10 +48,10 @@ def plate_field(study: PlateStudy, model: Model) -> PlateField:
         points = patch.points
         limit = patch.joint.friction * patch.normal_force
         for k in range(patch.directions.shape[1]):
-            slips = system.directions[points] > k
-            force = -limit[slips] * sigma[:, system.first_row[points[slips]] + k]
-            traction = (force / patch.area[slips])[..., np.newaxis] * patch.directions[slips, k]
-            field.traction[:, patch.nodes[slips]] += traction
+            free = system.directions[points] > k
+            force = -limit[free] * sigma[:, system.first_row[points[free]] + k]
+            traction = (force / patch.area[free])[..., np.newaxis] * patch.directions[free, k]
+            field.traction[:, patch.nodes[free]] += traction
         field.slip_state[:, patch.nodes] = state[:, points]
         # Joints that share a point share its work.
         whole = system.w[points] * patch.area
@@ -72,8 +72,7 @@ def friction_work(study: PlateStudy, model: Model, u: FloatArray, sigma: FloatAr
         return rows
     slip = (system.B @ u.T).T
     parts = system.on_rows(system.w) * 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(slip, axis=0)
-    if parts.shape[1] > system.w.size:
-        parts = np.asarray(np.add.reduceat(parts, system.first_row[:-1], axis=1))
+    parts = system.by_point(parts)
     spread = np.zeros((u.shape[0], system.w.size))
     np.cumsum(np.maximum(parts, 0.0), axis=0, out=spread[1:])
     total = spread.sum(axis=1)

@@ -332,9 +332,7 @@ class Recorder:
             self.dissipated[1] += v_mean @ (system.M @ drift)
         if self.friction_work.size:
             work = 0.5 * (old[3] + new[3]) * (system.B @ du)
-            if work.size > system.w.size:
-                work = np.add.reduceat(work, system.first_row[:-1])
-            self.friction_work += system.w * work
+            self.friction_work += system.w * system.by_point(work)
         self.observe(new[0])
 
     def saved(self) -> dict[str, NDArray[Any]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint import friction
-from skfem_joint.contact_solver import ContactProblem, Solution
+from skfem_joint.contact_solver import ContactProblem, Solution, contact_unknowns
 from skfem_joint.errors import InputError
 from skfem_joint.recording import Recorder
 from skfem_joint.schemes import Coefficients, Scheme
@@ -53,20 +53,14 @@ class _Points:
         """All unknowns in contact, sorted."""
         return np.unique(np.concatenate([self.first, self.second[self.second >= 0]]))
 
+    def problem(self, A: Any) -> ContactProblem:
+        """Contact problem of a matrix at these points."""
+        return ContactProblem(A, self.first, self.second, self.w, self.beta)
+
     def numbered(self, unknowns: IntArray) -> _Points:
         """Same points where the given unknowns are all that there are."""
         second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
         return _Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
-
-
-class _Whole:
-    """Step matrix whose contact problem is solved on all unknowns."""
-
-    def __init__(self, H: Any, points: _Points) -> None:
-        self.problem = ContactProblem(H, points.first, points.second, points.w, points.beta)
-
-    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
-        return self.problem.solve(g, start, tolerance)
 
 
 class _Condensed:
@@ -84,10 +78,11 @@ class _Condensed:
         columns = sparse.csc_array(self.H_rc)
         for k in range(0, self.contact.size, BLOCK):
             S[:, k : k + BLOCK] -= self.H_cr @ self.factor(columns[:, k : k + BLOCK].toarray())
-        local = points.numbered(self.contact)
-        self.problem = ContactProblem(
-            np.ascontiguousarray(0.5 * (S + S.T)), local.first, local.second, local.w, local.beta
-        )
+        S = np.ascontiguousarray(0.5 * (S + S.T))
+        self.problem = points.numbered(self.contact).problem(S)
+
+    def forget(self) -> None:
+        self.problem.forget()
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         g_rest = g[self.rest]
@@ -126,25 +121,26 @@ class ContactStepper:
     def __post_init__(self) -> None:
         s = self.system
         self.unknown = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
-        start = s.first_row
-        two = s.directions == 2
-        first = self.unknown[start[:-1]]
-        second = np.full(first.size, -1)
-        second[two] = self.unknown[start[:-1][two] + 1]
+        first, second = contact_unknowns(s)
         acting = s.w > 0.0
         self.points = _Points(first[acting], second[acting], s.w[acting], s.beta[acting])
         self.w_rows = s.on_rows(s.w)
         self.a = np.zeros_like(self.u)
         self.d = np.zeros_like(self.u)
         self.v_before = self.v.copy()
-        self.sigma = friction.force_vectors(self._slip(self.v), s.beta, s.directions)
-        self.sigma[self.w_rows == 0.0] = 0.0
+        self.sigma = self._law()
         self.start = Start(self.scheme)
         self.vectors = s.load_vectors()
-        self.matrices: dict[Coefficients, _Whole | _Condensed] = {}
+        self.matrices: dict[Coefficients, ContactProblem | _Condensed] = {}
 
     def _slip(self, v: FloatArray) -> FloatArray:
         return np.asarray(v[self.unknown])
+
+    def _law(self) -> FloatArray:
+        """Normalised friction at the velocity now, by slip row; 0 for Coulomb points at rest."""
+        s = self.system
+        sigma = friction.force_vectors(self._slip(self.v), s.beta, s.directions)
+        return np.where(self.w_rows > 0.0, sigma, 0.0)
 
     def _friction(self, sigma: FloatArray) -> FloatArray:
         force = np.zeros(self.system.n)
@@ -155,8 +151,7 @@ class ContactStepper:
         """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
         s, p = self.system, self.points
         right = self.vectors @ amplitudes - s.C @ self.v - s.K @ self.u
-        sigma = friction.force_vectors(self._slip(self.v), s.beta, s.directions)
-        sigma[self.w_rows == 0.0] = 0.0
+        sigma = self._law()
         right -= self._friction(sigma)
         speed = s.slip_norm(self._slip(self.v))[s.w > 0.0]
         at_rest = np.isinf(p.beta) & (speed == 0.0)
@@ -165,9 +160,8 @@ class ContactStepper:
         elif np.any(at_rest):
             # The acceleration of points at rest obeys the law that their velocity will.
             held = _Points(p.first[at_rest], p.second[at_rest], p.w[at_rest], p.beta[at_rest])
-            found = _Whole(sparse.csr_array(s.M), held).solve(
-                right, np.zeros_like(right), self.tolerance
-            )
+            problem = held.problem(sparse.csr_array(s.M))
+            found = problem.solve(right, np.zeros_like(right), self.tolerance)
             if not found.converged:
                 raise InputError(
                     f"no consistent initial acceleration found near unknown {found.where}; "
@@ -188,7 +182,7 @@ class ContactStepper:
         H.sort_indices()
         contact = self.points.unknowns().size
         small = contact <= CONDENSED and contact**2 <= CONDENSED_SQUARE * s.n
-        self.matrices[c] = (_Condensed if small else _Whole)(H, self.points)
+        self.matrices[c] = _Condensed(H, self.points) if small else self.points.problem(H)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
@@ -197,7 +191,7 @@ class ContactStepper:
             self._prepare(c)
             recorder.factorizations += isinstance(self.matrices[c], _Condensed)
         step_matrix = self.matrices[c]
-        step_matrix.problem.forget()  # so that a run taken up again goes on in the same way
+        step_matrix.forget()  # so that a run taken up again goes on in the same way
         counters = recorder.counters
         n_steps = int(amplitudes.shape[1]) - 1
         for k in range(n_steps):

@@ -126,6 +126,12 @@ class System:
         """Repeat a value of each contact point for each of its rows of ``B``."""
         return np.repeat(values, self.directions)
 
+    def by_point(self, values: FloatArray) -> FloatArray:
+        """Sum values of the rows of ``B``, (..., rows), over the rows of each point, (..., m)."""
+        if values.shape[-1] == self.w.size:
+            return values
+        return np.asarray(np.add.reduceat(values, self.first_row[:-1], axis=-1))
+
     def slip_norm(self, slip: FloatArray) -> FloatArray:
         """Norm of the slip vector of each contact point, shape (..., m), from (..., rows)."""
         return norms(slip, self.directions)
