@@ -27,7 +27,7 @@ from skfem_joint.files import replacing
 
 Arrays = Mapping[str, NDArray[Any]]
 
-_FORM = 1
+_FORM = 2
 #: What readers of zip files and arrays let through on damaged ones.
 _DAMAGE = (
     *(OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error),
@@ -96,8 +96,14 @@ class Checkpoint:
         """Whether to save after ``done`` of ``n_steps`` steps when ``saved`` of them are saved."""
         return self.every is not None and (done - saved >= self.every or saved < done == n_steps)
 
-    def save(self, arrays: Arrays, run: str, done: int, elapsed: float) -> None:
+    def save(self, parts: Mapping[str, Arrays], run: str, done: int, elapsed: float) -> None:
         """Save a run, ``run`` being the fingerprint of what is integrated.
+
+        Parameters
+        ----------
+        parts : mapping of str to mapping
+            What each part of the run has to keep, by the name of the part: arrays of two parts
+            that have the same name stay apart.
 
         Raises
         ------
@@ -112,11 +118,14 @@ class Checkpoint:
             "done": done,
             "elapsed": elapsed,
         }
+        arrays: dict[str, Any] = {
+            f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
+        }
         with replacing(self.path) as temporary, temporary.open("wb") as file:
-            np.savez(file, **{**arrays, "notes": np.array(json.dumps(notes))})  # type: ignore[arg-type]
+            np.savez(file, **arrays, notes=np.array(json.dumps(notes)))
 
-    def load(self, run: str) -> tuple[dict[str, NDArray[Any]], int, float] | None:
-        """Arrays, steps done and time taken (s); None if there is nothing to go on from.
+    def load(self, run: str) -> tuple[dict[str, dict[str, NDArray[Any]]], int, float] | None:
+        """Parts as they were saved, steps done and time taken (s); None: nothing to go on from.
 
         Raises
         ------
@@ -129,6 +138,10 @@ class Checkpoint:
             with self.path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 arrays = dict(stored)
             notes = json.loads(str(arrays.pop("notes")))
+            parts: dict[str, dict[str, NDArray[Any]]] = {}
+            for key, array in arrays.items():
+                part, name = key.split("/", 1)
+                parts.setdefault(part, {})[name] = array
             found = (notes["form"], notes["version"], notes["origin"])
             same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
         except _DAMAGE as error:
@@ -148,7 +161,7 @@ class Checkpoint:
                 f"{self.path}: the model made from the scene differs from the one that was saved, "
                 f"as on another machine or with other libraries; {advice}"
             )
-        return arrays, int(done), float(elapsed)
+        return parts, int(done), float(elapsed)
 
 
 @dataclass(frozen=True)

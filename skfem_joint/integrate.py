@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-11
 #: A step that does not converge is halved at most this often.
 HALVINGS = 8
+#: Steps between two chances to stop, save, and show progress; fewer for large systems.
+MOST_STEPS_IN_A_CHUNK = 20_000
 #: Kinks of a load are met exactly only if there are fewer than this; jumps always.
 MOST_KINKS = 64
 
@@ -121,12 +123,12 @@ def integrate(
             recorder.observe(u)
         recorder.store(0, u, v, stepper.normalised_friction())
     else:
-        arrays, done, elapsed = saved
-        recorder.restore(arrays)
-        stepper.restore(arrays)
+        parts, done, elapsed = saved
+        recorder.restore(parts["recorder"])
+        stepper.restore(parts["stepper"])
     last_saved = done
     # Checkpoints are written between chunks, never shorten one: steps are the same with them.
-    chunk = max(1, min(20_000, 2_000_000 // system.n))
+    chunk = max(1, min(MOST_STEPS_IN_A_CHUNK, 2_000_000 // system.n))
     interrupted = False
     try:
         while done < n_steps:
@@ -140,7 +142,8 @@ def integrate(
             if cycle_steps is not None and done % cycle_steps == 0:
                 recorder.end_cycle()
             if checkpoint is not None and checkpoint.due(done, last_saved, n_steps):
-                checkpoint.save(recorder.saved() | stepper.saved(), identity, done, elapsed)
+                parts = {"recorder": recorder.saved(), "stepper": stepper.saved()}
+                checkpoint.save(parts, identity, done, elapsed)
                 last_saved = done
             if progress is not None:
                 progress(done, n_steps)

@@ -21,7 +21,7 @@ import pytest
 from bars import LapJoint
 
 import skfem_joint
-from skfem_joint import cli, study
+from skfem_joint import cli, output, study
 from skfem_joint.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.integrate import integrate
@@ -335,6 +335,58 @@ def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
     assert sorted(file.name for file in out.rglob("*")) == ["history.npz", "summary.json"]
 
 
+#: Scenes of each kind, with what distinguishes them from the first one.
+KINDS = {
+    "bar": "structure_harmonic.toml",
+    "bar under an impulse": "structure_impulse.toml",
+    "plate": "plate_reference.toml",
+    "two plates": "two_plates.toml",
+}
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
+    kind: str, model: str, tmp_path: Path
+) -> None:
+    """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
+    scene = load_scene(ROOT / "examples" / KINDS[kind])
+    output_table = {"vtk": True, "plots": False, "history": True, "frames": 12}
+    changes: dict[str, Any] = {
+        "output": scene.output.model_copy(update=output_table),
+        "models": scene.models.model_copy(update={"run": (model,)}),
+    }
+    if scene.time.cycles is None:
+        times = {"duration": 20 * scene.time_step}
+    else:
+        times = {"cycles": 2, "steps_per_cycle": 12}
+    changes["time"] = scene.time.model_copy(update=times)
+    scene = scene.model_copy(update=changes)
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    for folder in (whole, out):
+        output.prepare(scene, folder)
+
+    def kill(label: str, done: int, total: int) -> None:
+        if label == f"{model} model" and done >= total // 2:
+            raise KilledError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("skfem_joint.integrate.MOST_STEPS_IN_A_CHUNK", 5)
+        output.write(study.run_scene(scene), whole)
+        with pytest.raises(KilledError):
+            study.run_scene(scene, kill, Checkpoints(out, every=1))
+        checkpoints = Checkpoints(out, every=1, resume=True)
+        resumed = study.run_scene(scene, None, checkpoints)
+    checkpoints.remove()
+    output.write(resumed, out)
+    assert results(out) == results(whole)
+    names = [sorted(path.relative_to(f) for path in f.rglob("*.vtu")) for f in (whole, out)]
+    assert names[0] == names[1]
+    assert len(names[0]) > 10
+    for name in names[0]:
+        assert (whole / name).read_bytes() == (out / name).read_bytes(), name
+
+
 def test_killed_while_it_writes_leaves_whole_files(
     scene: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -516,7 +568,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=100)
-    checkpoint.save({"rows": np.arange(3)}, "b", 100, 1.0)
+    checkpoint.save({"run": {"rows": np.arange(3)}}, "b", 100, 1.0)
 
     def half(file: Any, **_: Any) -> None:
         file.write(b"half")
@@ -524,9 +576,9 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
 
     monkeypatch.setattr("skfem_joint.checkpoint.np.savez", half)
     with pytest.raises(InputError, match="No space left"):
-        checkpoint.save({"rows": np.arange(4)}, "b", 200, 2.0)
+        checkpoint.save({"run": {"rows": np.arange(4)}}, "b", 200, 2.0)
     loaded = replace(checkpoint, resume=True).load("b")
     assert loaded is not None
     assert loaded[1:] == (100, 1.0)
-    assert loaded[0]["rows"].size == 3
+    assert loaded[0]["run"]["rows"].size == 3
     assert os.listdir(tmp_path) == ["run.npz"]
