@@ -80,14 +80,14 @@ def blocks_by_model(reader):
 
 
 def largest_displacement(reader):
-    """Largest displacement, its time, and the largest parts of all frames along x and y."""
+    """Largest displacement, its time, and its largest parts of all frames along x, y and z."""
     times, first = list(reader.TimestepValues), operator.itemgetter(0)
-    best, reach = (0.0, times[0]), [0.0, 0.0]
+    best, reach = (0.0, times[0]), [0.0, 0.0, 0.0]
     for time in times[:: max(1, len(times) // FRAMES)]:
         reader.UpdatePipeline(time)
         displacement = reader.PointData["displacement"]
         best = max(best, (displacement.GetRange(-1)[1], time), key=first)
-        for k in range(2):
+        for k in range(3):
             reach[k] = max(reach[k], *(abs(part) for part in displacement.GetRange(k)))
     return *best, reach
 
@@ -274,7 +274,7 @@ def joint(reader, time=None, factor=None, arrows=False):
     reader.UpdatePipeline(at)
     traction = reader.PointData["friction_traction"].GetRange(-1)[1]
     bounds = list(reader.GetDataInformation().GetBounds())
-    length = max(bounds[1] - bounds[0], bounds[3] - bounds[2])
+    length = max(bounds[2 * k + 1] - bounds[2 * k] for k in range(3))
     arrow = 0.05 * length / traction if arrows and traction > 0.0 else 0.0
     if factor is None:
         factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
@@ -294,9 +294,8 @@ def joint(reader, time=None, factor=None, arrows=False):
     view.OrientationAxesVisibility = 0
 
     models = blocks_by_model(reader)
-    reach = [factor * part for part in reach] + [0.0]
-    low = [bounds[2 * k] - reach[k] for k in range(3)]
-    high = [bounds[2 * k + 1] + reach[k] for k in range(3)]
+    low = [bounds[2 * k] - factor * reach[k] for k in range(3)]
+    high = [bounds[2 * k + 1] + factor * reach[k] for k in range(3)]
     pixels = (SIZE[0], SIZE[1] * (TOP if has_load else 1.0))
     shifts, places, middle, pixel = laid_out(low, high, len(models), pixels)
     for (name, paths), shift, place in zip(models.items(), shifts, places, strict=True):

@@ -19,174 +19,117 @@ Units: SI. Source: Journal of Sound and Vibration (2010), sections 7.3 and 7.4.
 # %% Models
 import os
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from skfem_joint.active_length import THRESHOLD, measured
-from skfem_joint.history import slip_state
-from skfem_joint.integrate import integrate
-from skfem_joint.loads import Harmonic, Load, Triangle
-from skfem_joint.meshing import BarMesh, build_bar
-from skfem_joint.plate import (
-    PlateJoint,
-    PlateStructure,
-    assemble_plate,
-    build_plate_structure,
-    full_matrices,
-)
-from skfem_joint.plate_mesh import PlateMesh, build_plate, load_meshes
-from skfem_joint.recording import Run, Save
-from skfem_joint.structure import Joint, Structure, assemble, build_structure
-from skfem_joint.system import System
-from skfem_joint.two_bars import TwoBars, assemble_two_bars
+from skfem_joint import Joint, Load, Material, Save, Structure, System, integrate
+from skfem_joint.loads import Harmonic, Triangle
+from skfem_joint.mesh import NamedMesh, build_bar, build_plate, load_meshes, merged
+from skfem_joint.reduction.active_length import THRESHOLD, measured
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system import Contact
 
-MESHES = Path(__file__).parents[1] / "meshes"
-E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
-PRESSURE, FRICTION = 50e6, 0.7
-FORCE, FREQUENCY = 87.5e3, 500.0
+STEEL = Material(E=200e9, density=8000.0, poisson=0.3)
+WIDTH, THICKNESS, DAMPING = 0.05, 0.01, 1e-5
+PRESSURE, FRICTION, FORCE, FREQUENCY, STEPS = 50e6, 0.7, 87.5e3, 500.0, 100  # steps per period
 ARM, HALF = 0.5, 0.1  # length beside the joint and half of the overlap, m
-EA, TAU = E * WIDTH * THICKNESS, FRICTION * PRESSURE * WIDTH
-PULL = Harmonic(FORCE, FREQUENCY)
-STEPS = 100  # per period
-PULSE, PULSE_STEP = 2e-3, 4e-6  # time after the impulse, and its step, s
+EA, TAU = STEEL.E * WIDTH * THICKNESS, FRICTION * PRESSURE * WIDTH
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model of the whole structure or of one half.
-
-    Attributes
-    ----------
-    name : str
-    system : System
-        Its first point is the loaded end, positive outwards.
-    distance : ndarray
-        Of each contact point from the joint's end where the force comes in, m.
-    halves : int
-        1 or 2: how many halves of the joint it holds.
-    middle : str, optional
-        Point in the middle of the joint, if that can move.
-    structure : PlateStructure, optional
-    """
+    """A model of the whole structure or of one half; the first point of its system is loaded."""
 
     name: str
     system: System
-    distance: np.ndarray
-    halves: int
-    middle: str | None = None
-    structure: PlateStructure | None = None
+    distance: np.ndarray  # of each contact point from the joint's end where the force comes in, m
+    halves: int = 1  # how many halves of the joint it holds
+    middle: str = ""  # point in the middle of the joint, if that can move
+    structure: Any = None
 
-    def end_history(self, run: Run) -> np.ndarray:
+    def end(self, run: Run) -> np.ndarray:
         """Displacement of the loaded end against the middle of the joint, m."""
-        middle = 0.0 if self.middle is None else run.point(self.middle)
-        return run.point_u[:, 0] - middle
+        return run.point_u[:, 0] - (run.point(self.middle) if self.middle else 0.0)
+
+    def lost(self, run: Run) -> float:
+        """Friction energy of one half of the joint, in the last period or in all, J."""
+        periods = run.cycles.friction
+        return float(periods[-1] if periods.size else run.friction_work.sum()) / self.halves
 
 
-def bar(mesh: BarMesh, joint: str = "", at: float = 0.0, **changes: Any) -> Structure:
-    values = {
-        "E": E, "density": DENSITY, "width": WIDTH, "thickness": THICKNESS, "fixed": [],
-        "joints": [Joint(joint, PRESSURE, FRICTION)] if joint else [], "stiffness_damping": 1e-5,
-    }  # fmt: skip
-    placed = replace(mesh, coordinates=mesh.coordinates + np.array([at, 0.0, 0.0]))
-    return build_structure(placed, **{**values, **changes})
+def model(name: str, mesh: NamedMesh, joint: Joint, edge: float, pulls: dict, **ways: Any) -> Model:
+    """Model whose ends are pulled along x; the joint ends at ``edge`` on the loaded side."""
+    middle, points = ways.pop("middle", ""), ways.pop("points", [])
+    section = {"width": WIDTH, "thickness": THICKNESS} if mesh.dim == 1 else {}
+    structure = Structure(mesh, STEEL, joints=[joint], stiffness_damping=DAMPING, **section, **ways)
+    along, ends = (1.0, 0.0)[: mesh.dim], pulls.items()
+    loads = [Load(on, Harmonic(sign * FORCE, FREQUENCY), along) for on, sign in ends]
+    distance = edge - structure.positions[structure.patches[0].nodes, 0]
+    halves = 2 if joint.against else 1
+    return Model(name, structure.system(loads, points), distance, halves, middle, structure)
 
 
 def strut_b(elements: int = 50, arm: int = 50) -> Model:
     """Fig. 18(b): held at the cut, pressed on a rigid base."""
-    parts = [("joint", HALF, elements), ("arm", ARM, arm)]
     points = {"cut": 0.0, "edge": HALF, "end": HALF + ARM}
-    structure = bar(build_bar(parts, points), "joint", fixed=["cut"])
-    distance = HALF - structure.position[structure.joint_nodes(structure.joints[0])]
-    return Model("(b) strut", assemble(structure, [("end", PULL)], ["end", "edge"]), distance, 1)
+    mesh = build_bar([("joint", HALF, elements), ("arm", ARM, arm)], points)
+    joint = Joint("joint", PRESSURE, FRICTION)
+    return model("(b) strut", mesh, joint, HALF, {"end": 1}, fixed=["cut"], points=["edge"])
 
 
 def strut_a(elements: int = 50, arm: int = 50, held: bool = False) -> Model:
     """Fig. 18(a): both ends pulled, or one held and one pulled."""
-    points = {"upper_end": 0.0}
-    upper = build_bar([("upper_arm", ARM, arm), ("upper_joint", 2 * HALF, 2 * elements)], points)
+    parts = [("upper_arm", ARM, arm), ("upper_joint", 2 * HALF, 2 * elements)]
+    upper = build_bar(parts, {"upper_end": 0.0}, origin=(-ARM, 0.0, 0.0))
     points = {"middle": HALF, "edge": 2 * HALF, "end": 2 * HALF + ARM}
     lower = build_bar([("lower_joint", 2 * HALF, 2 * elements), ("lower_arm", ARM, arm)], points)
-    bars = TwoBars(
-        bar(upper, "upper_joint", at=-ARM, fixed=["upper_end"] if held else []),
-        bar(lower),
-        {"upper_joint": "lower_joint"},
-    )
-    loads: list[tuple[str, Load]] = [("end", PULL)]
-    if not held:
-        loads.append(("upper_end", Harmonic(-FORCE, FREQUENCY)))
-    system = assemble_two_bars(bars, loads, ["end", "edge", "middle"])
-    distance = 2 * HALF - bars.upper.bar.coordinates[bars.nodes, 0]
-    name = "(a) struts, one end held" if held else "(a) struts"
-    return Model(name, system, distance, 2, "middle" if held else None)
+    joint = Joint("upper_joint", PRESSURE, FRICTION, against="lower_joint")
+    name, mesh = "(a) struts, one end held" if held else "(a) struts", merged([upper, lower])
+    pulls = {"end": 1} if held else {"end": 1, "upper_end": -1}
+    ways: Any = {"fixed": ["upper_end"], "middle": "middle"} if held else {"free": True}
+    return model(name, mesh, joint, 2 * HALF, pulls, points=["edge", "middle"], **ways)
 
 
 def strut_in_series(elements: int = 50, arm: int = 50) -> Model:
-    """One half of (a), exactly: a bar with friction and one without in series."""
-    mesh = build_bar([("joint", HALF, elements)], {"side": 0.0, "middle": HALF})
-    slip = assemble(bar(mesh, "joint", width=2 * WIDTH), points=[])
-    mean = assemble(bar(mesh, width=2 * WIDTH, fixed=["middle"]), points=[])
-    end = assemble(bar(build_bar([("arm", ARM, arm)], {"end": 0.0})), [("end", PULL)])
-    parts = (end, slip, mean)
-    n, k = end.n - 1, slip.n
-    size = n + k + mean.n
-    join = sparse.csr_array((np.ones(2), ([0, 0], [n, n + k])), shape=(1, size))
-    G = sparse.vstack([sparse.eye_array(n, size), join, sparse.eye_array(size - n, size, k=n)])
+    """One half of (a), exactly: bars with and without friction in series, by their matrices."""
 
-    def total(name: str) -> sparse.csr_array:
-        matrix = sparse.block_diag([getattr(part, name) for part in parts])
-        return sparse.csr_array(G.T @ matrix @ G)
+    def bar(length: float, n: int, section: float) -> tuple[Any, Any]:
+        ends, beside, h = np.r_[1.0, np.full(n - 1, 2.0), 1.0], np.ones(n), length / n
+        M = sparse.diags_array([beside, 2.0 * ends, beside], offsets=[-1, 0, 1])
+        K = sparse.diags_array([-beside, ends, -beside], offsets=[-1, 0, 1])
+        return STEEL.density * section * h / 6.0 * M, STEEL.E * section / h * K
 
-    rows = sparse.vstack([sparse.eye_array(1, size), join], format="csr")
-    system = System(
-        M=total("M"), C=total("C"), K=total("K"),
-        B=sparse.eye_array(k, size, k=n, format="csr"), w=slip.w, beta=2.0 * slip.beta,
-        loads=(replace(end.loads[0], vector=np.eye(1, size)[0]),), P=rows, points=("end", "edge"),
+    n, k = arm, elements + 1  # unknowns: of the arm but its end, of the slip, of the mean
+    size, area = n + 2 * k, WIDTH * THICKNESS
+    parts = bar(ARM, arm, area), bar(HALF, elements, 2 * area), bar(HALF, elements, 2 * area)
+    edge = sparse.csr_array((np.ones(2), ([0, 0], [n, n + k])), shape=(1, size))
+    G = sparse.vstack([sparse.eye_array(n, size), edge, sparse.eye_array(2 * k, size, k=n)])
+    M, K = (G.T @ sparse.block_diag(matrices) @ G for matrices in zip(*parts, strict=True))
+    limits = TAU * HALF / elements * np.r_[1.0, np.full(elements - 1, 2.0), 1.0]
+    slips, none = sparse.eye_array(k, size, k=n, format="csr"), sparse.csr_array((0, size))
+    contact = Contact(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)
+    system = System.from_matrices(
+        M, K, fixed=[size - 1], contact=contact, stiffness_damping=DAMPING,
+        loads={"end": (0, Harmonic(FORCE, FREQUENCY))}, points={"edge": edge.toarray()[0]},
     )  # fmt: skip
-    return Model("(a) one half, in series", system, mesh.mesh.p[0], 1)
+    return Model("(a) one half, in series", system, np.linspace(0.0, HALF, k))
 
 
-def plates(
-    plate: PlateMesh,
-    joint: PlateJoint,
-    supports: Sequence[tuple[str, str]],
-    points: dict[str, tuple[float, float]],
-    thickness: float,
-) -> PlateStructure:
-    """Structure with some vertices named, each of the body whose vertices come last."""
-    p = plate.mesh.p.T
-    named = {}
-    for name, place in points.items():
-        near = np.linalg.norm(p - np.array(place), axis=1)
-        named[name] = int(np.flatnonzero(near < 1e-9)[-1])
-    return build_plate_structure(
-        replace(plate, points=named), E=E, poisson=0.3, density=DENSITY, thickness=thickness,
-        supports=supports, joints=[joint], stiffness_damping=1e-5,
-    )  # fmt: skip
-
-
-def plate_b(side: bool = False, along: int = 40, arm: int = 50, across: int = 8) -> Model:
+def plate_b(side: bool = False) -> Model:
     """Fig. 18(b) in plan view, or from the side."""
+    strips = [("foot" if side else "joint", HALF, 40), ("arm", ARM, 50)]
+    edges: Any = {"cut": "left", "end": "right"} | ({"joint": ("bottom", "foot")} if side else {})
     height, thickness = (THICKNESS, WIDTH) if side else (WIDTH, THICKNESS)
-    edge = {"cut": "left", "end": "right"}
-    base = {"joint": ("bottom", "foot")} if side else {}
-    strip = "foot" if side else "joint"
-    mesh = build_plate(
-        [(strip, HALF, along), ("arm", ARM, arm)], height, across, boundaries={**edge, **base}
-    )
-    joint = PlateJoint("joint", "boundary" if side else "region", None, PRESSURE, FRICTION)
-    supports = [("cut", "x"), ("end", "y") if side else ("centre", "y")]
-    points = {} if side else {"centre": (0.0, 0.5 * WIDTH)}
-    structure = plates(mesh, joint, supports, points, thickness)
-    system = assemble_plate(structure, [("end", (1.0, 0.0), PULL)], [])
-    distance = HALF - structure.nodes[structure.patches[0].nodes, 0]
-    name = f"(b) plate, {'side' if side else 'plan'}"
-    return Model(name, system, distance, 1, structure=structure)
+    centre = {"centre": (0.0, 0.5 * height)}
+    mesh = build_plate(strips, height, 8, boundaries=edges, points=centre)
+    ways = {"fixed_x": ["cut"], "fixed_y": ["end" if side else "centre"], "thickness": thickness}
+    name, joint = f"(b) plate, {'side' if side else 'plan'}", Joint("joint", PRESSURE, FRICTION)
+    return model(name, mesh, joint, HALF, {"end": 1}, **ways)
 
 
 def plate_a(side: bool = False) -> Model:
@@ -195,42 +138,36 @@ def plate_a(side: bool = False) -> Model:
     The pulls are in balance: what holds the structure takes no force but, from the side, that of
     the couple which they make.
     """
-    mesh = load_meshes([MESHES / f"two_plates{'_side' if side else ''}.msh"])
+    file = f"two_plates{'_side' if side else ''}.msh"
+    mesh, middle = load_meshes([Path(__file__).parents[1] / "meshes" / file]), ARM + HALF
+    places = {"middle": (middle, THICKNESS if side else 0.5 * WIDTH), "far": (2 * middle, 0.025)}
+    at = {
+        name: np.linalg.norm(mesh.mesh.p.T - x, axis=1).argsort()[:2] for name, x in places.items()
+    }
+    mesh = replace(mesh, points={name: int(near.max()) for name, near in at.items()})
+    part = "contact" if side else "joint"
+    ways: dict[str, Any] = {"fixed": ["middle"], "fixed_y": ["far"], "thickness": THICKNESS}
     if side:
-        joint = PlateJoint("upper_contact", "boundary", "lower_contact", PRESSURE, FRICTION)
-        supports = [("middle", "x"), ("upper_end", "y"), ("lower_end", "y")]
-        points = {"middle": (ARM + HALF, THICKNESS)}
-    else:
-        joint = PlateJoint("upper_joint", "region", "lower_joint", PRESSURE, FRICTION)
-        supports = [("middle", "xy"), ("far", "y")]
-        axis = 0.5 * WIDTH
-        points = {"middle": (ARM + HALF, axis), "far": (2 * (ARM + HALF), axis)}
-    structure = plates(mesh, joint, supports, points, WIDTH if side else THICKNESS)
-    pulls = [("lower_end", (1.0, 0.0), PULL), ("upper_end", (-1.0, 0.0), PULL)]
-    distance = ARM + 2 * HALF - structure.nodes[structure.patches[0].nodes, 0]
-    name = f"(a) plates, {'side' if side else 'plan'}"
-    return Model(name, assemble_plate(structure, pulls, []), distance, 2, structure=structure)
+        ways = {"fixed_x": ["middle"], "fixed_y": ["upper_end", "lower_end"], "thickness": WIDTH}
+    joint = Joint(f"upper_{part}", PRESSURE, FRICTION, against=f"lower_{part}")
+    name, pulls = f"(a) plates, {'side' if side else 'plan'}", {"lower_end": 1, "upper_end": -1}
+    return model(name, mesh, joint, ARM + 2 * HALF, pulls, **ways)
 
 
 # %% What is measured
-def with_amplitudes(system: System, change: Callable[[float], Load]) -> System:
-    """The same system under other loads, given by their largest force."""
-    loads = (replace(a, amplitude=change(a.amplitude.amplitude)) for a in system.loads)
-    return replace(system, loads=tuple(loads))
-
-
-def slip_along(model: Model, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Distances from the joint's loaded edge (m), and the largest slip there (m)."""
-    place = np.round(model.distance, 9)
-    x = np.unique(place)
-    return x, np.array([run.slip_peak[place == value].max() for value in x])
-
-
 def active_lengths(model: Model, run: Run) -> tuple[float, float]:
     """Lengths that slip, from the joint's loaded edge inwards and from its other edge, m."""
     x, slip = slip_along(model, run)
     length = x[-1] + x[0]
     return measured(x, slip), measured(length - x[::-1], slip[::-1]) if model.halves == 2 else 0.0
+
+
+def slip_along(model: Model, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the joint's loaded edge (m), and the largest slip there (m)."""
+    x, place = np.unique(np.round(model.distance, 9), return_inverse=True)
+    slip = np.zeros(x.size)
+    np.maximum.at(slip, place, run.slip_peak)
+    return x, slip
 
 
 def resonance(model: Model, run: Run | None = None) -> float:
@@ -239,22 +176,20 @@ def resonance(model: Model, run: Run | None = None) -> float:
     What slips in the run moves freely, the rest of the joint is held, as in the paper's "length of
     the structure experiencing displacement"; without a run nothing slips.
     """
-    system = model.system
-    slips = np.zeros(system.w.size, dtype=bool)
+    system, slips = model.system, np.zeros(model.system.w.size, dtype=bool)
     if run is not None:
         slips = run.slip_peak > THRESHOLD * run.slip_peak.max()
     held = sparse.csr_array(system.B).indices[~np.repeat(slips, system.directions)]
     free = np.setdiff1d(np.arange(system.n), held)
     K, M = (sparse.csc_array(A)[free][:, free] for A in (system.K, system.M))
     squares, modes = eigsh(K, 40, M, sigma=-((2 * np.pi * 10.0) ** 2))
-    load = sum(load.vector * np.sign(load.amplitude.amplitude) for load in system.loads)[free]
-    elastic = squares > 1.0  # free bars have a rigid motion, which these loads leave alone
-    share = (modes.T @ load)[elastic] ** 2 / squares[elastic]
-    return float(np.sqrt(squares[elastic][np.argmax(share)]) / (2 * np.pi))
+    load = system.load_vectors() @ [np.sign(load.amplitude.amplitude) for load in system.loads]
+    # Free bars have a rigid motion of frequency zero, which these loads leave alone.
+    share = np.where(squares > 1.0, (modes.T @ load[free]) ** 2 / squares, 0.0)
+    return float(np.sqrt(squares[np.argmax(share)]) / (2 * np.pi))
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """Runs of one model: 500 Hz with the paper's law and with Coulomb's, and an impulse."""
 
     model: Model
@@ -263,42 +198,30 @@ class Result:
     pulse: Run
 
     @property
-    def end(self) -> np.ndarray:
-        """Displacement of the loaded end in the last period, m."""
-        return self.model.end_history(self.harmonic)[-STEPS - 1 :]
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement of the loaded end in the last period, and after the impulse, m."""
+        return self.model.end(self.harmonic)[-STEPS - 1 :], self.model.end(self.pulse)
 
-    @property
-    def pulse_end(self) -> np.ndarray:
-        return self.model.end_history(self.pulse)
 
-    def friction(self, run: Run) -> float:
-        """Of one half of the joint: in the last period, or in all without periods, J."""
-        periods = run.cycles.friction
-        total = periods[-1] if periods.size else run.friction_work.sum()
-        return float(total) / self.model.halves
+def loaded(system: System, kind: Any, *timing: float) -> System:
+    """The same system under loads of another kind, of the same largest force."""
+    loads = [replace(a, amplitude=kind(a.amplitude.amplitude, *timing)) for a in system.loads]
+    return replace(system, loads=tuple(loads))
 
 
 def run_all(model: Model, cycles: int = 4, save: Save | None = None) -> Result:
     """Run a model from rest; an impulse that rises in 40 us to the force of the harmonic load."""
     timing = {"step": 1.0 / FREQUENCY / STEPS, "n_steps": cycles * STEPS, "cycle_steps": STEPS}
-    pulled = with_amplitudes(model.system, lambda force: Triangle(force, 4e-5))
-    return Result(
-        model,
-        integrate(model.system, save=save, **timing),
-        integrate(model.system.with_beta(np.inf), **timing),
-        integrate(pulled, step=PULSE_STEP, n_steps=round(PULSE / PULSE_STEP)),
-    )
+    harmonic = integrate(model.system, save=save, **timing)
+    coulomb = integrate(model.system.with_beta(np.inf), **timing)
+    pulse = integrate(loaded(model.system, Triangle, 4e-5), step=4e-6, n_steps=500)
+    return Result(model, harmonic, coulomb, pulse)
 
 
 def slow(model: Model) -> Run:
     """Two periods at 5 Hz with Coulomb friction: no inertia."""
-    system = with_amplitudes(model.system, lambda force: Harmonic(force, 5.0)).with_beta(np.inf)
+    system = loaded(model.system, Harmonic, 5.0).with_beta(np.inf)
     return integrate(system, step=1e-3, n_steps=400, cycle_steps=200)
-
-
-def difference(history: np.ndarray, reference: np.ndarray) -> float:
-    """Largest difference of two histories over the reference's largest value."""
-    return float(np.abs(history - reference).max() / np.abs(reference).max())
 
 
 def opening(model: Model, run: Run) -> tuple[float, np.ndarray]:
@@ -307,15 +230,11 @@ def opening(model: Model, run: Run) -> tuple[float, np.ndarray]:
     The pull is what holds the contact closed: elastic, damping and inertia forces across it. Nodes
     in order along the joint.
     """
-    structure = model.structure
-    assert structure is not None
-    (patch,) = structure.patches
-    M, K = full_matrices(structure)
-    u, v = (structure.expand(field).reshape(len(run.u), -1) for field in (run.u, run.v))
-    a = np.gradient(v, run.field_times, axis=0)
-    forces = (K @ (u + structure.stiffness_damping * v).T + M @ a.T).T
+    (patch,), (M, K) = model.structure.patches, model.structure.matrices()
+    u, v = model.system.expand(run.u), model.system.expand(run.v)
+    forces = (K @ (u + DAMPING * v).T + M @ np.gradient(v, run.field_times, axis=0).T).T
     pull = -forces[:, 2 * patch.nodes + 1] / patch.area
-    order = np.argsort(structure.nodes[patch.nodes, 0])
+    order = np.argsort(model.structure.nodes[patch.nodes, 0])
     return float(np.abs(u[:, 1::2]).max()), pull.max(axis=0)[order]
 
 
@@ -323,144 +242,95 @@ def opening(model: Model, run: Run) -> tuple[float, np.ndarray]:
 def print_slow(runs: dict[str, tuple[Model, Run]]) -> None:
     print(f"Slow load of {FORCE / 1e3:g} kN (5 Hz), Coulomb: computed | closed form")
     print(f"{'':24}{'end, um':>19}{'edge, um':>19}{'J per half':>19}{'active, mm':>19}")
-    edge = {"(b)": FORCE**2 / (2 * EA * TAU)}
-    edge["(a)"] = FORCE * HALF / (2 * EA) + FORCE**2 / (8 * EA * TAU)
-    loss = {"(b)": 2 * FORCE**3 / (3 * EA * TAU), "(a)": FORCE**3 / (6 * EA * TAU)}
     for name, (model, run) in runs.items():
-        which = name[:3]
-        exact = (
-            1e6 * (edge[which] + FORCE * ARM / EA), 1e6 * edge[which], loss[which],
-            1e3 * FORCE / (TAU if which == "(b)" else 2 * TAU),
-        )  # fmt: skip
-        found = (
-            *(1e6 * run.cycles.peak[-1, :2]), run.cycles.friction[-1] / model.halves,
-            1e3 * active_lengths(model, run)[0],
-        )  # fmt: skip
-        cells = (f"{a:9.2f} |{b:8.2f}" for a, b in zip(found, exact, strict=True))
-        print(f"{name:24}" + "".join(cells))
+        base, half = (1, 0.0) if name.startswith("(b)") else (2, FORCE * HALF / (2 * EA))
+        edge = half + FORCE**2 / (2 * EA * TAU) / base**2
+        loss = 2 * FORCE**3 / (3 * EA * TAU) / base**2
+        exact = 1e6 * (edge + FORCE * ARM / EA), 1e6 * edge, loss, 1e3 * FORCE / (base * TAU)
+        peak = 1e6 * run.cycles.peak[-1, [0, model.system.points.index("edge")]]
+        found = *peak, model.lost(run), 1e3 * active_lengths(model, run)[0]
+        pairs = zip(found, exact, strict=True)
+        print(f"{name:24}" + "".join(f"{x:9.2f} |{y:8.2f}" for x, y in pairs))
 
 
 def print_dynamic(results: dict[str, Result]) -> None:
-    reference = results["(a) struts"]
-    print(f"\n{FORCE / 1e3:g} kN at {FREQUENCY:g} Hz, last period; impulse, {1e3 * PULSE:g} ms")
-    titles = (
-        ("unknowns", 9), ("stuck, Hz", 10), ("Hz", 6), ("end, um", 8), ("J per half", 11),
-        ("Coulomb", 8), ("active, mm", 11), ("history", 9), ("| end, um", 10), ("J per half", 11),
-        ("history", 9),
-    )  # fmt: skip
-    print(" " * 26 + "".join(f"{title:>{width}}" for title, width in titles))
-    for name, result in results.items():
-        a, b = active_lengths(result.model, result.coulomb)
-        cells = (
-            f"{result.model.system.n}",
-            f"{resonance(result.model):.0f}",
-            f"{resonance(result.model, result.coulomb):.0f}",
-            f"{1e6 * np.abs(result.end).max():.1f}",
-            f"{result.friction(result.harmonic):.3f}",
-            f"{result.friction(result.coulomb):.3f}",
-            f"{1e3 * a:.1f}" + (f" {1e3 * b:.1f}" if b else ""),
-            f"{100 * difference(result.end, reference.end):.1f} %",
-            f"| {1e6 * np.abs(result.pulse_end).max():.1f}",
-            f"{result.friction(result.pulse):.3f}",
-            f"{100 * difference(result.pulse_end, reference.pulse_end):.1f} %",
+    print(f"\n{FORCE / 1e3:g} kN at {FREQUENCY:g} Hz, last period; impulse, 2 ms")
+    print(
+        f"{'':27}unknowns stuck, Hz    Hz end, um J per half Coulomb active, mm  history | end, um "
+        "J per half  history"
+    )
+    for name, (model, harmonic, coulomb, pulse) in results.items():
+        ends, others = results[name].ends, results["(a) struts"].ends
+        a, b = (np.abs(x - y).max() / np.abs(y).max() for x, y in zip(ends, others, strict=True))
+        active = " ".join(f"{1e3 * x:.1f}" for x in active_lengths(model, coulomb) if x)
+        print(
+            f"{name:26}{model.system.n:9}{resonance(model):10.0f}{resonance(model, coulomb):6.0f}"
+            f"{1e6 * np.abs(ends[0]).max():8.1f}{model.lost(harmonic):11.3f}"
+            f"{model.lost(coulomb):8.3f}{active:>11}{100 * a:7.1f} %"
+            f"   |{1e6 * np.abs(ends[1]).max():6.1f}{model.lost(pulse):11.3f}{100 * b:7.1f} %"
         )
-        columns = zip(cells, titles, strict=True)
-        print(f"{name:26}" + "".join(f"{cell:>{width}}" for cell, (_, width) in columns))
 
 
 def draw(path: Path, slow_runs: dict[str, tuple[Model, Run]], results: dict[str, Result]) -> None:
     """Histories, the loop of the joint, and slip along it."""
     from matplotlib.figure import Figure
 
-    styles: dict[str, dict[str, Any]] = {
-        "(b) strut": {"color": "#b03a00", "lw": 1.8, "ls": "--"},
-        "(a) struts": {"color": "#7fb2e5", "lw": 4.0},
-        "(a) one half, in series": {"color": "#1a1a1a", "lw": 1.3, "ls": ":"},
-        "(a) plates, plan": {"color": "#1f3f7f", "lw": 1.3, "ls": "-."},
-        "(a) plates, side": {"color": "#2e7d32", "lw": 1.1},
-    }
-    figure = Figure(figsize=(11.0, 8.0), layout="constrained")
-    (harmonic, pulse), (loop, slip) = figure.subplots(2, 2)
-    for name, style in styles.items():
-        result = results[name]
-        harmonic.plot(1e3 * result.harmonic.times, 1e6 * result.model.end_history(result.harmonic),
-                      label=name, **style)  # fmt: skip
-        pulse.plot(1e3 * result.pulse.times, 1e6 * result.pulse_end, **style)
-        if name != "(a) one half, in series":  # its slip is half of that between the plates
-            x, largest = slip_along(result.model, result.coulomb)
-            slip.plot(1e3 * x, 1e6 * largest, **style)
+    panels = (figure := Figure(figsize=(11.0, 8.0), layout="constrained")).subplots(2, 2).ravel()
+    struts, plates = ["(b) strut", "(a) struts", "(a) one half, in series"], ["plan", "side"]
+    names = [*struts, *(f"(a) plates, {view}" for view in plates)]
+    for name, style in zip(names, ("r--", "c-", "k:", "b-.", "g-"), strict=True):
+        model, harmonic, coulomb, pulse = results[name]
+        for panel, run in zip(panels, (harmonic, pulse), strict=False):
+            panel.plot(1e3 * run.times, 1e6 * model.end(run), style, label=name)
         if name in slow_runs:
             run = slow_runs[name][1]
-            loop.plot(1e6 * run.point("edge")[-201:], 1e-3 * run.amplitudes[-201:, 0], **style)
-    harmonic.set(xlabel="time, ms", ylabel="displacement of the loaded end, µm",
-                 title="87.5 kN at 500 Hz")  # fmt: skip
-    pulse.set(xlabel="time, ms", ylabel="displacement of the loaded end, µm",
-              title="impulse of 87.5 kN")  # fmt: skip
-    loop.set(xlabel="displacement of the joint's edge against its middle, µm", ylabel="load, kN",
-             title="loop of the joint, 5 Hz")  # fmt: skip
-    slip.set(xlabel="distance from the joint's loaded edge, mm", ylabel="largest slip, µm",
-             title="slip along the joint, 500 Hz, Coulomb")  # fmt: skip
-    for panel in (harmonic, pulse, loop, slip):
-        panel.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, frameon=False)
+            edge, load = run.point("edge")[-201:], run.amplitudes[-201:, 0]
+            panels[2].plot(1e6 * edge, 1e-3 * load, style)
+        x, slip = slip_along(model, coulomb)
+        panels[3].plot(1e3 * x, 1e6 * slip, style)
+    end = "displacement of the loaded end, µm"
+    panels[0].set(xlabel="time, ms", ylabel=end, title="87.5 kN at 500 Hz")
+    panels[1].set(xlabel="time, ms", ylabel=end, title="impulse of 87.5 kN")
+    panels[2].set(xlabel="joint's edge against its middle, µm", ylabel="load, kN", title="5 Hz")
+    panels[3].set(xlabel="distance from the loaded edge, mm", ylabel="largest slip, µm")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     figure.savefig(path, dpi=120)
 
 
-def write_paraview(path: Path, model: Model, run: Run) -> None:
-    """Both plates as blocks, with slip state, traction and friction work."""
-    from skfem_joint.plate_vtk import LoadHistory, PlateField, write_load, write_series
-
-    structure, system = model.structure, model.system
-    assert structure is not None
-    (patch,) = structure.patches
-    stored = slice(None, None, 4)
-    u, v, sigma = run.u[stored], run.v[stored], run.sigma[stored]
-    frames, count = len(u), structure.n_nodes
-    field = PlateField(
-        "full", structure.expand(u), structure.expand(v), np.zeros((frames, count, 2)),
-        np.full((frames, count), -1, dtype=np.int8), np.zeros((frames, count)),
-    )  # fmt: skip
-    limit = FRICTION * (patch.normal_force / patch.area)[:, np.newaxis]
-    field.traction[:, patch.nodes] = -limit * sigma.reshape(frames, -1, 2)
-    field.slip_state[:, patch.nodes] = slip_state(system.slip_norm((system.B @ v.T).T), system.beta)
-    field.friction_work[:, patch.nodes] = run.friction_work_rows[stored] / patch.area
-    pressure = np.zeros(count)
-    pressure[patch.nodes] = patch.normal_force / patch.area
-    write_series(path, structure, run.field_times[stored], [field], pressure)
-    write_load(path, LoadHistory(run.times, {"lower_end": run.amplitudes[:, 0]}))
-
-
 def main(folder: Path) -> None:
+    from skfem_joint.analysis import study
+    from skfem_joint.output.fields import frames_of
+    from skfem_joint.output.series import write_load, write_series
+
     begin = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
     struts = (strut_b(), strut_a(), strut_in_series())
     slow_runs = {model.name: (model, slow(model)) for model in struts}
     print_slow(slow_runs)
+    double = loaded(struts[1].system, lambda force: Harmonic(2.0 * force, FREQUENCY))
+    twice, held = run_all(replace(struts[1], system=double)), strut_a(held=True)
     results = {model.name: run_all(model) for model in struts}
-    strong = with_amplitudes(struts[1].system, lambda force: Harmonic(2 * force, FREQUENCY))
-    twice = run_all(replace(struts[1], system=strong))
-    held = strut_a(held=True)
     results[held.name] = run_all(held, cycles=12)
     for model in (plate_b(), plate_a(), plate_b(side=True), plate_a(side=True)):
         results[model.name] = run_all(model, save=Save(fields=model.halves == 2))
     print_dynamic(results)
+    plan, side = (results[f"(a) plates, {view}"] for view in ("plan", "side"))
+    across, pull = opening(side.model, side.harmonic)
+    losses = ", ".join(f"{joule:.2f}" for joule in side.harmonic.cycles.friction / 2)
     print(
         f"(a) struts under {2e-3 * FORCE:g} kN, as (b) half of what friction can hold: end "
-        f"{1e6 * np.abs(twice.end).max():.1f} um, {twice.friction(twice.harmonic):.2f} J per half"
-    )
-    side = results["(a) plates, side"]
-    across, pull = opening(side.model, side.harmonic)
-    print(
-        "(a) plates, side: J per half in each period "
-        + ", ".join(f"{joule:.2f}" for joule in side.harmonic.cycles.friction / 2)
-        + f"; bent by up to {1e3 * across:.1f} mm; pull on the contact at its edges "
+        f"{1e6 * np.abs(twice.ends[0]).max():.1f} um, {held.lost(twice.harmonic):.2f} J per half\n"
+        f"(a) plates, side: J per half in each period {losses}; bent by up to "
+        f"{1e3 * across:.1f} mm; pull on the contact at its edges "
         f"{1e-6 * pull[[0, -1]].max():.0f} MPa, elsewhere {1e-6 * pull[1:-1].max():.0f} MPa"
     )
     draw(folder / "two_plates.png", slow_runs, results)
-    plan = results["(a) plates, plan"]
-    write_paraview(folder / "two_plates.pvd", plan.model, plan.harmonic)
-    print(f"\nwrote two_plates.png and two_plates.pvd to {folder}, "
-          f"{time.perf_counter() - begin:.0f} s in all")  # fmt: skip
+    shown = {"full": study.Model("full", plan.harmonic, 0.0, {})}
+    frames = frames_of(study.Study(None, plan.model.structure, plan.model.system, shown))
+    write_series(folder / "two_plates.pvd", frames)
+    write_load(folder / "two_plates.pvd", frames)
+    seconds = time.perf_counter() - begin
+    print(f"\nwrote two_plates.png and two_plates.pvd to {folder}, {seconds:.0f} s in all")
 
 
 if __name__ == "__main__":

@@ -23,20 +23,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import skfem
 
-from skfem_joint.meshing import BarMesh, build_bar, write_mesh
-from skfem_joint.plate_file import write_plate
-from skfem_joint.plate_mesh import PlateMesh, build_plate, make_plate, merged
+from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named, write_mesh
 
 WIDTH = 0.05
 
 
-def lap_joint(length: float) -> BarMesh:
+def lap_joint(length: float) -> NamedMesh:
     """Lap joint of 100 equal elements; length in m."""
     return build_bar([("joint", length, 100)], {"fixed": 0.0, "free_end": length})
 
 
-def structure() -> BarMesh:
+def structure() -> NamedMesh:
     """Structure of Fig. 18(b): joint of 0.1 m, linear region of 0.5 m."""
     return build_bar(
         [("joint", 0.1, 100), ("linear", 0.5, 100)],
@@ -44,7 +43,7 @@ def structure() -> BarMesh:
     )
 
 
-def plate_reference() -> PlateMesh:
+def plate_reference() -> NamedMesh:
     """Reference system of section 2.1 as a plate on a rigid base."""
     return build_plate(
         [("joint", 0.25, 100)],
@@ -54,7 +53,7 @@ def plate_reference() -> PlateMesh:
     )
 
 
-def plate_bolts() -> PlateMesh:
+def plate_bolts() -> NamedMesh:
     """Plate with two bolt holes in its joint, its blocks joined where their vertices meet."""
     across, hole_radius = 8, 0.0055
     bolts = {"hole_1": 0.05, "hole_2": 0.15}
@@ -92,18 +91,15 @@ def plate_bolts() -> PlateMesh:
     t = t[:, np.argsort(p[0, t].mean(axis=0), kind="stable")]
 
     joint = p[0, t].max(axis=0) <= 0.2
-    edges = np.sort(np.hstack([t[[0, 1]], t[[1, 2]], t[[2, 0]]]), axis=0)
-    edges, uses = np.unique(edges, axis=1, return_counts=True)
-    rim = edges[:, uses == 1]
-    middle = p[:, rim].mean(axis=1)
-    boundaries = {"fixed": rim[:, middle[0] == 0.0], "free_end": rim[:, middle[0] == 0.5]}
+    mesh = skfem.MeshTri1(p, np.ascontiguousarray(t), sort_t=False)
+    boundaries = {"fixed": lambda x: x[0] == 0.0, "free_end": lambda x: x[0] == 0.5}
     for name, x in bolts.items():
-        boundaries[name] = rim[:, np.hypot(middle[0] - x, middle[1] - 0.5 * WIDTH) < hole_radius]
+        boundaries[name] = lambda at, x=x: np.hypot(at[0] - x, at[1] - 0.5 * WIDTH) < hole_radius
     regions = {"joint": np.flatnonzero(joint), "linear": np.flatnonzero(~joint)}
-    return make_plate(p, t, 2, regions, boundaries)
+    return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
 
 
-def two_plates() -> PlateMesh:
+def two_plates() -> NamedMesh:
     """Fig. 18(a) in plan view."""
     upper = build_plate(
         [("upper_linear", 0.5, 50), ("upper_joint", 0.2, 40)],
@@ -121,7 +117,7 @@ def two_plates() -> PlateMesh:
     return merged([upper, lower])
 
 
-def two_plates_side() -> PlateMesh:
+def two_plates_side() -> NamedMesh:
     """Fig. 18(a) from the side; elements along the contact of 5 mm above and 4 mm below."""
     upper = build_plate(
         [("upper_linear", 0.5, 100), ("upper_joint", 0.2, 40)],
@@ -145,10 +141,10 @@ def main(folder: Path) -> None:
     write_mesh(lap_joint(0.25), folder / "lap_joint_250mm.msh")
     write_mesh(lap_joint(0.5), folder / "lap_joint_500mm.msh")
     write_mesh(structure(), folder / "structure.msh")
-    write_plate(plate_reference(), folder / "plate_reference.msh")
-    write_plate(plate_bolts(), folder / "plate_bolts.msh")
-    write_plate(two_plates(), folder / "two_plates.msh")
-    write_plate(two_plates_side(), folder / "two_plates_side.msh")
+    write_mesh(plate_reference(), folder / "plate_reference.msh")
+    write_mesh(plate_bolts(), folder / "plate_bolts.msh")
+    write_mesh(two_plates(), folder / "two_plates.msh")
+    write_mesh(two_plates_side(), folder / "two_plates_side.msh")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Command line ``skfem-joint``. Exit status 0, 2 (bad input) or 3 (no convergence)."""
+"""Command line ``skfem-joint``: run, check, error-time; exit status 0, 2, 3 or 130."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from skfem_joint import __version__
 from skfem_joint.errors import InputError, JointError
-from skfem_joint.study import Progress
+from skfem_joint.files import holding
 
 if TYPE_CHECKING:
-    from skfem_joint.scene import PlateScene
-    from skfem_joint.system import System
+    from skfem_joint.analysis.study import Study
+    from skfem_joint.scene import Scene
+    from skfem_joint.stepping.checkpoint import Checkpoints
+
+#: Called with what is done, steps done, steps in all.
+Progress = Callable[[str, int, int], None]
 
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -25,22 +29,38 @@ BROKEN_PIPE = 141
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        # What a terminal cannot show is replaced.
+        with suppress(AttributeError):  # a stream that is not a terminal's may have no encoding
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    parser = _parser()
+    options = parser.parse_args(arguments)
     try:
+        if options.command is None:
+            parser.print_help()
+            return 0
         status: int = options.command(options)
+        sys.stdout.flush()
         return status
     except JointError as error:
         print(f"skfem-joint: {error}", file=sys.stderr)
         return error.exit_status
     except BrokenPipeError:  # the reader of the output has left: `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return BROKEN_PIPE
-    except OSError as error:  # a disk that is full where a library keeps its compiled code
+    except OSError as error:  # a full disk, below the output or where compiled code is kept
+        _drop_output()
         print(f"skfem-joint: the system refuses a file: {error}", file=sys.stderr)
         return InputError.exit_status
     except KeyboardInterrupt:
         print("skfem-joint: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _drop_output() -> None:
+    """Let what is still to be printed go nowhere."""
+    with suppress(OSError):  # a stream without a file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -50,7 +70,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 success, 2 bad input, 3 a run did not converge, 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    parser.set_defaults(command=None)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
     run = commands.add_parser("run", help="integrate the models of a scene and report")
     run.add_argument("scene", type=Path, metavar="SCENE.toml")
@@ -86,236 +107,177 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("scene", type=Path, metavar="SCENE.toml")
     check.set_defaults(command=_check)
 
-    reproduce = commands.add_parser(
-        "reproduce", help="the paper's tables and figures beside their published values"
-    )
-    reproduce.add_argument(
-        "items", nargs="*", metavar="ITEM", help="e.g. table3 fig19; everything if none is named"
-    )
-    reproduce.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the page, its pictures and the curves",
-    )
-    reproduce.set_defaults(command=_reproduce)
-
-    stability = commands.add_parser(
-        "stability", help="stiff and extreme cases: each is right, or refused with a reason"
-    )
-    stability.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the page, the table of all cases and the picture",
-    )
-    stability.add_argument("--quick", action="store_true", help="a few cases of each kind only")
-    stability.set_defaults(command=_stability)
-
     error_time = commands.add_parser(
-        "error-time", help="error against run time of many models and integrators on one scene"
+        "error-time", help="error against run time of many models and steps on one scene"
     )
     error_time.add_argument("scene", type=Path, metavar="SCENE.toml")
     error_time.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for table and picture"
     )
     error_time.add_argument(
-        "--bound",
-        type=float,
-        default=60.0,
-        metavar="SECONDS",
-        help="longest run of a ready-made integrator (default 60)",
-    )
-    error_time.add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
     )
-    error_time.add_argument(
-        "--quick", action="store_true", help="few points, ready-made integrators for a second"
-    )
+    error_time.add_argument("--quick", action="store_true", help="few points, one round")
     error_time.set_defaults(command=_error_time)
     return parser
 
 
 def _check(options: argparse.Namespace) -> int:
-    from skfem_joint import memory
-    from skfem_joint.resolution import check_resolution
-    from skfem_joint.scene import PlateScene, load_scene
-    from skfem_joint.study import full_system
+    from skfem_joint.analysis import memory
+    from skfem_joint.scene import load_scene
+    from skfem_joint.stepping.resolution import check_resolution
 
     scene = load_scene(options.scene)
-    system = full_system(scene)
+    system = scene.system()
     check_resolution(system, scene.time_step, scene.n_steps)
-    limit = float(system.w.sum())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
-    if isinstance(scene, PlateScene):
-        _describe(scene, system)
-    for item in scene.load:
-        if limit > 0.0:
-            share = 100.0 * item.to_load().peak_value / limit
-            print(f"Load on {item.on}: {share:.3g} % of the friction limit.")
+    _describe(scene)
     print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
     return 0
 
 
-def _describe(scene: PlateScene, system: System) -> None:
-    """Say what plates and joints a scene has, and what looks wrong with them."""
-    from skfem_joint.plate_doubts import doubts
-    from skfem_joint.plate_study import plate_structure_of
+def _describe(scene: Scene) -> None:
+    """Say what bodies, joints and loads a scene has, and what looks wrong with them."""
+    from skfem_joint.structure import PressureTable, doubts
 
-    plate = scene.plate
-    bodies = int(plate.body.max()) + 1
+    structure, system, mesh = scene.structure(), scene.system(), scene.named_mesh
+    bodies = int(mesh.body.max()) + 1
     print(
-        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {plate.mesh.t.shape[1]} elements of "
-        f"order {plate.order}."
+        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
+        f"{mesh.order}."
     )
-    structure = plate_structure_of(scene)
-    for doubt in [*plate.notes, *doubts(structure, system)]:
-        print(f"Note: {doubt}")
     for patch in structure.patches:
-        against = f" against {patch.joint.against}" if patch.joint.against else ""
-        print(
-            f"Joint {patch.joint.name}{against}: {patch.points.size} contact points, clamp force "
+        joint = patch.joint
+        against = f" against {joint.against}" if joint.against else ""
+        text = (
+            f"Joint {joint.name}{against}: {patch.points.size} contact points, clamp force "
             f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
-            f"{patch.joint.friction * patch.normal_force.sum():.6g} N."
+            f"{joint.friction * patch.normal_force.sum():.6g} N."
         )
-    for note in plate.notes:
-        print(f"Note: {note}")
+        if isinstance(joint.pressure, PressureTable) and patch.nodes.size:
+            along = joint.pressure.along(structure.nodes[patch.nodes])
+            first = patch.nodes[along.argmin()]
+            place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
+            text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
+        print(text)
+    limit = float(system.w.sum())
+    for load in system.loads:
+        peak = load.amplitude.peak_value
+        if limit > 0.0 and peak is not None:
+            print(f"Load on {load.on}: {100.0 * peak / limit:.3g} % of the friction limit.")
+    for doubt in dict.fromkeys([*mesh.notes, *doubts(structure, system)]):
+        print(f"Note: {doubt}")
 
 
 def _run(options: argparse.Namespace) -> int:
-    from skfem_joint import memory, output, report
-    from skfem_joint.certificate import certify
-    from skfem_joint.checkpoint import Checkpoints
+    from skfem_joint import output
+    from skfem_joint.analysis import memory
+    from skfem_joint.output import report
     from skfem_joint.scene import load_scene
-    from skfem_joint.study import run_scene
+    from skfem_joint.stepping.checkpoint import Checkpoints
 
-    scene = load_scene(options.scene)
+    scene, out = load_scene(options.scene), options.out
     limit = options.memory_limit
     memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
     checkpoints = None
     if options.checkpoint_every is not None or options.resume:
-        checkpoints = Checkpoints(options.out, options.checkpoint_every, options.resume)
+        checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
         if options.resume and not checkpoints.files():
-            print(f"No checkpoint in {options.out}: the run starts anew.", file=sys.stderr)
-    output.prepare(scene, options.out)
-    certificate = {}
-    failure = None
-    with _progress() as progress:
-        try:
-            study = run_scene(scene, progress, checkpoints)
-        except JointError as error:
-            if error.results is None:
-                raise
-            failure, study = error, error.results
-        if options.certify and not study.interrupted and failure is None:
-            certificate = {
-                model: {one.source: one.errors for one in certify(scene, model, progress)}
-                for model in study.models
-            }
+            print(f"No checkpoint in {out}: the run starts anew.", file=sys.stderr)
+    # Results before words: nothing is printed until all files are written.
+    with output.prepare(scene, out) as notes:
+        with progress_bar() as progress:
+            study, failure = _study(scene, progress, checkpoints)
+            certificate: dict[str, dict[str, dict[str, float | None]]] = {}
+            if options.certify and not study.interrupted and failure is None:
+                failure = _certify(study, certificate, progress)
+        study.warnings += notes
+        if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
+            print("Drawing pictures and writing files ...", file=sys.stderr)
+        files = output.write(study, out, certificate)
+        if checkpoints is not None and not study.interrupted and failure is None:
+            checkpoints.remove()
     if scene.title:
         print(f"{scene.title}\n")
-    print(report.table(output.summary(study)))
+    print(report.text(report.summary_table(report.summary(study))))
     if certificate:
-        print("\n" + report.certificate_table(certificate))
+        print("\n" + report.text(report.certificate_table(certificate)))
     for warning in study.warnings:
         print(f"\nNote: {warning}")
-    if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
-        print("\nDrawing pictures and writing files ...", file=sys.stderr)
-    files = output.write(study, options.out, certificate)
-    whole = not study.interrupted and failure is None
-    if checkpoints is not None and whole:
-        checkpoints.remove()
-    print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
+    print(f"\nWritten to {out}: {', '.join(file.name for file in files)}")
+    if failure is not None:
+        raise failure
     if study.interrupted:
         saved = checkpoints is not None and checkpoints.files()
         print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
         return INTERRUPTED
-    if failure is not None:
-        raise failure
     return 0
 
 
-def _reproduce(options: argparse.Namespace) -> int:
-    from skfem_joint import output
-    from skfem_joint.paper import page
-    from skfem_joint.paper.workspace import Workspace
-    from skfem_joint.reproduce import chosen, reproduce
+def _study(
+    scene: Scene, progress: Progress | None, checkpoints: Checkpoints | None
+) -> tuple[Study, JointError | None]:
+    """Results of a scene, and the error that ended them early."""
+    from skfem_joint.analysis.study import run_scene
 
-    chosen(options.items)
-    output.prepare_folder(options.out)
-    with _progress() as progress:
-        reproduce(
-            options.items,
-            Workspace(options.out),
-            progress,
-            lambda item: print(page.text_table(item), end="\n\n"),
-        )
-    print(f"Written to {options.out}: reproduction.md, pictures/, curves/")
-    return 0
+    try:
+        return run_scene(scene, progress, checkpoints), None
+    except JointError as error:
+        if error.results is None:
+            raise
+        return error.results, error
+
+
+def _certify(
+    study: Study,
+    certificate: dict[str, dict[str, dict[str, float | None]]],
+    progress: Progress | None,
+) -> JointError | None:
+    """Estimate the errors of each model; what ends it early does not cost the results."""
+    from skfem_joint.analysis.certificate import certify
+
+    try:
+        for model in study.models:
+            found = certify(study.scene, model, progress)
+            certificate[model] = {one.source: one.errors for one in found}
+    except JointError as error:
+        study.warnings.append(f"The errors could not all be estimated: {error}")
+        return error
+    except KeyboardInterrupt:
+        study.warnings.append("The run was interrupted while errors were estimated.")
+        study.interrupted = True
+    return None
 
 
 def _error_time(options: argparse.Namespace) -> int:
-    from skfem_joint import output
-    from skfem_joint.error_time import report, table
-    from skfem_joint.scene import PlateScene, load_scene
+    from skfem_joint.analysis import error_time as comparison
+    from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    if isinstance(scene, PlateScene):
-        raise InputError(
-            f"{options.scene}: error-time compares models of struts; this scene has plates. Use "
-            "run --certify for the errors of its time step and mesh"
-        )
-    if not report.threads_pinned(os.environ):
+    if not comparison.threads_pinned(os.environ):
         # Read when numpy starts, so that it takes another process.
         again = [sys.executable, "-m", "skfem_joint", "error-time", str(options.scene)]
-        again += ["--out", str(options.out), "--bound", str(options.bound)]
-        again += ["--repeats", str(options.repeats), *(["--quick"] if options.quick else [])]
-        pinned = os.environ | dict.fromkeys(report.THREADS, "1")
+        again += ["--out", str(options.out), "--repeats", str(options.repeats)]
+        pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
+        again += ["--quick"] if options.quick else []
         return subprocess.run(again, env=pinned, check=False).returncode
-    output.prepare_folder(options.out)
-    with _progress() as progress:
-        found = report.error_time(
-            scene,
-            bound=options.bound,
-            repeats=options.repeats,
-            quick=options.quick,
-            progress=progress,
-        )
-    for level in table.LEVELS:
-        print(table.advice(found.points, level), end="\n\n")
-    print(table.ratio_table(found.points))
-    files = found.write(options.out)
-    print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
+    with holding(options.out):
+        with progress_bar() as progress:
+            found = comparison.error_time(
+                scene, repeats=options.repeats, quick=options.quick, progress=progress
+            )
+        files = found.write(options.out)
+    for level in comparison.LEVELS:
+        print(comparison.advice(found.points, level), end="\n\n")
+    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
     return 0
 
 
-def _stability(options: argparse.Namespace) -> int:
-    import time
-
-    from skfem_joint import output
-    from skfem_joint.stability import cases, judge, report
-
-    report.prepare()
-    output.prepare_folder(options.out)
-    begin = time.perf_counter()
-    with _progress() as progress:
-        chosen = cases.quick_matrix() if options.quick else cases.matrix()
-        verdicts = judge.judge_all(chosen, progress=progress)
-    seconds = time.perf_counter() - begin
-    files = report.write(options.out, verdicts, seconds)
-    print(report.text_table(verdicts))
-    print(f"\n{report.bottom_line(verdicts, seconds)}")
-    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
-    return 1 if any(verdict.outcome == judge.WRONG for verdict in verdicts) else 0
-
-
 @contextmanager
-def _progress() -> Iterator[Progress | None]:
+def progress_bar() -> Iterator[Progress | None]:
     """Progress bar on the error stream; nothing when that is not a terminal."""
     if not sys.stderr.isatty():
         yield None

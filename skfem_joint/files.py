@@ -1,18 +1,31 @@
-"""Files that are either whole or not there."""
+"""Files that are either whole or not there, and folders that one run writes at a time."""
 
 from __future__ import annotations
 
+import errno
 import os
 import re
+import secrets
 import stat
+import sys
+import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
+from platform import node
+from typing import Any
 
 from skfem_joint.errors import InputError
 
-#: Start of the name of a file that is not whole yet; only a process that is killed leaves one.
-_UNFINISHED = ".unfinished-"
+# A file that is not whole yet is called ".unfinished-HOST-PROCESS-TOKEN", with the ending of the
+# whole one. The token keeps names apart where two containers have processes of the same number.
+_UNFINISHED = re.compile(r"\.unfinished-([0-9a-f]{8})-([0-9]+)-[0-9a-f]{16}(?![0-9a-f]).*")
+#: Seconds after which an unfinished file is left over, whoever wrote it.
+_DAY = 86400.0
+
+_LOCK = ".skfem-joint-running"
 
 #: Largest file that is read as input, bytes: a bar of a few million elements.
 LARGEST = 2**29
@@ -48,29 +61,154 @@ def read_whole(path: Path, most: int = LARGEST) -> bytes:
         raise InputError(f"{path}: cannot be read: {reason}") from error
 
 
+def _host() -> str:
+    """Eight hexadecimal digits that stand for this machine's name."""
+    return f"{zlib.crc32(node().encode()):08x}"
+
+
 def remove_unfinished(folder: Path) -> None:
-    """Remove what processes that were killed left of files they had begun."""
-    for path in folder.rglob(f"{_UNFINISHED}*"):
+    """Remove what dead processes left of files they had begun in a folder or right below it.
+
+    Dead is a process of this machine that is no more, or one that has not touched its file for a
+    day; files that living processes write stay.
+    """
+    for path in [*folder.glob(".unfinished-*"), *folder.glob("*/.unfinished-*")]:
+        found = _UNFINISHED.fullmatch(path.name)
+        if found is None:
+            continue
         with suppress(OSError):
-            path.unlink()
+            here = found[1] == _host() and not _lives(int(found[2]))
+            if here or time.time() - path.stat().st_mtime > _DAY:
+                path.unlink()
+
+
+def _lives(process: int) -> bool:
+    """Whether this machine has a process of that number, as far as it can be told."""
+    if sys.platform == "win32":  # asking there would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Empty file beside ``path`` that takes its place when the block ends without an error.
 
+    It is on the disk before it takes its place, and so is the new name after that: a loss of power
+    leaves the old file or the new one.
+
     Raises
     ------
     InputError
         If it cannot be written.
     """
-    temporary = path.with_name(f"{_UNFINISHED}{os.getpid()}-{path.name}")
+    token = f"{_host()}-{os.getpid()}-{secrets.token_hex(8)}"
+    temporary = path.with_name(f".unfinished-{token}{path.suffix}")
     try:
         temporary.write_bytes(b"")
         yield temporary
+        _flush(temporary, os.O_RDWR)
         os.replace(temporary, path)
+        if sys.platform != "win32":  # which opens no folders
+            _flush(path.parent, os.O_RDONLY)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _flush(path: Path, how: int) -> None:
+    """See that a file or the names in a folder are on the disk."""
+    descriptor = os.open(path, how)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _take(descriptor: int) -> None:
+    """Lock an open file for this process alone, until it is closed or the process ends."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextmanager
+def holding(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder while the block runs.
+
+    It is made if it is not there, and cleared of what dead processes left. The lock is a hidden
+    file that the system frees when the process ends, however it does. Where a file system knows no
+    locks, nothing keeps other runs out.
+
+    Raises
+    ------
+    InputError
+        If another run holds it, or the folder cannot be made or written to.
+    """
+    path = folder / _LOCK
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = _locked(path)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written to ({error.strerror or error}); choose another folder"
+        ) from error
+    try:
+        remove_unfinished(folder)
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def _locked(path: Path) -> int:
+    """Descriptor of a file that this process has locked."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _take(descriptor)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                owner = os.read(descriptor, 100).decode(errors="replace").strip()
+                os.close(descriptor)
+                raise InputError(
+                    f"{path.parent}: another run{f' (process {owner})' if owner else ''} is "
+                    "writing to this folder; wait until it has ended, or choose another folder"
+                ) from error
+        # Who held it before may have removed the file after it was opened here.
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                os.ftruncate(descriptor, 0)
+                os.write(descriptor, f"{os.getpid()}\n".encode())
+                return descriptor
+        os.close(descriptor)
+
+
+def needed(library: str, extra: str) -> Any:
+    """An optional library.
+
+    Raises
+    ------
+    InputError
+        If it is missing, naming the extra of the package that brings it.
+    """
+    try:
+        return import_module(library)
+    except ImportError as error:
+        raise InputError(
+            f"{library} is missing: pip install 'skfem-joint[{extra}]', or switch off what needs "
+            "it: output.plots needs matplotlib, pyvista and imageio, output.vtk needs pyvista"
+        ) from error

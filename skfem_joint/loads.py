@@ -1,37 +1,27 @@
-"""Scalar amplitudes of time, in newtons, that a load gives to the point it acts on.
+"""Scalar amplitudes of time, in newtons, that a load gives to what it acts on.
 
-Every load is a frozen, callable object: ``load(t)`` takes a time or an array of times (s) and
-returns the force (N) in the shape of ``t``. Beside that it answers what the rest of the package has
-to know without sampling it:
-
-``period``
-    Shortest known period, s, or None for a load that does not repeat.
-``corners``
-    Times (s) at which the value or the slope jumps; a step should end there.
-``peak_value``
-    Largest absolute force, N.
-``highest_frequency``
-    Highest frequency the load excites, Hz. For an impulse the paper's Nyquist rule (section 6.2):
-    1 / (2 * rise time). None where no such figure exists.
+Every shape is a callable object, see `Amplitude`, which one's own shape derives from; a plain
+function of time does as well, see `as_amplitude`. Values that are not finite or out of the range
+stated are refused by name with an `InputError`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_whole
-
-Force: TypeAlias = NDArray[np.float64]
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
 # the common period holds at most this many periods of the fastest: beyond that no run reaches it.
@@ -39,14 +29,63 @@ _RATIO_TOLERANCE = 1e-12
 _LONGEST_COMMON_PERIOD = 100_000
 _SAMPLES_PER_PERIOD = 64
 _MOST_PROBLEMS_LISTED = 10
+_LEAST_JUMP = 1e-6  # of the largest force
+_REAL = "biuf"  # kinds of numbers that a function of time may return
 _LARGEST = 1e20  # of the numbers in a file: slopes and energies must not overflow
 
 
-def _check(load: Harmonic | _Impulse | Rectangle, positive: str) -> None:
+class Amplitude(ABC):
+    """Force as a function of time, and what is known of it without sampling.
+
+    A shape that defines no more than ``_force`` is smooth, does not repeat, and has neither a
+    largest force nor a highest frequency that is known.
+    """
+
+    @abstractmethod
+    def _force(self, t: FloatArray) -> Any:
+        """Force (N) at an array of times t (s), of any shape."""
+
+    def __call__(self, t: ArrayLike) -> FloatArray:
+        """Force (N) at a time or an array of times t (s), in the shape of t."""
+        return np.asarray(self._force(np.asarray(t, dtype=float)))
+
+    @property
+    def period(self) -> float | None:
+        """Shortest known period, s; None for a force that does not repeat."""
+        return None
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Times (s) at which the value or the slope jumps; a step should end there."""
+        return ()
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Those of the corners (s) at which the value jumps, be it at the time or just after it."""
+        t = np.array(self.corners)
+        force = self([np.nextafter(t, -np.inf), t, np.nextafter(t, np.inf)])
+        least = _LEAST_JUMP * (self.peak_value or np.abs(force).max(initial=0.0))
+        return tuple(t[np.ptp(force, axis=0) > least].tolist())
+
+    @property
+    def peak_value(self) -> float | None:
+        """Largest absolute force, N; None if it is not known."""
+        return None
+
+    @property
+    def highest_frequency(self) -> float | None:
+        """Highest frequency that is excited, Hz; None where no such figure exists.
+
+        Of an impulse 1 / (2 * rise time): the paper's Nyquist rule, section 6.2.
+        """
+        return None
+
+
+def _check(amplitude: Any, positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
     problems = []
-    for field in fields(load):
-        value = getattr(load, field.name)
+    for field in fields(amplitude):
+        value = getattr(amplitude, field.name)
         if not math.isfinite(value):
             problems.append(f"{field.name}: found {value!r}, must be finite")
         elif field.name == positive and value <= 0:
@@ -58,46 +97,23 @@ def _check(load: Harmonic | _Impulse | Rectangle, positive: str) -> None:
 
 
 @dataclass(frozen=True)
-class Harmonic:
-    """``amplitude * sin(2 pi frequency t + phase)``.
+class Harmonic(Amplitude):
+    """``amplitude * sin(2 pi frequency t + phase)``."""
 
-    Parameters
-    ----------
-    amplitude : float
-        N; a negative one turns the sign.
-    frequency : float
-        Hz, > 0.
-    phase : float
-        rad.
-
-    Raises
-    ------
-    InputError
-        A value that is not finite, or a frequency that is not positive.
-    """
-
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
+    amplitude: float  #: N; a negative one turns the sign
+    frequency: float  #: Hz, > 0
+    phase: float = 0.0  #: rad
 
     def __post_init__(self) -> None:
-        """Refuse what is not allowed."""
         _check(self, positive="frequency")
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        t = np.asarray(t, dtype=float)
-        return np.asarray(self.amplitude * np.sin(2 * np.pi * self.frequency * t + self.phase))
+    def _force(self, t: FloatArray) -> Any:
+        return self.amplitude * np.sin(2 * np.pi * self.frequency * t + self.phase)
 
     @property
-    def period(self) -> float | None:
+    def period(self) -> float:
         """1 / frequency, s."""
         return 1 / self.frequency
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """None: the load is smooth."""
-        return ()
 
     @property
     def peak_value(self) -> float:
@@ -105,61 +121,42 @@ class Harmonic:
         return abs(self.amplitude)
 
     @property
-    def highest_frequency(self) -> float | None:
+    def highest_frequency(self) -> float:
         """The frequency, Hz."""
         return self.frequency
 
 
 @dataclass(frozen=True)
-class MultiHarmonic:
-    """Sum of harmonics, each with its own phase.
+class MultiHarmonic(Amplitude):
+    """Sum of harmonics, each with its own phase."""
 
-    Parameters
-    ----------
-    components : tuple of Harmonic
-        At least one.
-
-    Raises
-    ------
-    InputError
-        No component.
-    """
-
-    components: tuple[Harmonic, ...]
+    components: tuple[Harmonic, ...]  #: at least one
 
     def __post_init__(self) -> None:
-        """Refuse what is not allowed."""
         object.__setattr__(self, "components", tuple(self.components))
         if not self.components:
             raise InputError("components: found none, must be at least one harmonic")
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        return np.asarray(sum(component(t) for component in self.components))
+    def _force(self, t: FloatArray) -> Any:
+        return sum(component(t) for component in self.components)
 
     @property
     def period(self) -> float | None:
         """Shortest common period, s; None if the frequencies are not commensurate."""
-        return _common_period([component.frequency for component in self.components])
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """None: the load is smooth."""
-        return ()
+        return common_period(self.components)
 
     @property
     def peak_value(self) -> float:
         """Largest absolute force over a common period, N.
 
-        Without a common period the sum of the amplitudes, which the load comes as near to as one
+        Without a common period the sum of the amplitudes, which the force comes as near to as one
         waits for.
         """
         bound = sum(component.peak_value for component in self.components)
         period = self.period
         if period is None or bound == 0:
             return bound
-        fastest = max(component.frequency for component in self.components)
-        n = _SAMPLES_PER_PERIOD * max(1, round(period * fastest))
+        n = _SAMPLES_PER_PERIOD * max(1, round(period * self.highest_frequency))
         step = period / n
         t = step * np.arange(n)
         force = np.abs(self(t))
@@ -180,50 +177,20 @@ class MultiHarmonic:
         )
 
     @property
-    def highest_frequency(self) -> float | None:
+    def highest_frequency(self) -> float:
         """Highest frequency among the components, Hz."""
         return max(component.frequency for component in self.components)
 
 
-@dataclass(frozen=True)
-class _Impulse:
-    """What the impulses with a rise time share.
-
-    Parameters
-    ----------
-    peak : float
-        N; a negative one pushes instead of pulling.
-    rise_time : float
-        Time from the start to the peak, s, > 0.
-    start : float
-        Time at which the force sets in, s, >= 0.
-
-    Raises
-    ------
-    InputError
-        A value that is not finite or out of range.
-    """
+class _Pulse(Amplitude):
+    """What the shapes share that rise to a peak; they are zero before their start."""
 
     peak: float
-    rise_time: float
-    start: float = 0.0
+    #: Name of the time that must be positive and that the highest frequency goes with.
+    _LENGTH: ClassVar[str]
 
     def __post_init__(self) -> None:
-        """Refuse what is not allowed."""
-        _check(self, positive="rise_time")
-
-    def _since_start(self, t: ArrayLike) -> Force:
-        """Time since the start in units of the rise time."""
-        return np.asarray((np.asarray(t, dtype=float) - self.start) / self.rise_time)
-
-    def _tent(self, t: ArrayLike) -> Force:
-        """Straight from 0 at the start to 1 at the peak and back, exactly 0 elsewhere."""
-        return np.asarray(np.maximum(0.0, 1 - np.abs(self._since_start(t) - 1)))
-
-    @property
-    def period(self) -> float | None:
-        """None: an impulse does not repeat."""
-        return None
+        _check(self, positive=self._LENGTH)
 
     @property
     def peak_value(self) -> float:
@@ -231,153 +198,104 @@ class _Impulse:
         return abs(self.peak)
 
     @property
-    def highest_frequency(self) -> float | None:
-        """1 / (2 rise time), Hz: the paper's Nyquist rule, section 6.2."""
-        return 1 / (2 * self.rise_time)
+    def highest_frequency(self) -> float:
+        """1 / (2 rise time), or 1 / (2 duration) of a rectangle, Hz."""
+        return float(1 / (2 * getattr(self, self._LENGTH)))
 
 
 @dataclass(frozen=True)
-class Triangle(_Impulse):
-    """Straight up to ``peak`` in ``rise_time``, straight down in as much.
+class _Impulse(_Pulse):
+    """What the impulses with a rise time share."""
 
-    Impulse (area): peak * rise_time. Parameters as those of the other impulses: peak (N),
-    rise_time (s), start (s).
-    """
+    peak: float  #: N; a negative one pushes instead of pulling
+    rise_time: float  #: time from the start to the peak, s, > 0
+    start: float = 0.0  #: time at which the force sets in, s, >= 0
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        return np.asarray(self.peak * self._tent(t))
+    _LENGTH = "rise_time"
+    #: Corners, and force over the peak, at times since the start in units of the rise time.
+    _CORNERS: ClassVar[tuple[int, ...]] = ()
+    _shape: ClassVar[staticmethod[[FloatArray], Any]]
+
+    def _force(self, t: FloatArray) -> Any:
+        return self.peak * self._shape((t - self.start) / self.rise_time)
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Start, peak and end, s."""
-        return self.start, self.start + self.rise_time, self.start + 2 * self.rise_time
+        """Times (s) at which the value or the slope jumps."""
+        return tuple(self.start + x * self.rise_time for x in self._CORNERS)
 
 
-@dataclass(frozen=True)
+def _tent(x: FloatArray) -> Any:
+    """Straight from 0 at x = 0 to 1 at x = 1 and back, exactly 0 elsewhere."""
+    return np.maximum(0.0, 1.0 - np.abs(x - 1.0))
+
+
+class Triangle(_Impulse):
+    """Straight up to ``peak`` in ``rise_time``, straight down in as much.
+
+    Impulse (area): peak * rise_time.
+    """
+
+    _CORNERS = (0, 1, 2)
+    _shape = staticmethod(_tent)
+
+
 class HalfSine(_Impulse):
     """Half a sine wave of duration ``2 * rise_time``.
 
     Impulse (area): 4 / pi * peak * rise_time.
     """
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        return np.asarray(self.peak * np.sin(np.pi / 2 * self._tent(t)))
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """Start and end, s."""
-        return self.start, self.start + 2 * self.rise_time
+    _CORNERS = (0, 2)
+    _shape = staticmethod(lambda x: np.sin(np.pi / 2 * _tent(x)))
 
 
-@dataclass(frozen=True)
 class Versine(_Impulse):
     """``peak / 2 * (1 - cos)`` over a duration of ``2 * rise_time``: no jump of the slope.
 
     Impulse (area): peak * rise_time.
     """
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        return np.asarray(self.peak / 2 * (1 - np.cos(np.pi * self._tent(t))))
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """None: value and slope are continuous."""
-        return ()
+    _shape = staticmethod(lambda x: 0.5 * (1.0 - np.cos(np.pi * _tent(x))))
 
 
-@dataclass(frozen=True)
 class RampAndHold(_Impulse):
     """Straight up to ``peak`` in ``rise_time``, held for ever after."""
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        return np.asarray(self.peak * np.clip(self._since_start(t), 0, 1))
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """Both ends of the ramp, s."""
-        return self.start, self.start + self.rise_time
+    _CORNERS = (0, 1)
+    _shape = staticmethod(lambda x: np.clip(x, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
-class Rectangle:
-    """``peak`` for ``start <= t < start + duration``, zero before and after.
+class Rectangle(_Pulse):
+    """``peak`` for ``start <= t < start + duration``, zero before and after."""
 
-    Parameters
-    ----------
-    peak : float
-        N.
-    duration : float
-        s, > 0.
-    start : float
-        s, >= 0.
+    peak: float  #: N
+    duration: float  #: s, > 0
+    start: float = 0.0  #: s, >= 0
 
-    Raises
-    ------
-    InputError
-        A value that is not finite or out of range.
-    """
+    _LENGTH = "duration"
 
-    peak: float
-    duration: float
-    start: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what is not allowed."""
-        _check(self, positive="duration")
-
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        t = np.asarray(t, dtype=float)
+    def _force(self, t: FloatArray) -> Any:
         return np.where((t >= self.start) & (t < self.start + self.duration), self.peak, 0.0)
 
     @property
-    def period(self) -> float | None:
-        """None: an impulse does not repeat."""
-        return None
-
-    @property
     def corners(self) -> tuple[float, ...]:
-        """Start and end, s: the force jumps at both."""
+        """Start and end, s."""
         return self.start, self.start + self.duration
-
-    @property
-    def peak_value(self) -> float:
-        """Absolute peak, N."""
-        return abs(self.peak)
-
-    @property
-    def highest_frequency(self) -> float | None:
-        """1 / (2 duration), Hz."""
-        return 1 / (2 * self.duration)
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class Table(Amplitude):
     """Force given at points of time: linear between them, zero before the first and after the last.
 
-    Parameters
-    ----------
-    times : array_like, shape (n,)
-        s, strictly increasing, n >= 2.
-    forces : array_like, shape (n,)
-        N.
-
-    Raises
-    ------
-    InputError
-        Lengths that differ, fewer than two points, a value that is not finite, times that do not
-        increase.
+    At the first and the last time the force is that of the table.
     """
 
-    times: Force
-    forces: Force
+    times: FloatArray  #: shape (n,), s, strictly increasing, n >= 2
+    forces: FloatArray  #: shape (n,), N
 
     def __post_init__(self) -> None:
-        """Refuse what is not allowed."""
         for name in ("times", "forces"):
             values = np.array(getattr(self, name), dtype=float)
             values.flags.writeable = False
@@ -399,15 +317,8 @@ class Table:
         if problems:
             raise InputError(problems)
 
-    def __call__(self, t: ArrayLike) -> Force:
-        """Force (N) at the times t (s)."""
-        t = np.asarray(t, dtype=float)
-        return np.asarray(np.interp(t, self.times, self.forces, left=0.0, right=0.0))
-
-    @property
-    def period(self) -> float | None:
-        """None: a table is taken once."""
-        return None
+    def _force(self, t: FloatArray) -> Any:
+        return np.interp(t, self.times, self.forces, left=0.0, right=0.0)
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -424,40 +335,76 @@ class Table:
         return float(np.abs(self.forces).max())
 
     @property
-    def highest_frequency(self) -> float | None:
+    def highest_frequency(self) -> float:
         """1 / (2 smallest time between two points), Hz."""
         return float(1 / (2 * np.diff(self.times).min()))
 
 
-Load: TypeAlias = (
-    Harmonic | MultiHarmonic | Triangle | HalfSine | Versine | RampAndHold | Rectangle | Table
-)
+@dataclass(frozen=True)
+class Function(Amplitude):
+    """A plain function of time, of which nothing more is known: no period, no corners, no peak.
+
+    It takes a time (s), or better an array of times, and returns the force (N); a call raises
+    `InputError` where that is not one finite number for each time.
+    """
+
+    function: Callable[..., Any]
+
+    def _force(self, t: FloatArray) -> Any:
+        force = self._at_once(t) if t.size > 1 else None
+        if force is None:
+            found = [np.asarray(self.function(float(time))) for time in t.flat]
+            is_real = [one.size == 1 and one.dtype.kind in _REAL for one in found]
+            each = [one.item() if is_real[i] else np.nan for i, one in enumerate(found)]
+            force = np.reshape(np.array(each, dtype=float), t.shape)
+        wrong = ~np.isfinite(force)
+        if wrong.any():
+            raise InputError(
+                f"load: the function of time {getattr(self.function, '__name__', '')!r} gives no "
+                f"finite number at t = {t.flat[np.argmax(wrong)]:.9g} s, must give the force in N"
+            )
+        return force
+
+    def _at_once(self, t: FloatArray) -> FloatArray | None:
+        """Force at all times; None where the function must be asked for each of them."""
+        try:
+            force = np.asarray(self.function(t.copy()))
+        except (TypeError, ValueError):
+            return None  # such as math.sin, or "if t < 1"; a true mistake is raised again for each
+        is_force = force.shape == t.shape and force.dtype.kind in _REAL
+        return force.astype(float) if is_force else None
 
 
-def common_period(loads: Iterable[Load]) -> float | None:
-    """Shortest time after which all harmonics in the loads repeat together.
+def as_amplitude(shape: object) -> Amplitude:
+    """Amplitude from any of the shapes above, or from a plain function of time (s) that returns N.
 
-    Parameters
-    ----------
-    loads : iterable of Load
-        Impulses and tables among them are passed over.
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if isinstance(shape, Amplitude):
+        return shape
+    if callable(shape) and not isinstance(shape, type):
+        return Function(shape)
+    raise InputError(
+        f"load: found {shape!r}, must be a force as a function of time: a shape such as "
+        "Harmonic(amplitude, frequency), or a function of t in s that returns N"
+    )
 
-    Returns
-    -------
-    float or None
-        s; None if there is no harmonic among the loads or their frequencies are not commensurate.
+
+def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
+    """Shortest time (s) after which all harmonics among the amplitudes repeat together.
+
+    Those without harmonics are passed over. None if there is no harmonic, or if the frequencies are
+    not commensurate.
     """
     frequencies: list[float] = []
-    for load in loads:
-        if isinstance(load, Harmonic):
-            frequencies.append(load.frequency)
-        elif isinstance(load, MultiHarmonic):
-            frequencies += [component.frequency for component in load.components]
-    return _common_period(frequencies)
-
-
-def _common_period(frequencies: Sequence[float]) -> float | None:
-    """Reciprocal of the greatest common divisor of the frequencies (Hz), or None."""
+    for amplitude in amplitudes:
+        if isinstance(amplitude, Harmonic):
+            frequencies.append(amplitude.frequency)
+        elif isinstance(amplitude, MultiHarmonic):
+            frequencies += [component.frequency for component in amplitude.components]
     if not frequencies:
         return None
     # Ratios to the fastest are at most 1, and their denominators bound the length searched for.
@@ -476,19 +423,10 @@ def _common_period(frequencies: Sequence[float]) -> float | None:
 
 
 def read_table(path: str | Path) -> Table:
-    """Load from a text file with two columns separated by a comma: time (s) and force (N).
+    """Table from a UTF-8 text file with two columns separated by a comma: time (s) and force (N).
 
-    A first line that holds no number is a header; empty lines and what follows a ``#`` are passed
-    over.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file, UTF-8.
-
-    Returns
-    -------
-    Table
+    Lines of two words before the first number are a header; empty lines and what follows a ``#``
+    are passed over.
 
     Raises
     ------
@@ -503,17 +441,13 @@ def read_table(path: str | Path) -> Table:
         bad_line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {bad_line}: not UTF-8 text") from error
 
-    rows: list[tuple[float, float]] = []
+    rows: list[list[float]] = []
     problems: list[str] = []
-    header_allowed = True
     for number, line in enumerate(lines, start=1):
-        columns = [column.strip() for column in line.split("#", 1)[0].split(",")]
-        if columns == [""]:
-            continue
-        values = [_number(column) for column in columns]
-        is_header = header_allowed and len(columns) == 2 and values == [None, None]
-        header_allowed = False
-        if is_header:
+        text = line.split("#", 1)[0].strip()
+        values = [_number(column) for column in text.split(",")]
+        is_header = values == [None, None] and not rows and not problems
+        if not text or is_header:
             continue
         match values:
             case [float(time), float(force)] if abs(time) <= _LARGEST and abs(force) <= _LARGEST:
@@ -522,12 +456,11 @@ def read_table(path: str | Path) -> Table:
                         f"{path}: line {number}: found time {time:g}, "
                         f"must be > {rows[-1][0]:g}, the time before it"
                     )
-                rows.append((time, force))
+                rows.append([time, force])
             case _:
                 problems.append(
-                    f"{path}: line {number}: found {line.strip()[:60]!r}, "
-                    "must be two finite numbers separated by a comma: time in s, force in N; "
-                    f"none larger than {_LARGEST:g}"
+                    f"{path}: line {number}: found {text[:60]!r}, must be two finite numbers "
+                    f"separated by a comma: time in s, force in N; none larger than {_LARGEST:g}"
                 )
     if not problems and len(rows) < 2:
         problems = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
@@ -536,8 +469,7 @@ def read_table(path: str | Path) -> Table:
         problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
     if problems:
         raise InputError(problems)
-    times, forces = np.array(rows).T
-    return Table(times, forces)
+    return Table(*np.array(rows).T)
 
 
 def _number(text: str) -> float | None:

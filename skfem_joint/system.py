@@ -7,38 +7,49 @@ Every map between models takes a system and returns a system.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
+from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.friction import norms
-from skfem_joint.loads import Load
+from skfem_joint.loads import Amplitude, as_amplitude
+from skfem_joint.unknowns import (
+    Arrangement,
+    Contact,
+    change_of_unknowns,
+    congruent,
+    dof_numbers,
+    expanded,
+    selection,
+)
 
-FloatArray = NDArray[np.float64]
-Matrix = Any  # ndarray or scipy sparse array, shape (n, n) or (m, n)
+#: Share of a matrix's norm by which it may differ from its transpose.
+_UNSYMMETRIC = 1e-10
 
 
 @dataclass(frozen=True)
 class AppliedLoad:
     """A spatial load vector times a scalar amplitude of time.
 
-    Attributes
-    ----------
-    vector : ndarray, shape (n,)
-        Spatial distribution, dimensionless for a point load (1 at the loaded unknown).
-    amplitude : Load
-        Force in N as a vectorised function of time in s, see :mod:`skfem_joint.loads`.
-    on : str
-        Name of the loaded point.
+    ``vector`` (n,) is dimensionless for a point load (1 at the loaded unknown), ``amplitude`` the
+    force (N) as a function of time (s), see :mod:`skfem_joint.loads`, or a plain function, and
+    ``on`` the name of the loaded place.
     """
 
     vector: FloatArray
-    amplitude: Load
+    amplitude: Amplitude
     on: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vector", np.asarray(self.vector, dtype=float))
+        object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,17 @@ class System:
     directions : ndarray of int, shape (m,)
         Directions in which each contact point can slip, 1 or 2; all 1 if not given. The friction
         force of a point with two is opposite to its slip vector and depends on the norm of it.
+    T : ndarray or sparse array, shape (N, n), or None
+        Displacement of all that the structure has, supports included, from the unknowns; None
+        where the unknowns are all there is. See :meth:`expand`.
+
+    ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, matrices that are not symmetric or not finite, limits below
+        zero and beta not above it.
     """
 
     M: Matrix
@@ -76,30 +98,37 @@ class System:
     P: Matrix = field(default=None)
     points: tuple[str, ...] = ()
     directions: Any = field(default=None)
+    T: Matrix = field(default=None)
 
     def __post_init__(self) -> None:
-        n = self.M.shape[0]
-        if self.P is None:
-            object.__setattr__(self, "P", sparse.csr_array((0, n)))
-        m = self.w.shape[0]
-        if self.directions is None:
-            object.__setattr__(self, "directions", np.ones(m, dtype=np.int64))
+        n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
+        m = w.size
+        beta = np.asarray(self.beta, dtype=float)
+        given = {
+            "w": w,
+            "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
+            "C": 0.0 * self.K if self.C is None else self.C,
+            "P": sparse.csr_array((0, n)) if self.P is None else self.P,
+            "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
+        }
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
         if self.directions.shape != (m,) or not np.isin(self.directions, (1, 2)).all():
             raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
-        expected = {
-            "M": (n, n),
-            "C": (n, n),
-            "K": (n, n),
-            "B": (int(self.directions.sum()), n),
-            "P": (len(self.points), n),
-        }
+        square = dict.fromkeys(("M", "C", "K"), (n, n))
+        shapes = square | {"B": (int(self.directions.sum()), n), "P": (len(self.points), n)}
+        shapes |= {"w": (m,), "beta": (m,)}
+        found = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
+        found += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
+        if self.T is not None:
+            found.append(("T", self.T.shape, (self.T.shape[0], n)))
         problems = [
-            f"{name}: found shape {getattr(self, name).shape}, must be {shape}"
-            for name, shape in expected.items()
-            if getattr(self, name).shape != shape
+            f"{name}: found shape {shape}, must be {right}"
+            for name, shape, right in found
+            if shape != right
         ]
-        if self.beta.shape != (m,):
-            problems.append(f"beta: found shape {self.beta.shape}, must be {(m,)}")
+        if not problems:
+            problems = [p for name in square for p in _unsymmetric(name, getattr(self, name))]
         if np.any(~np.isfinite(self.w)) or np.any(self.w < 0.0):
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
@@ -144,37 +173,115 @@ class System:
     def project(self, V: FloatArray) -> System:
         """Galerkin projection on the columns of ``V``, Eqs. (4)-(9).
 
-        Parameters
-        ----------
-        V : ndarray, shape (n, j)
-            Basis; u = V q.
-
-        Returns
-        -------
-        System
-            Dense system of size j with the same contact points and named points.
+        ``V`` is a basis of shape (n, j), u = V q. Gives a dense system of size j with the same
+        contact points and named points.
         """
         if V.ndim != 2 or V.shape[0] != self.n or not np.all(np.isfinite(V)):
             raise InputError(
                 f"basis: found shape {V.shape}, must be ({self.n}, j) with finite entries"
             )
+        return self._with(V, self.B @ V)
 
-        def congruence(A: Matrix) -> FloatArray:
-            reduced = V.T @ (A @ V)
-            return np.asarray(0.5 * (reduced + reduced.T))
+    def in_unknowns(self, new: Arrangement) -> System:
+        """Same system in other unknowns, for which every slip row picks one of them.
 
-        return System(
-            M=congruence(self.M),
-            C=congruence(self.C),
-            K=congruence(self.K),
-            B=np.ascontiguousarray(self.B @ V),
-            w=self.w,
-            beta=self.beta,
-            loads=tuple(replace(load, vector=V.T @ load.vector) for load in self.loads),
-            P=np.ascontiguousarray(self.P @ V),
-            points=self.points,
-            directions=self.directions,
+        ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; this system's unknowns are
+        its outer ones.
+        """
+        return self._with(new.forward, selection(new.slips, new.forward.shape[1]))
+
+    def _with(self, T: Matrix, B: Matrix) -> System:
+        """System in the unknowns q, u = T q."""
+        return replace(
+            self,
+            M=congruent(self.M, T),
+            C=congruent(self.C, T),
+            K=congruent(self.K, T),
+            B=B,
+            loads=tuple(replace(load, vector=T.T @ load.vector) for load in self.loads),
+            P=self.P @ T,
+            T=T if self.T is None else self.T @ T,
         )
+
+    @staticmethod
+    def from_matrices(
+        M: Matrix,
+        K: Matrix,
+        C: Matrix = None,
+        *,
+        fixed: ArrayLike = (),
+        contact: Contact | None = None,
+        loads: Mapping[str, tuple[ArrayLike, Callable[..., Any]]] | None = None,
+        points: Mapping[str, ArrayLike] | None = None,
+        stiffness_damping: float = 0.0,
+        mass_damping: float = 0.0,
+    ) -> System:
+        """System of matrices of one's own, from scikit-fem or from anywhere.
+
+        Parameters
+        ----------
+        M, K, C : ndarray or sparse array, shape (N, N)
+            Mass (kg), positive definite, stiffness (N/m), not negative, and damping (N s/m),
+            ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given.
+        fixed : array_like of int
+            Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
+        contact : Contact, optional
+            From `contact` or `point_friction`, or a sum of them.
+        loads : mapping, optional
+            By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
+            :mod:`skfem_joint.loads`, or a plain function of time (s).
+        points : mapping, optional
+            What to observe by name: a row of shape (N,) or one degree of freedom. The loads'
+            vectors are observed under their names in any case.
+
+        Returns
+        -------
+        System
+            Sparse; ``system.expand(u)`` gives all N degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            For shapes that do not fit, matrices that are not symmetric or indefinite, degrees of
+            freedom that are not there, and slip rows that depend on each other.
+        """
+        M, K = sparse.csr_array(M), sparse.csr_array(K)
+        n = M.shape[0]
+        fixed = dof_numbers(fixed)
+        if fixed.size and not (fixed[0] >= 0 and fixed[-1] < n):
+            raise InputError(f"fixed: found {fixed[[0, -1]]}, must be from 0 to {n - 1}")
+        joined = Contact.none(n) if contact is None else contact
+        for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
+            right = (A.shape[0], n) if A is joined.B else (n, n)
+            if A.shape != right:
+                raise InputError(f"{name}: found shape {A.shape}, must be {right}")
+        joined = joined.without(fixed)
+        applied = tuple(
+            AppliedLoad(_vector(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
+            for on, (vector, amplitude) in (loads or {}).items()
+        )
+        rows = {load.on: load.vector for load in applied}
+        rows |= {name: _vector(row, n, f"point {name!r}") for name, row in (points or {}).items()}
+        outer = System(
+            M=M,
+            C=sparse.csr_array(stiffness_damping * K + mass_damping * M if C is None else C),
+            K=K,
+            B=joined.B,
+            w=joined.w,
+            beta=joined.beta,
+            loads=applied,
+            P=sparse.csr_array(np.reshape(list(rows.values()), (len(rows), n))),
+            points=tuple(rows),
+            directions=joined.directions,
+        )
+        new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
+        system = outer.in_unknowns(new)
+        _check_definite(system)
+        return system
+
+    def expand(self, u: FloatArray) -> FloatArray:
+        """Displacement of all that the structure has, (..., N), from unknowns (..., n)."""
+        return u if self.T is None else expanded(self.T, u)
 
     def with_beta(self, beta: float) -> System:
         """Give every contact point the scaling constant ``beta`` (s/m)."""
@@ -186,12 +293,67 @@ class System:
 
     def load_amplitudes(self, times: FloatArray) -> FloatArray:
         """Amplitudes of all loads, shape (loads, times), N."""
-        if not self.loads:
-            return np.zeros((0, times.size))
-        return np.array([np.asarray(load.amplitude(times), dtype=float) for load in self.loads])
+        rows = [load.amplitude(times) for load in self.loads]
+        return np.reshape(np.asarray(rows, dtype=float), (len(rows), times.size))
 
     def load_vectors(self) -> FloatArray:
         """Spatial load vectors, shape (n, loads)."""
-        if not self.loads:
-            return np.zeros((self.n, 0))
-        return np.stack([load.vector for load in self.loads], axis=1)
+        rows = np.reshape([load.vector for load in self.loads], (len(self.loads), self.n))
+        return np.ascontiguousarray(rows.T)
+
+
+def _vector(value: ArrayLike, n: int, what: str) -> FloatArray:
+    """Vector of all unknowns, or that of one of them."""
+    array = np.asarray(value)
+    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
+        dof = int(array.ravel()[0])
+        if not 0 <= dof < n:
+            raise InputError(f"{what}: found unknown {dof}, must be from 0 to {n - 1}")
+        return np.bincount([dof], minlength=n).astype(float)
+    if array.shape != (n,):
+        raise InputError(
+            f"{what}: found shape {array.shape}, must be ({n},), or one number of an unknown"
+        )
+    return array.astype(float)
+
+
+def _unsymmetric(name: str, A: Matrix) -> list[str]:
+    """What is wrong with a matrix that must be symmetric; two random vectors tell."""
+    values = A if isinstance(A, np.ndarray) else sparse.csr_array(A).data
+    if not np.all(np.isfinite(values)):
+        return [f"{name}: must be finite"]
+    x, y = np.random.default_rng(0).normal(size=(2, A.shape[0]))
+    difference = abs(float(x @ (A @ y) - y @ (A @ x)))
+    if difference <= _UNSYMMETRIC * float(np.linalg.norm(values)):
+        return []
+    return [
+        f"{name}: is not symmetric; friction and reduction need symmetric matrices: assemble "
+        f"it symmetrically, or give 0.5 * ({name} + {name}.T) if that is what is meant"
+    ]
+
+
+def _check_definite(system: System) -> None:
+    """Refuse a mass that is not positive definite and a stiffness that is negative somewhere."""
+    mass = float(system.M.diagonal().sum())
+    small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
+    checks: Sequence[tuple[str, Matrix, str]] = (
+        ("M", system.M, "is not positive definite: does every unknown have mass?"),
+        ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
+    )
+    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
+    if problems:
+        raise InputError(problems)
+
+
+def _is_definite(A: Matrix) -> bool:
+    """Whether a symmetric matrix is positive definite, by the signs of its pivots."""
+    try:
+        factor = splu(
+            sparse.csc_array(A),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # exactly singular
+        return False
+    return bool(np.all(factor.U.diagonal() > 0.0))

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skfem_joint import __version__, cli, results, study
+from skfem_joint import __version__, cli
+from skfem_joint.analysis import study
 from skfem_joint.errors import ConvergenceError
 
 ROOT = Path(__file__).parent.parent
@@ -84,13 +85,18 @@ def test_help_and_version_of_the_module() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["run"], ["run", "scene.toml"], ["check", "a", "b"]]
+    "arguments", [["fly"], ["run"], ["run", "scene.toml"], ["check", "a", "b"]]
 )
 def test_wrong_usage_ends_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)
     assert ended.value.code == 2
     assert "usage: skfem-joint" in capsys.readouterr().err
+
+
+def test_no_command_prints_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 0
+    assert capsys.readouterr().out.startswith("usage: skfem-joint")
 
 
 def test_check_of_a_valid_scene_writes_nothing(
@@ -172,6 +178,81 @@ def test_run_as_a_module(scene: Callable[..., Path], tmp_path: Path) -> None:
     assert files_below(tmp_path / "out") == ["history.npz", "summary.json"]
 
 
+def test_check_says_what_each_joint_is_and_each_note_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (ROOT / "examples" / "plate_reference.toml").read_text(encoding="utf-8")
+    text = text.replace("../meshes", (ROOT / "meshes").as_posix())
+    table = "pressure = { positions = [-1.0, 0.0, 0.3], values = [0.0, 9e6, 2e6] }"
+    for old, new in (
+        ("pressure = 8e6", table),
+        ("thickness = 0.01", "thickness = 10.0"),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    assert cli.main(["check", str(tmp_path / "scene.toml")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "1 body, 1000 elements of order 1." in lines
+    (joint,) = [line for line in lines if line.startswith("Joint joint: 1100 contact points")]
+    assert "Position 0.0025 m of its pressures is at (0.0025, 0, 0) m." in joint
+    notes = [line for line in lines if line.startswith("Note: ")]
+    assert len(notes) == len(set(notes)) == 2
+    assert "is the mesh in metres?" in notes[0]
+
+
+ONE_CYCLE = ("cycles = 2", "cycles = 1")
+
+
+def test_files_are_whole_when_nobody_reads_the_table(
+    scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    """A closed pipe, a full terminal and one that knows no ° or é lose no result."""
+    path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', 'title = "Ring Ø 5 é '))
+    read, write = os.pipe()
+    os.close(read)
+    for name, output, status in (("closed", write, 141), ("full", "/dev/full", 2)):
+        out = tmp_path / name
+        with open(output, "wb") as stream:
+            ended = subprocess.run(
+                [sys.executable, "-m", "skfem_joint", "run", str(path), "--out", str(out)],
+                stdout=stream, stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+            )  # fmt: skip
+        assert ended.returncode == status
+        assert "Traceback" not in ended.stderr
+        assert "Exception" not in ended.stderr
+        assert files_below(out) == ["history.npz", "summary.json"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "skfem_joint", "run", str(path), "--out", str(tmp_path / "ascii")],
+        capture_output=True, timeout=120, check=False,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert ended.returncode == 0
+    assert ended.stdout.startswith(b"Ring \\xd8 5 \\xe9 ")
+
+
+@pytest.mark.parametrize(
+    ("error", "status"), [(ConvergenceError("step 7"), 3), (KeyboardInterrupt(), 130)]
+)
+def test_results_outlive_what_ends_their_certificate(
+    error: BaseException,
+    status: int,
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*args: object, **options: object) -> None:
+        raise error
+
+    monkeypatch.setattr("skfem_joint.analysis.certificate.certify", fail)
+    out = tmp_path / "out"
+    path = scene(FULL_ONLY, ONE_CYCLE)
+    assert cli.main(["run", str(path), "--certify", "--out", str(out)]) == status
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["models"]["full"]["steps"] == 200
+    assert any("errors" in warning for warning in summary["warnings"])
+
+
 def test_warnings_are_shown_as_notes(
     scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -202,8 +283,7 @@ def test_every_mistake_of_a_scene_is_told_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = scene(
-        ("E = 200e9", "E = -1.0"),
-        ("pressure = 50e6", "pressure = nan"),
+        ("modes = 5", "modes = 0"),
         ('on = "free_end"', 'on = "free"'),
         ("cycles = 2", "cycles = 0"),
         ('title = "', 'colour = "red"\ntitle = "'),
@@ -211,7 +291,7 @@ def test_every_mistake_of_a_scene_is_told_at_once(
     out = tmp_path / "out"
     arguments = [command, str(path), *(["--out", str(out)] if command == "run" else [])]
     lines = refused(arguments, capsys, "did you mean 'free_end'?")
-    keys = ("colour", "material.E", "joint[0].pressure", "load[0].on", "time.cycles")
+    keys = ("colour", "reduction.modes", "load on 'free'", "time.cycles")
     assert len(lines) == len(keys)
     assert all(any(f": {key}: " in line for line in lines) for key in keys)
     assert not out.exists()
@@ -261,7 +341,7 @@ def test_output_folder_that_is_a_file(
     below: str, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "taken").write_text("mine")
-    refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "--out", "taken")
+    refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "taken")
     assert (tmp_path / "taken").read_text() == "mine"
     assert files_below(tmp_path) == ["scene.toml", "taken"]
 
@@ -308,7 +388,7 @@ def test_run_that_does_not_converge_ends_with_3(
     def fail(*args: object, **options: object) -> None:
         raise ConvergenceError("step 7 at t = 7e-05 s did not converge")
 
-    monkeypatch.setattr(results, "integrate", fail)
+    monkeypatch.setattr(study, "integrate", fail)
     out = tmp_path / "out"
     assert cli.main(["run", str(scene()), "--out", str(out)]) == 3
     assert capsys.readouterr().err == "skfem-joint: step 7 at t = 7e-05 s did not converge\n"
@@ -325,10 +405,10 @@ def interrupting(monkeypatch: pytest.MonkeyPatch, call: int, wanted: str = "full
             raise KeyboardInterrupt
 
     @contextmanager
-    def bar() -> Iterator[study.Progress]:
+    def bar() -> Iterator[cli.Progress]:
         yield progress
 
-    monkeypatch.setattr(cli, "_progress", bar)
+    monkeypatch.setattr(cli, "progress_bar", bar)
 
 
 def test_interrupted_run_leaves_valid_files_of_what_was_done(
@@ -414,7 +494,7 @@ def test_ctrl_c_on_a_terminal(scene: Callable[..., Path], tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("name", ["free/end", "free end", "freie Länge"])
 def test_points_may_have_any_name(name: str, tmp_path: Path, scene: Callable[..., Path]) -> None:
-    from skfem_joint.meshing import build_bar, write_mesh
+    from skfem_joint.mesh import build_bar, write_mesh
 
     bar = build_bar(
         [("joint", 0.1, 10), ("linear", 0.5, 10)], {"fixed": 0.0, "junction": 0.1, name: 0.6}

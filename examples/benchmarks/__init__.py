@@ -1,0 +1,1 @@
+"""What a step costs, and the same problem in the hands of ready-made integrators."""

@@ -1,0 +1,265 @@
+"""Error against run time, with ready-made integrators and the paper's method beside our models.
+
+    python examples/benchmarks/ready_made.py SCENE.toml --out DIR [--bound S] [--quick]
+
+For scenes of bars; SUNDIALS takes part if scikit-sundae is installed (extra ``bench``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from math import exp, inf, log
+from pathlib import Path
+
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+
+from benchmarks.first_order import FirstOrder, lumped
+from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
+from skfem_joint import friction
+from skfem_joint.analysis import error_time as et
+from skfem_joint.analysis.certificate import PER_CYCLE, Reference, Results, results
+from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome, Point
+from skfem_joint.arrays import FloatArray
+from skfem_joint.files import holding
+from skfem_joint.mesh import NamedMesh
+from skfem_joint.scene import Scene, load_scene
+from skfem_joint.stepping.explicit import runge_kutta, stable_step
+from skfem_joint.stepping.recording import Save
+from skfem_joint.system import System
+
+#: Samples of an interval from which energies of ready-made integrators are summed.
+SAMPLES = 8
+#: Absolute tolerances relative to the largest displacement and velocity, over the relative one.
+ABSOLUTE = 1e-2
+READY_MADE, EXPLICIT = "ready-made", "Runge-Kutta"
+#: Elements of coarse meshes.
+COARSE = (10, 20, 50, 100)
+#: Share of the stable step that explicit runs take, steps of a piece, longest whole run (s).
+SAFETY, PIECE, LONGEST = 0.95, 400, 5.0
+#: Longest run of a ready-made integrator in a quick report, s.
+QUICK_BOUND = 1.0
+
+
+def sampled(reference: Reference, u: FloatArray, v: FloatArray) -> Results:
+    """Results from samples of all unknowns, shape (samples, n), by the trapezoidal rule."""
+    cycles, system = reference.grid.cycles, reference.system
+    first = 0 if cycles is None else (cycles - 1) * PER_CYCLE * SAMPLES
+    force = system.w * friction.force((system.B @ v[first:].T).T, system.beta)
+    du = np.diff(u[first:], axis=0)
+    load = system.load_amplitudes(sample_times(reference)[first:])
+    point_u = np.asarray((system.P @ u.T).T)
+    return Results(
+        system.points,
+        point_u[::SAMPLES],
+        float(np.abs(point_u[first:]).max(initial=0.0)),
+        float(np.sum(0.5 * (force[1:] + force[:-1]) * (system.B @ du.T).T)),
+        float(np.sum(0.5 * (load[:, 1:] + load[:, :-1]) * (system.load_vectors().T @ du.T))),
+    )
+
+
+def sample_times(reference: Reference) -> FloatArray:
+    """Times of the samples, s."""
+    grid = reference.grid
+    return np.linspace(0.0, grid.duration, SAMPLES * grid.intervals + 1)
+
+
+def has_arctan_law(system: System) -> bool:
+    """Whether no point has set-valued Coulomb friction."""
+    return bool(np.all(np.isfinite(system.beta[system.w > 0.0])))
+
+
+def ready_made_jobs(
+    scene: Scene, reference: Reference, bound: float, forms: Sequence[Form] = FORMS
+) -> Iterator[Job]:
+    """Every integrator in every form at its tolerances; none under set-valued Coulomb friction."""
+    if not has_arctan_law(reference.system):
+        return
+    models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]
+    light = reference.grid.integrate(models[1].system, min(et.OWN, reference.parts))
+    own = [reference.results, results(light)]
+    finest = reference.grid.integrate(reference.system, reference.parts, fields=SAMPLES)
+    truth, times = sampled(reference, finest.u, finest.v), sample_times(reference)
+    largest = np.tile([np.abs(finest.u).max(), np.abs(finest.v).max()], reference.system.n)
+    offline = _compile(models[0])
+    installed = importlib.util.find_spec("sksundae") is not None
+    for form in forms:
+        tries: dict[float, bool] = {}
+        for tolerance in form.tolerances:
+            absolute = ABSOLUTE * tolerance * largest
+            task = Task(form, models[form.is_lumped], times, tolerance, absolute, bound)
+            run = partial(_attempt, task, reference, tries)
+            if form.name in ("IDA", "CVODE") and not installed:
+                missing = "not installed: pip install 'skfem-joint[bench]'"
+                run = partial(Outcome, None, status=missing)
+            what = {"mass": "lumped" if form.is_lumped else "consistent", "tolerance": tolerance}
+            family = f"{READY_MADE} {form.name}"
+            yield Job(family, what, run, offline, own[form.is_lumped], truth)
+
+
+def _attempt(task: Task, reference: Reference, tries: dict[float, bool]) -> Outcome:
+    """Run of an integrator, unless too many others of its form did not finish."""
+    failures = list(tries.values()).count(False)
+    if failures >= task.form.unfinished and not tries.get(task.tolerance):
+        return Outcome(None, status="not tried: others of this solver were beyond the bound")
+    found = solve(task)
+    tries[task.tolerance] = not isinstance(found, str)
+    if isinstance(found, str):
+        return Outcome(None, status=found)
+    one = sampled(reference, found.y[:, ::2], found.y[:, 1::2])
+    return Outcome(one, found.wall_s, found.work)
+
+
+def _compile(model: FirstOrder) -> float:
+    """Seconds that the first calls of the compiled loops take."""
+    begin = time.perf_counter()
+    model.residual()(0.0, *np.zeros((3, model.size)))
+    return time.perf_counter() - begin
+
+
+def explicit_jobs(scene: Scene, reference: Reference, longest: float = LONGEST) -> Iterator[Job]:
+    """The paper's way: the classical Runge-Kutta method at its stable step."""
+    grid, system = reference.grid, reference.system
+    if not has_arctan_law(system):
+        return
+    begin = time.perf_counter()
+    parts = int(np.ceil(grid.duration / (SAFETY * stable_step(system)) / grid.intervals))
+    offline = time.perf_counter() - begin
+    what = {"step (s)": grid.duration / (parts * grid.intervals)}
+    yield Job(EXPLICIT, what, partial(_explicit, reference, parts, longest), offline)
+
+
+def _explicit(reference: Reference, parts: int, longest: float) -> Outcome:
+    """Explicit run, whole if it is short enough, else the time of a piece of it in proportion."""
+    grid = reference.grid
+    n_steps = parts * grid.intervals
+    step = grid.duration / n_steps
+    run = partial(runge_kutta, reference.system, step=step, check=False)
+    piece = min(PIECE, n_steps)
+    begin = time.perf_counter()
+    run(n_steps=piece, save=Save(points=False))
+    wall = (time.perf_counter() - begin) * n_steps / piece
+    if wall > longest:
+        return Outcome(None, wall, {"steps": n_steps}, status="extrapolated")
+    cycle = None if grid.cycles is None else parts * PER_CYCLE
+    begin = time.perf_counter()
+    found = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
+    return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})
+
+
+def coarsened(bar: NamedMesh, elements: int) -> NamedMesh:
+    """Bar of about ``elements`` elements on vertices of a finer one; keeps regions and points."""
+    s = bar.mesh.p[0]
+    ends = [
+        [*owned[np.diff(owned, prepend=-2) != 1], *(owned[np.diff(owned, append=-2) != 1] + 1)]
+        for owned in bar.regions.values()
+    ]
+    even = np.abs(s[:, np.newaxis] - np.linspace(s[0], s[-1], elements + 1)).argmin(axis=0)
+    kept = np.unique(np.concatenate([even, *ends, [*bar.points.values()]])).astype(int)
+    regions = {
+        name: np.flatnonzero(np.isin(kept[:-1], owned)) for name, owned in bar.regions.items()
+    }
+    return replace(
+        bar,
+        mesh=type(bar.mesh).init_tensor(s[kept]).with_subdomains(regions),
+        points={name: int(np.searchsorted(kept, vertex)) for name, vertex in bar.points.items()},
+        coordinates=bar.coordinates[kept],
+        body=bar.body[kept[:-1]],
+    )
+
+
+def time_at(points: Sequence[Point], level: float, error: str = RMS) -> float | None:
+    """Run time for an error, interpolated on the logarithms along the front, s.
+
+    None where no point is that accurate; the fastest point's time where even it is.
+    """
+    curve = [(p.wall_s, p.error(error)) for p in et.front(points, error)]
+    if not curve or curve[-1][1] > level:
+        return None
+    after = next(k for k, (_, found) in enumerate(curve) if found <= level)
+    wall, found = curve[after]
+    if after == 0 or found <= 0.0:
+        return wall
+    slower, larger = curve[after - 1]
+    return exp(log(slower) + log(larger / level) / log(larger / found) * log(wall / slower))
+
+
+def ratios(points: Sequence[Point]) -> list[tuple[str, float | None, float | None, float | None]]:
+    """Rows of the table of speed ratios: what, ours (s), theirs (s), times faster."""
+    families = {p.job.family for p in points}
+    curves = {name: [p for p in points if p.job.family == name] for name in families}
+    made = [curve for name, curve in curves.items() if name.startswith(READY_MADE)]
+    rows = []
+    for family, error, words in (
+        (et.FULL, RMS, "full, arctan / ready-made, error"),
+        (et.COULOMB, RMS, "full, Coulomb / ready-made, error"),
+        (et.COULOMB, TIME_ERROR, "the same, Coulomb's own time-step error"),
+    ):
+        for level in et.LEVELS:
+            ours = time_at(curves.get(family, []), level, error)
+            theirs = min((time_at(one, level, TIME_ERROR) or inf for one in made), default=inf)
+            known = ours is not None and theirs < inf
+            ratio = theirs / ours if known and ours else None
+            rows.append((f"{words} {level:.0e}", ours, theirs if theirs < inf else None, ratio))
+    return rows
+
+
+def section(points: Sequence[Point], bound: float) -> str:
+    """What the page says of the competitors, in Markdown."""
+    return (
+        "## Speed ratios of this run\n\n"
+        + et.markdown_table(["ours / theirs", "ours", "theirs", "times faster"], ratios(points))
+        + "\n\nTimes (s) at an error are interpolated along each family's front. Ready-made "
+        "integrators are taken at the time-step error of their own system; none can take "
+        "set-valued Coulomb friction. They get interleaved unknowns, analytic Jacobians, compiled "
+        f"callbacks and absolute tolerances of {ABSOLUTE:g} times the relative one times the "
+        f"largest displacement and velocity; their bound is {bound:g} s. Banded Jacobians of rates "
+        "need a lumped mass; IDA's residual form has the consistent one. Their energies are "
+        "trapezoidal sums of samples, compared with the reference's by the same rule. "
+        "`extrapolated`: the time of a short piece times the number of steps, no error."
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the report of a scene and print its ratios."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--out", type=Path, required=True, help="folder for the report")
+    parser.add_argument("--bound", type=float, default=60.0, help="longest run of one of them, s")
+    parser.add_argument("--quick", action="store_true", help="few points, one round")
+    options = parser.parse_args(arguments)
+    scene, quick = load_scene(options.scene), options.quick
+    bound = min(options.bound, QUICK_BOUND) if quick else options.bound
+    made = partial(ready_made_jobs, bound=bound, forms=QUICK_FORMS if quick else FORMS)
+    bar = scene.named_mesh
+    counts = [n for n in COARSE[:: 3 if quick else 1] if n < bar.n_elements]
+    with holding(options.out):
+        report = et.error_time(
+            scene,
+            bound=options.bound,
+            quick=quick,
+            meshes={f"{n} elements": coarsened(bar, n) for n in counts},
+            contestants={EXPLICIT: explicit_jobs, READY_MADE: made},
+        )
+        report = replace(report, sections=(section(report.points, bound),))
+        files = report.write(options.out)
+    print(
+        "\n\n".join([*(et.advice(report.points, level) for level in et.LEVELS), *report.sections])
+    )
+    print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

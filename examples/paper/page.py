@@ -1,0 +1,220 @@
+"""An item of the paper (table, figure, section): rows beside printed numbers, notes, curves.
+
+``page.md`` holds the words of rows and notes, with fields for what is computed; ``published.toml``
+the printed numbers; ``pictures.toml`` says what of the curves is drawn.
+"""
+
+from __future__ import annotations
+
+import re
+import string
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.files import replacing
+
+HERE = Path(__file__).parent
+
+
+class Row(NamedTuple):
+    """Cells of a row: our numbers by the full and by the reduced model."""
+
+    quantity: str
+    published: str
+    full: str
+    reduced: str
+    difference: str
+    verdict: str
+
+
+HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "difference", "verdict")
+
+
+@cache
+def published() -> dict[str, Any]:
+    """Content of ``published.toml``: printed values by item, some with rounding and name."""
+    return tomllib.loads((HERE / "published.toml").read_text("utf-8"))
+
+
+def printed(item: str) -> dict[str, Any]:
+    """Printed values alone of an item; empty if it has none."""
+    entries = published().get(item, {}).items()
+    return {key: entry.get("value") if isinstance(entry, dict) else entry for key, entry in entries}
+
+
+def limit_of(statement: str) -> float:
+    """Number in a printed statement such as ``< 1`` or ``slightly > 1``."""
+    return float(statement.split()[-1])
+
+
+@cache
+def templates() -> dict[str, tuple[str, list[str]]]:
+    """Title and blocks of ``page.md`` by the name in the heading."""
+    found = {}
+    for section in re.split(r"^## ", (HERE / "page.md").read_text("utf-8"), flags=re.MULTILINE)[1:]:
+        heading, _, text = section.partition("\n")
+        name, _, title = heading.partition(" -- ")
+        found[name] = title, text.strip().split("\n\n")
+    return found
+
+
+class _Words(string.Formatter):
+    """Formats of ``page.md``: what to say if true // if not, a factor*, several values (;)."""
+
+    def format_field(self, value: Any, form: str) -> str:
+        if isinstance(value, bool | np.bool_):
+            yes, _, no = form.partition(" // ")
+            return (yes or "agrees") if value else (no or "differs")
+        if isinstance(value, list | tuple | np.ndarray):
+            separator = "; " if form.startswith(";") else ", "
+            return separator.join(self.format_field(one, form.removeprefix(";")) for one in value)
+        factor, _, form = form.rpartition("*")
+        return format(float(factor) * value if factor else value, form)
+
+
+def words(name: str, /, **fields: Any) -> list[str]:
+    """Blocks under a heading of ``page.md`` with values in the place of their fields."""
+    blocks = (_Words().format(block, **fields) for block in templates()[name][1])
+    return [block if block.startswith("|") else " ".join(block.split()) for block in blocks]
+
+
+def percent(ours: float, reference: float) -> float:
+    """Difference of ``ours`` from ``reference``, percent."""
+    return float(100.0 * (ours / reference - 1.0))
+
+
+def judged_reduced(error: float, stated: float, why: str = "", around: float = 0.0) -> str:
+    """Verdict on a reduced model by its distance from its own full model, percent.
+
+    ``stated`` is that of the paper's model; ``why`` the reason if ours is farther away; ``around``
+    the whole number of percent that the text allows itself beside the printed error.
+    """
+    within = 0.05  # the last digit that the paper prints
+    if abs(error) < stated - within:
+        return "better than published"
+    if abs(error) <= stated + within:
+        return "agrees"
+    if abs(error) < around + 0.5:
+        return f"agrees within the paper's own tolerance (around {around:g} %)"
+    verdict = f"differs: {error:+.2g} % from our full model, published {stated:g} %"
+    return f"{verdict}; {why}" if why else verdict
+
+
+@dataclass
+class Item:
+    """A reproduced table, figure or section: ``table3``, ``fig15``, ``section7.5``.
+
+    ``curves`` holds columns (name with unit) by the name of their CSV file, ``marks`` values that
+    are drawn as lines across, ``series`` makers of studies that are written for ParaView.
+    """
+
+    key: str
+    rows: list[Row] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    curves: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    marks: dict[str, float] = field(default_factory=dict)
+    pictures: list[str] = field(default_factory=list)
+    series: dict[str, Callable[[], Any]] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Its heading on the page."""
+        return templates()[self.key][0]
+
+    @property
+    def printed(self) -> dict[str, Any]:
+        """Its published values."""
+        return printed(self.key)
+
+    def mark(self, name: str) -> float:
+        """Value of a line across a picture: a mark, or a published value or limit of the item."""
+        value = self.marks[name] if name in self.marks else self.printed[name.removeprefix("-")]
+        value = limit_of(value) if isinstance(value, str) else float(value)
+        return -value if name.startswith("-") else value
+
+    def say(self, name: str = "", /, **fields: Any) -> None:
+        """Add the rows and notes under a heading of ``page.md``, by default the item's own."""
+        for text in words(name or self.key, **({"printed": self.printed} | fields)):
+            lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.split("\n")]
+            if len(lines[0]) == len(HEADINGS):
+                self.rows += [Row(*cells) for cells in lines]
+            else:
+                self.notes.append(text)
+
+    def compare(
+        self, key: str, full: float | None = None, reduced: float | None = None, **changed: Any
+    ) -> None:
+        """Add the row of a printed number: ours (the full model's) agrees if it is near enough.
+
+        ``key`` is that of an entry of ``published.toml``, which says how near and what else a row
+        needs; some of it may be ``changed``.
+        """
+        entry = {"form": ".4g", "points": False, "otherwise": "differs"}
+        entry |= published()[self.key][key] | changed
+        value, form = entry["value"], entry["form"]
+        ours = full if full is not None else reduced
+        points, relative = f"{ours - value:+.2f} points", f"{percent(ours, value):+.2g} %"
+        cells = ["" if x is None else f"{x:{form}}" for x in (full, reduced)]
+        cells.append(points if entry["points"] else relative)
+        near = abs(ours - value) <= entry["within"] * (1.0 + 1e-12)
+        cells.append("agrees" if near else entry["otherwise"])
+        self.rows.append(Row(entry["what"], f"{value:g}", *cells))
+
+    def text(self) -> str:
+        """Table for the terminal."""
+        rows = [HEADINGS, *self.rows]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
+        ]
+        return "\n".join([self.title, lines[0], "-" * len(lines[0]), *lines[1:]])
+
+    def markdown(self) -> list[str]:
+        """Its part of the page."""
+        lines = [HEADINGS, ("---",) * len(HEADINGS), *self.rows]
+        parts = [f"## {self.title}", "\n".join(f"| {' | '.join(cells)} |" for cells in lines)]
+        parts += self.notes
+        parts += [f"![{self.title}](pictures/{name}.png)" for name in self.pictures]
+        names = ", ".join(f"[{name}.csv](curves/{name}.csv)" for name in self.curves)
+        return [*parts, f"Curves: {names}."] if names else parts
+
+
+def write(folder: Path, item: Item) -> None:
+    """Write an item's curves (CSV), pictures (PNG) and series for ParaView."""
+    from paper.figures import draw
+
+    from skfem_joint.output.fields import frames_of
+    from skfem_joint.output.series import write_series
+
+    for name in ("curves", "pictures"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for name, columns in item.curves.items():
+        values, header = np.column_stack(list(columns.values())), ",".join(columns)
+        with replacing(folder / "curves" / f"{name}.csv") as temporary:
+            np.savetxt(temporary, values, "%.9g", ",", header=header, comments="")
+    pictures = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
+    for name, picture in pictures.get(item.key, {}).items():
+        draw(picture, item.curves, item.mark, folder / "pictures" / f"{name}.png")
+        item.pictures.append(name)
+    if item.series and find_spec("pyvista") is None:
+        item.say("paraview.missing")
+        return
+    for name, study in item.series.items():
+        write_series(folder / "paraview" / f"{name}.pvd", frames_of(study()))
+        item.say("paraview", path=f"paraview/{name}.pvd")
+
+
+def write_page(folder: Path, items: Sequence[Item]) -> None:
+    """Write ``reproduction.md``."""
+    parts = [f"# {templates()['page'][0]}", *words("page")]
+    parts += [part for item in items for part in item.markdown()]
+    with replacing(folder / "reproduction.md") as temporary:
+        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")

@@ -1,0 +1,125 @@
+"""What a case is, as plain data, and how variants of one are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from math import inf, prod, sqrt
+from typing import Any
+
+#: Young's modulus (Pa) and density (kg/m3) of cases that do not change them, speed of their waves.
+E, DENSITY, SPEED = 200e9, 8000.0, 5000.0
+#: Systems of units: their length in m, mass in kg and time in s.
+UNITS = {
+    "": (1.0, 1.0, 1.0),
+    "mm, t, s": (1e-3, 1e3, 1.0),
+    "um, kg, us": (1e-6, 1.0, 1e-6),
+    "km, g, h": (1e3, 1e-3, 3600.0),
+}
+#: Directions of a load on plates.
+DIRECTIONS = {"along": (1.0, 0.0), "across": (0.0, 1.0), "oblique": (1.0, 0.3)}
+#: Plates on a rigid base, by their area or their lower edge; two on each other on half of their
+#: length, the same, with nodes that match or not.
+ONE, TWO = ("base", "edge"), ("lap", "lap of other nodes", "side by side")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Bodies with a joint, their load, and how they are integrated; the default is an easy bar.
+
+    SI units, but the model is made in others if ``units`` says so. An impulse rises in
+    ``duration`` steps, if given, or in half a period.
+    """
+
+    axis: str = "easy"  # what the case tries,
+    value: str = ""  # and how far it goes there
+    bodies: str = "bar"  # or one of ONE and TWO
+    elements: tuple[int, ...] = (40,)  # along, and across plates, of each body
+    kind: Any = "quadrilateral"  # of a plate's elements, or "triangle"
+    order: int = 1  # of the displacement
+    length: float = 0.25  # other sizes follow in proportion
+    grading: float = 1.0  # longest over shortest element of a bar
+    aspect: float = 1.0  # length over height of a plate's element
+    stiffness: float = 1.0  # factor of Young's modulus
+    density: float = 1.0  # factor of the density
+    stiffness_ratio: float = 1.0  # half of a bar at the support, or lower plate, over the other
+    density_ratio: float = 1.0  # the same
+    poisson: float = 0.3
+    plane: str = "stress"
+    damping: float = 1e-5  # in proportion to the stiffness, s
+    pressure: float = 8e6
+    friction: float = 0.7
+    pressed: str = "all"  # "one node" in the middle; a million to one: "halves", "alternating"
+    part: float = 1.0  # share of a plate on a base that is pressed
+    second_friction: float | None = None  # of the half at the support, if a joint of its own
+    beta: float = 1e5  # inf: Coulomb
+    held: bool = True  # at the left end; if not, by friction alone
+    turned: float = 0.0  # angle of the whole, degrees
+    load: str = "harmonic"  # "triangle", "half sine", "versine", "rectangle" or "ramp"
+    direction: str = "along"  # of the load on plates
+    share: float = 0.9  # force over the friction limit,
+    force: float | None = None  # or the force itself
+    frequency: float = 1000.0
+    phase: float = 0.0
+    steps: int = 100  # per period
+    periods: int = 3
+    duration: float | None = None
+    solver: str = "implicit"  # or "explicit"
+    rho: float = 1.0  # spectral radius of the implicit scheme at infinite frequency
+    step_factor: float | None = None  # explicit step over the stable one, instead of steps
+    model: str = "full"  # "reduced" or "hyper-reduced"
+    modes: int | None = None  # None: as many as there are
+    mode_scales: float = 0.0  # decades that the modes' scales are spread over
+    dependent: str = ""  # how dependent modes are added: "raw", or "dropped" by orthonormalizing
+    units: str = ""
+    must_refuse: bool = False  # whether an answer of any kind would be wrong
+
+    @property
+    def step(self) -> float:
+        """Time step, s."""
+        return 1.0 / self.frequency / self.steps
+
+    @property
+    def is_plate(self) -> bool:
+        """Whether the bodies are plates."""
+        return self.bodies != "bar"
+
+    @property
+    def scheme(self) -> str:
+        """Name of the scheme or model, as in the picture."""
+        if self.solver == "explicit":
+            return "explicit Runge-Kutta"
+        name = f"rho = {self.rho:g}" if self.model == "full" else self.model
+        return f"plates, {name}" if self.is_plate else name
+
+    @property
+    def natural(self) -> float:
+        """Period of the slowest vibration along the body, held at one end, s."""
+        return 4.0 * self.length / SPEED * sqrt(self.density / self.stiffness)
+
+    @property
+    def work(self) -> float:
+        """About how long the case takes, in any unit."""
+        fixed, each = (1000.0, 10.0) if self.is_plate else (20.0, 1.0)
+        return self.steps * self.periods * (fixed + each * prod(self.elements) * self.order**2)
+
+
+def vary(axis: str, base: Case, **values: Any) -> list[Case]:
+    """Product of the values of those fields that are given lists; others are set.
+
+    The name of each case lists the former.
+    """
+    lists = {key: value for key, value in values.items() if isinstance(value, list)}
+    base = replace(base, axis=axis, **{k: v for k, v in values.items() if k not in lists})
+    found = []
+    for combination in product(*lists.values()):
+        changes = dict(zip(lists, combination, strict=True))
+        name = ", ".join(f"{key} {_text(value)}" for key, value in changes.items())
+        found.append(replace(base, value=name, **changes))
+    return found
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return "Coulomb" if value == inf else f"{value:g}"
+    return " x ".join(map(_text, value)) if isinstance(value, tuple) else str(value)

@@ -1,0 +1,188 @@
+"""Models and runs of cases, what their answers are compared with, and how close they must be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, pi
+
+import numpy as np
+from scipy.linalg import eigh
+
+from skfem_joint.analysis.pseudo_static import loop, peak_displacement
+from skfem_joint.arrays import FloatArray
+from skfem_joint.reduction.basis import own_basis
+from skfem_joint.reduction.friction_points import gauss_points, merged_points
+from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
+from skfem_joint.stepping.explicit import runge_kutta
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.system import System
+from stability.makers import structure_of, system_of
+from stability.problem import UNITS, Case, E
+
+#: Error allowed for steps of finite size, see :func:`allowed_error`.
+COARSE, MOST = 2.0, 0.2
+#: Error allowed between the same problem in different units or in all its modes: the steps'
+#: tolerance of 1e-11, gathered over the steps.
+SAME = 1e-6
+#: Fields are stored at this many steps at most.
+FRAMES = 2000
+#: Friction points of hyper-reduced bars, and of plates for each mode.
+POINTS, POINTS_PER_MODE = 6, 4
+
+
+def modelled(case: Case) -> System:
+    """System of a case, reduced if the case says so."""
+    system = system_of(case)
+    if case.model == "full":
+        return system
+    training = run(replace(case, model="full", steps=max(case.steps, 50)), system, fields=True)
+    if case.is_plate and case.modes is not None:
+        basis = own_basis(system, training, case.modes)
+        reduced, most = system.project(basis.V), POINTS_PER_MODE * case.modes
+        if case.model == "reduced":
+            return reduced
+        return merged_points(reduced, basis.velocities, basis.active, most)[0]
+    V = proper_modes(snapshot_matrix(training.u, training.v, "both")).modes[:, : case.modes]
+    V = V * np.logspace(-0.5 * case.mode_scales, 0.5 * case.mode_scales, V.shape[1])
+    if case.dependent:
+        V = np.hstack([V, V @ np.ones((V.shape[1], 2))])
+    if case.dependent == "dropped":
+        V = orthonormal(V, system.M)
+    if case.model == "reduced":
+        return system.project(V)
+    structure = structure_of(case)
+    (patch,) = structure.patches
+    line = patch.points, structure.nodes[patch.nodes, 0]
+    return gauss_points(system.project(V), [line], POINTS)[0]
+
+
+def run(case: Case, system: System, *, fields: bool = False, finer: int = 1) -> Run:
+    """Run a case; ``finer`` divides its step, the stored times stay the same."""
+    n_steps = finer * case.steps * case.periods
+    save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // FRAMES)))
+    step = case.step / finer / UNITS[case.units][2]
+    if case.solver == "explicit":
+        found = runge_kutta(system, step=step, n_steps=n_steps, save=save)
+    else:
+        found = integrate(
+            system,
+            step=step,
+            n_steps=n_steps,
+            save=save,
+            scheme=generalized_alpha(case.rho),
+            # Cycle by cycle is enough; a drift of 1e5 cycles is watched by the thousand.
+            cycle_steps=finer * case.steps * max(1, case.periods // 100),
+        )
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found
+
+
+def reference(case: Case, found: Run, system: System) -> tuple[str, FloatArray, float]:
+    """What a case is compared with, how its points should move (rows, points), and how closely."""
+
+    def other(another: Case) -> FloatArray:
+        return run(another, modelled(another)).point_u
+
+    u, bound = found.point_u, allowed_error(case)
+    if case.units:
+        return "same in SI", other(replace(case, units="")) / UNITS[case.units][0], SAME
+    if case.turned:
+        return "same unturned", other(replace(case, turned=0.0)), SAME
+    if case.axis == "plate as bar":
+        # Stiffness, limits and load all are in proportion to the width, which does not matter.
+        along = other(replace(case, bodies="bar", elements=case.elements[:1], axis="bar"))
+        return "the bar", np.hstack([along, along, np.zeros_like(along)]), SAME
+    if case.axis == "drift":
+        # A steady Coulomb joint repeats itself: every period is that of its hundredth.
+        early = u[100 * case.steps : 101 * case.steps]
+        later = np.resize(early, (u.shape[0] - 100 * case.steps, u.shape[1]))
+        return "its 100th period", np.concatenate([u[: 100 * case.steps], later]), SAME
+    if system.contact_points == 0 and case.load == "harmonic":
+        return "closed form", linear_response(case, system, found.times), bound
+    if case.axis == "slow":
+        # Each branch of the loop ends somewhere inside an element.
+        coarse = 1.0 / (case.share * case.elements[0])
+        return "closed form", pseudo_static_response(case, found)[:, np.newaxis], bound + coarse
+    if case.model == "reduced" and case.modes is None:
+        return "full model", other(replace(case, model="full")), SAME
+    if case.solver == "explicit":
+        implicit = run(replace(case, solver="implicit"), system, finer=4)
+        return "implicit, quarter step", implicit.point_u, bound
+    return "quarter step", run(case, system, finer=4).point_u, bound
+
+
+def allowed_error(case: Case) -> float:
+    """Error of the displacement that the size of the steps explains, over its largest value.
+
+    Two parts, and never more than MOST, beyond which the answer is wrong however coarse the step:
+
+    - COARSE / n for n steps in the shortest time that the answer depends on: the load's period, the
+      rise time of an impulse, and, when the load sets in suddenly, the free vibration of period
+      4 L / c that follows, L being the length that the load sets slipping. Stick and slip have
+      kinks, where second-order schemes are of first order; the worst seen is 1.3 / n.
+    - The phase that schemes lose. A period comes out too long by p (2 pi / n)^2 of itself, with
+      p = 1/12 + 3/8 ((1 - rho) / (1 + rho))^2, which adds up to 2 pi N p (2 pi / n)^2 after N
+      periods. The free vibration adds the same with its own n and N, in proportion to its share of
+      the motion, until it has died down.
+    """
+    period = float(case.steps)
+    natural = case.natural / case.step
+    sudden = case.load != "harmonic" or case.phase != 0.0
+    if sudden and case.force is None:
+        natural *= min(1.0, case.share)
+    times = [period]
+    if sudden:
+        times.append(natural)
+        if case.load != "rectangle" and case.duration:
+            times.append(case.duration)
+    shift = 1.0 / 12.0 + 0.375 * ((1.0 - case.rho) / (1.0 + case.rho)) ** 2
+    omega = 2.0 * pi / (natural * case.step)
+    vibrations = min(
+        case.steps * case.periods / natural,
+        1.0 / (pi * case.damping * omega) if case.damping > 0.0 else inf,
+    )
+    share = 1.0 if sudden else min(1.0, natural / period)
+    lost = (2.0 * pi) ** 3 * shift * (case.periods / period**2 + share * vibrations / natural**2)
+    return min(MOST, COARSE / min(times) + lost)
+
+
+def linear_response(case: Case, system: System, times: FloatArray) -> FloatArray:
+    """Points of a system without friction under a harmonic load from rest, by its exact modes.
+
+    Each mode answers F sin(omega t) with the forced vibration and the free vibration that starts
+    it from rest; at resonance without damping that is t cos(omega t) growth.
+    """
+    values, modes = eigh(system.K.toarray(), system.M.toarray())
+    force = modes.T @ system.load_vectors()[:, 0] * system.loads[0].amplitude.peak_value
+    observed = system.P @ modes
+    forcing = 2.0 * pi * case.frequency
+    total = np.zeros((times.size, observed.shape[0]))
+    for value, f, share in zip(values, force, observed.T, strict=True):
+        natural = np.sqrt(value)
+        if case.damping == 0.0 and abs(forcing / natural - 1.0) < 1e-9:
+            phase = natural * times
+            total += np.outer(f / (2.0 * value) * (np.sin(phase) - phase * np.cos(phase)), share)
+            continue
+        # Stiff modes are over-damped: complex frequencies cover all cases alike.
+        decay = 0.5 * case.damping * value
+        root = np.sqrt(complex(decay**2 - value))
+        forced = f / complex(value - forcing**2, 2.0 * decay * forcing)
+        steady = (forced * np.exp(1j * forcing * times)).imag
+        start, rate = forced.imag, (forced * 1j * forcing).imag
+        fast, slow = -decay + root, -decay - root
+        a = (-rate + slow * start) / (fast - slow)
+        free = (a * np.exp(fast * times) - (start + a) * np.exp(slow * times)).real
+        total += np.outer(steady + free, share)
+    return total
+
+
+def pseudo_static_response(case: Case, found: Run) -> FloatArray:
+    """Loaded end of a bar with a Coulomb joint, pulled so slowly that inertia does not matter."""
+    EA = E * (0.2 * case.length) * (0.04 * case.length)
+    tau = case.friction * case.pressure * (0.2 * case.length)
+    phase = 2.0 * pi * case.frequency * found.times
+    u, force = loop(found.system.loads[0].amplitude.peak_value or 0.0, EA, tau, phase)
+    return np.where(phase < 0.5 * pi, peak_displacement(1.0, EA, tau) * force**2, u)

@@ -1,0 +1,47 @@
+"""Stiff and extreme cases of bars and of plates: each is right, or refused with a reason.
+
+    python examples/stability/run.py --out DIR            all cases, a few minutes
+    python examples/stability/run.py --out DIR --quick    a few of each kind
+
+Writes a page, a table of all cases and a picture; the exit status is 1 if a case is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from skfem_joint.files import holding
+from stability import judge, report
+from stability.cases import matrix, quick_matrix
+
+
+def _tell(label: str, done: int, total: int) -> None:
+    print(f"\r{label}: {done} of {total}", end="\n" * (done == total), file=sys.stderr, flush=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Judge the matrix; 1 if a case is wrong in silence."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for the page")
+    parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
+    options = parser.parse_args(arguments)
+    report.new_drawing()  # so that a library which is missing is told before anything is computed
+    with holding(options.out):
+        begin = time.perf_counter()
+        cases = quick_matrix() if options.quick else matrix()
+        verdicts = judge.judge_all(cases, progress=_tell if sys.stderr.isatty() else None)
+        seconds = time.perf_counter() - begin
+        files = report.write(options.out, verdicts, seconds)
+    print(report.text_table(verdicts))
+    print(f"\n{report.bottom_line(verdicts, seconds)}")
+    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
+    return int(any(verdict.outcome == judge.WRONG for verdict in verdicts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,440 @@
+"""Error against run time: a scene's models over ranges of steps and modes, with a reference."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import inf, isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skfem_joint.analysis.certificate import (
+    QUANTITIES,
+    Reference,
+    Results,
+    difference,
+    make_reference,
+    results,
+)
+from skfem_joint.analysis.study import Progress, Study, options_of, reduction_of
+from skfem_joint.errors import InputError, JointError
+from skfem_joint.files import replacing
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.mesh import NamedMesh
+    from skfem_joint.scene import Scene
+
+#: Steps of an interval of a model's own reference, to tell its time-step error from the rest.
+OWN = 256
+#: Runs longer than this are not repeated, s.
+LONGEST_REPEATED = 2.0
+FULL, STEEPNESS, COULOMB, OTHER_MESH = "full", "full, other beta", "full, Coulomb", "full, mesh"
+REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
+FINISHED = "finished"
+#: Columns of errors beside those of the certificate.
+RMS, TIME_ERROR, TO_FINE_MESH = QUANTITIES[0], "time-step error", "to fine mesh"
+#: Errors of the displacement history that the report advises on.
+LEVELS = (1e-2, 1e-3, 1e-4)
+#: Run times closer than this ratio are the same.
+WORTHWHILE = 1.2
+#: Variables that set the threads of the usual BLAS libraries.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: What is run: steps of an interval of full and of reduced models (none beyond a quarter of the
+#: reference's), other steepnesses over the scene's beta, modes; and for a look in seconds.
+RANGE: dict[str, tuple[Any, ...]] = {
+    "parts": (1, 2, 4, 8, 16, 32, 64),
+    "reduced_parts": (1, 2, 4, 8),
+    "factors": (0.01, 0.1, 10.0, 100.0),
+    "modes": (1, 2, 3, 5, 7, 9, 12, 15),
+}
+QUICK = {"parts": (1, 4, 16), "reduced_parts": (2, 4), "factors": (10.0,), "modes": (2, 5)}
+_NOTES = (
+    "Errors are relative; those of peak and energies are of the last cycle (the whole run without "
+    "cycles). Errors of other laws, meshes and reduced models contain what the law, the mesh and "
+    "the modes leave out; `time-step error` is against the same model at tiny steps, `to fine "
+    "mesh` against the finest mesh of the certificate. Run time is the median of the runs counted, "
+    "in rounds of opposite order; off-line time holds everything before the first step."
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run of a job: run time and preparation inside it (s), what it took; None: no end."""
+
+    results: Results | None
+    wall_s: float = inf
+    work: Mapping[str, int] = field(default_factory=dict)
+    status: str = FINISHED
+    offline_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """Something to measure: ``run`` does it once, after ``offline_s`` seconds of preparation.
+
+    ``family`` names its curve; ``what`` says by name what is run: modes, friction points, step (s)
+    and so on. ``own`` are results of the same discrete model without time-step error; ``truth`` is
+    what it is compared with instead of the reference's results.
+    """
+
+    family: str
+    what: Mapping[str, Any]
+    run: Callable[[], Outcome]
+    offline_s: float = 0.0
+    own: Results | None = None
+    truth: Results | None = None
+
+
+@dataclass(frozen=True)
+class Point:
+    """A measured job: its first run, its errors, the median of ``repeats`` run times (s)."""
+
+    job: Job
+    outcome: Outcome
+    errors: Mapping[str, float | None]
+    wall_s: float
+    repeats: int = 1
+
+    @property
+    def counts(self) -> bool:
+        """Whether it was run to its end, so that time and error belong together."""
+        return self.outcome.status == FINISHED and bool(self.errors)
+
+    @property
+    def offline_s(self) -> float:
+        """All time before the first step, s."""
+        return self.job.offline_s + self.outcome.offline_s
+
+    def error(self, name: str = RMS) -> float:
+        """One of the errors; infinite where it is not known."""
+        value = self.errors.get(name)
+        return inf if value is None else value
+
+    def __str__(self) -> str:
+        shown = ("mesh", "modes", "friction points", "beta (s/m)", "step (s)", "tolerance")
+        what = [f"{key} {_cell(self.job.what[key])}" for key in shown if self.job.what.get(key)]
+        return f"{self.job.family} ({', '.join(what)}; {_seconds(self.wall_s)})"
+
+
+def measure(
+    jobs: Iterable[Job], reference: Reference, *, repeats: int, progress: Progress | None = None
+) -> list[Point]:
+    """Run jobs and compare them with the reference.
+
+    Every job is run once, which warms it up and gives its results. Then all those shorter than
+    `LONGEST_REPEATED` are run in ``repeats`` rounds, each round in the opposite order of the one
+    before; the time is the median of the rounds. Longer ones keep the time of their only run.
+    """
+    jobs, report = list(jobs), progress or (lambda *_: None)
+    points: list[Point] = []
+    for k, job in enumerate(jobs):
+        report("first runs", k, len(jobs))
+        try:
+            first = job.run()
+        except JointError as error:  # does not converge, or the step is too long for the load
+            first = Outcome(None, status=str(error))
+        errors: dict[str, float | None] = {}
+        if first.results is not None:
+            errors = difference(job.truth or reference.results, first.results)
+            own = None if job.own is None else difference(job.own, first.results)[RMS]
+            errors[TIME_ERROR] = own
+            errors[TO_FINE_MESH] = difference(reference.fine_mesh, first.results)[RMS]
+        points.append(Point(job, first, errors, first.wall_s))
+    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= LONGEST_REPEATED]
+    walls: dict[int, list[float]] = {k: [] for k in short}
+    for done in range(repeats):
+        report("timed rounds", done, repeats)
+        for k in short if done % 2 == 0 else short[::-1]:
+            walls[k].append(jobs[k].run().wall_s)
+    for k in short:
+        points[k] = replace(points[k], wall_s=statistics.median(walls[k]), repeats=repeats)
+    return points
+
+
+def full_jobs(
+    scene: Scene,
+    reference: Reference,
+    wanted: Mapping[str, tuple[Any, ...]],
+    meshes: Mapping[str, NamedMesh],
+) -> Iterator[Job]:
+    """Full models: the scene's law, others, and other meshes."""
+    system = reference.system
+    plan = [(COULOMB if isinf(system.beta.max()) else FULL, "", system)]
+    if plan[0][0] == FULL:
+        others = (replace(system, beta=factor * system.beta) for factor in wanted["factors"])
+        plan += [(STEEPNESS, "", other) for other in others]
+        plan.append((COULOMB, "", system.with_beta(np.inf)))
+    for name, mesh in meshes.items():
+        changed = scene.changed(mesh=mesh, output={"points": scene.output_points})
+        plan.append((OTHER_MESH, name, changed.system()))
+    own = reference.results
+    for family, name, one in plan:
+        if one is not system:
+            own = results(reference.grid.integrate(one, min(OWN, reference.parts)))
+        what = {"mesh": name} if name else {}
+        yield from _at_steps(reference, wanted["parts"], family, one, what, own=own)
+
+
+def reduced_jobs(
+    scene: Scene, reference: Reference, wanted: Mapping[str, tuple[Any, ...]]
+) -> Iterator[Job]:
+    """Reduced models: friction at all nodes, and at few points, else with the scene's options."""
+    study = Study(scene, scene.structure(), reference.system)
+    for modes in wanted["modes"]:
+        begin = time.perf_counter()
+        options = replace(options_of(scene), modes=modes)
+        try:
+            basis, *_ = reduction_of(study, options)
+        except InputError as error:  # more modes than the mesh has, for one
+            yield Job(REDUCED, {"modes": modes}, partial(Outcome, None, status=str(error)))
+            continue
+        offline = time.perf_counter() - begin
+        for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
+            begin = time.perf_counter()
+            _, one, _ = reduction_of(study, replace(options, friction_points=points), basis)
+            spent = offline + time.perf_counter() - begin
+            steps, what = wanted["reduced_parts"], {"modes": one.n}
+            yield from _at_steps(reference, steps, family, one, what, offline_s=spent)
+
+
+def _at_steps(
+    reference: Reference,
+    parts: Sequence[int],
+    family: str,
+    system: System,
+    what: Mapping[str, Any],
+    **more: Any,
+) -> Iterator[Job]:
+    """Runs of one model at several steps an interval."""
+    for count in parts:
+        if 4 * count <= reference.parts:
+            details = {
+                **what,
+                "unknowns": system.n,
+                "friction points": system.contact_points,
+                "beta (s/m)": float(system.beta.max()),
+                "step (s)": reference.grid.duration / (count * reference.grid.intervals),
+            }
+            yield Job(family, details, partial(_run, system, reference, count), **more)
+
+
+def _run(system: System, reference: Reference, parts: int) -> Outcome:
+    begin = time.perf_counter()
+    run = reference.grid.integrate(system, parts)
+    wall = time.perf_counter() - begin - run.preparation_s
+    names = ("steps", "newton_iterations", "friction_evaluations")
+    work = {name.replace("_", " "): getattr(run.counters, name) for name in names}
+    return Outcome(results(run), wall, work, offline_s=run.preparation_s)
+
+
+def front(points: Iterable[Point], error: str = RMS) -> list[Point]:
+    """Points that no other is both faster and more accurate than, fastest first."""
+    chosen: list[Point] = []
+    for point in sorted(points, key=lambda p: (p.wall_s, p.error(error))):
+        if point.counts and point.error(error) < (chosen[-1].error(error) if chosen else inf):
+            chosen.append(point)
+    return chosen
+
+
+def fastest(points: Iterable[Point], level: float) -> Point | None:
+    """Fastest of the points whose displacement errs by no more than ``level``."""
+    fit = (p for p in points if p.counts and p.error() <= level)
+    return min(fit, key=lambda p: p.wall_s, default=None)
+
+
+def advice(points: Sequence[Point], level: float) -> str:
+    """Say which model to use for an error of the displacement, and whether a reduction pays."""
+    small = [p for p in points if p.job.family in (REDUCED, FEW_POINTS)]
+    others = [p for p in points if p.job.family not in (REDUCED, FEW_POINTS)]
+    full, reduced = fastest(others, level), fastest(small, level)
+    start = f"Displacement error {level:.0e}: "
+    if full is None:
+        if reduced is None:
+            return start + "no model of this report reaches it."
+        return f"{start}use {reduced}. Only reduced models reach it."
+    saved = 0.0 if reduced is None else full.wall_s - reduced.wall_s
+    if reduced is not None and saved > (WORTHWHILE - 1.0) * reduced.wall_s:
+        runs = max(1, round(reduced.offline_s / saved))
+        return (
+            f"{start}use {reduced}. A reduction pays {full.wall_s / reduced.wall_s:.2g} times in "
+            f"run time against the fastest other model, {full}; its "
+            f"{_seconds(reduced.offline_s)} off-line come back after {runs} runs."
+        )
+    least = min((p.error() for p in small if p.counts), default=None)
+    if least is None:
+        return f"{start}use {full}. No reduced model was run."
+    found = f"none reaches it, the best has {least:.1e}"
+    if reduced is not None:
+        found = f"the fastest that reaches it is {reduced}"
+    return f"{start}use {full}. A reduction does not pay: {found}."
+
+
+def _seconds(value: float) -> str:
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def _cell(value: Any) -> str:
+    return "–" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Table in Markdown."""
+    lines = [list(header), ["---"] * len(header), *([_cell(x) for x in row] for row in rows)]
+    return "\n".join("| " + " | ".join(x.replace("|", "/") for x in line) + " |" for line in lines)
+
+
+@dataclass(frozen=True)
+class Report:
+    """All of a report; ``sections`` are Markdown between advice and table of all points."""
+
+    title: str
+    reference: Reference
+    points: list[Point]
+    sections: tuple[str, ...] = ()
+
+    def table(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of all points, in SI units; ``front`` is 1 on the front."""
+        ahead = {id(p) for p in front(self.points)}
+        rows = []
+        for p in self.points:
+            row = {"front": int(id(p) in ahead), "family": p.job.family, **p.job.what, **p.errors}
+            row |= {"run time (s)": p.wall_s, "off-line (s)": p.offline_s, **p.outcome.work}
+            rows.append(row | {"runs": p.repeats, "status": p.outcome.status})
+        columns = list(dict.fromkeys(name for row in sorted(rows, key=len)[::-1] for name in row))
+        return columns, [[row.get(name) for name in columns] for row in rows]
+
+    def csv(self) -> str:
+        """All points with full precision."""
+        header, rows = self.table()
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([header, *rows])
+        return text.getvalue()
+
+    def certificate(self) -> str:
+        """How well the reference is known."""
+        one = self.reference
+        steps = one.parts * one.grid.intervals
+        header = ["source", *(name.replace("_", " ") for name in QUANTITIES), "order"]
+        rows = [[e.source, *(e.errors[k] for k in QUANTITIES), e.order] for e in one.estimates]
+        return (
+            "Errors are measured against the *discrete truth*: the scene's own mesh and friction "
+            f"law, {steps // 2} and {steps} steps extrapolated with order {one.order:.2f}. "
+            f"Estimated relative errors of a run of {steps // 4} steps, each source alone:\n\n"
+        ) + markdown_table(header, rows)
+
+    def markdown(self) -> str:
+        """Text of the report."""
+        parts = [
+            f"# Error against run time: {self.title or 'a scene'}",
+            machine(),
+            "## How well the reference is known",
+            self.certificate(),
+            "## Which model to use",
+            "\n".join(f"- {advice(self.points, level)}" for level in LEVELS),
+            *self.sections,
+            "## All points",
+            "![error against run time](error-time.png)",
+            markdown_table(*self.table()),
+            _NOTES,
+        ]
+        return "\n\n".join(parts) + "\n"
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write ``error-time.md``, ``.csv`` and ``.png`` into a folder that exists."""
+        files = [folder / f"error-time.{suffix}" for suffix in ("md", "csv", "png")]
+        for file, text in zip(files[:2], (self.markdown(), self.csv()), strict=True):
+            with replacing(file) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        self.draw(files[2])
+        return files
+
+    def draw(self, path: Path) -> None:
+        """Draw error against run time with the fronts; `InputError` without matplotlib."""
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise InputError("pictures need matplotlib: pip install 'skfem-joint[plot]'") from error
+        drawing = Figure(figsize=(13.0, 5.5), layout="constrained")
+        families = dict.fromkeys(p.job.family for p in self.points if p.counts)
+        for axes, name in zip(drawing.subplots(1, 2), (RMS, "friction_energy"), strict=True):
+            known = [p for p in self.points if p.counts and 0.0 < p.error(name) < inf]
+            for family, marker in zip(families, "oDs^vPx*h+1234" * len(families), strict=False):
+                some = [(p.wall_s, p.error(name)) for p in known if p.job.family == family]
+                axes.plot(*np.reshape(some, (-1, 2)).T, marker, label=family, alpha=0.85)
+            ahead = [(p.wall_s, p.error(name)) for p in front(known, name)]
+            axes.step(*np.reshape(ahead, (-1, 2)).T, "k-", where="post", linewidth=1.0)
+            axes.set(xscale="log", yscale="log", xlabel="run time (s)")
+            axes.set_ylabel(f"relative error: {name.replace('_', ' ')}")
+            axes.grid(alpha=0.3)
+        handles = drawing.axes[0].get_legend_handles_labels()
+        drawing.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
+        with replacing(path) as temporary:
+            drawing.savefig(temporary, format="png", dpi=150)
+
+
+def machine() -> str:
+    """Name the machine, and whether its times are to be trusted."""
+    threads = "1" if threads_pinned(os.environ) else "not pinned: times are not to be trusted"
+    return (
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python "
+        f"{platform.python_version()}, numpy {np.__version__}. BLAS threads: {threads}."
+    )
+
+
+def threads_pinned(environment: Mapping[str, str]) -> bool:
+    """Whether the environment keeps BLAS to one thread."""
+    return all(environment.get(name) == "1" for name in THREADS)
+
+
+def error_time(
+    scene: Scene,
+    *,
+    bound: float = 60.0,
+    repeats: int = 3,
+    quick: bool = False,
+    wanted: Mapping[str, tuple[Any, ...]] | None = None,
+    meshes: Mapping[str, NamedMesh] | None = None,
+    contestants: Mapping[str, Callable[[Scene, Reference], Iterable[Job]]] | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Run a scene of any dimension with many models.
+
+    Parameters
+    ----------
+    bound : float
+        Longest run of the reference, s.
+    repeats : int
+        Timed rounds; one in a ``quick`` report of few points.
+    wanted : mapping, optional
+        What to run instead of some of `RANGE` or, in a quick report, `QUICK`.
+    meshes : mapping of str to NamedMesh, optional
+        Other meshes of the same structure.
+    contestants : mapping of str to callable, optional
+        More points by name: each gives its jobs from the scene and the reference.
+
+    Raises
+    ------
+    ConvergenceError, InputError
+        As `make_reference`; and for options that are not positive.
+    """
+    given = {"--bound": bound, "--repeats": repeats}
+    problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]
+    if problems:
+        raise InputError(problems)
+    what = (QUICK if quick else RANGE) | dict(wanted or {})
+    reference = make_reference(scene, quick, bound, progress)
+    jobs = [*full_jobs(scene, reference, what, meshes or {}), *reduced_jobs(scene, reference, what)]
+    for make in (contestants or {}).values():
+        jobs += make(scene, reference)
+    points = measure(jobs, reference, repeats=1 if quick else repeats, progress=progress)
+    return Report(scene.title, reference, points)

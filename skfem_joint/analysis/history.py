@@ -1,0 +1,189 @@
+"""What a run says: loops, stick and slip, steady state, distance from another run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.stepping.recording import Run
+
+#: A point that moves less than this share of what moves most is at rest: it is not compared.
+AT_REST = 1e-9
+
+#: Under the regularised law a point slips while it is faster than this share of its own largest
+#: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick.
+SLIP_SHARE = 0.05
+GREY_SHARE = 1e-3
+
+
+def hysteresis_loop(
+    run: Run, point: str, load: int = 0, rows_per_cycle: int | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (m) of a named point against a load's force (N).
+
+    Of the last complete cycle, closed, if the number of stored rows in a cycle is given, else of
+    the whole run. `InputError`: less than one cycle was stored.
+    """
+    u, f = run.point(point), run.amplitudes[:, load]
+    if rows_per_cycle is not None:
+        if u.size <= rows_per_cycle:
+            raise InputError("hysteresis loop: less than one cycle was stored")
+        u, f = u[-rows_per_cycle - 1 :], f[-rows_per_cycle - 1 :]
+    return u, f
+
+
+def slip_state(slip_velocity: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
+    """1 where a contact point slips, 0 where it sticks.
+
+    Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
+    regularised law every point creeps, and its friction may stay near the limit while it does, so
+    that the velocity decides.
+
+    Parameters
+    ----------
+    slip_velocity : ndarray, shape (frames, m)
+        Norm for each contact point (`System.slip_norm`), m/s.
+    beta : ndarray, shape (m,)
+        Scaling constant of the law of each point, s/m.
+    """
+    speed = np.abs(slip_velocity)
+    own = speed.max(axis=0, initial=0.0)
+    limit = np.where(np.isinf(beta), 0.0, SLIP_SHARE * own)
+    active = np.isinf(beta) | (own > GREY_SHARE * own.max(initial=0.0))
+    return np.asarray((speed > limit) & active, dtype=np.int8)
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """How much the last cycle differs from the one before, in work put in and in peaks, relative.
+
+    ``reached`` tells whether both stay below the tolerance asked for.
+    """
+
+    reached: bool
+    energy_change: float
+    peak_change: float
+
+
+def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
+    """Compare the last two cycles; None when the run has fewer than two."""
+    cycles = run.cycles
+    if cycles.friction.size < 2:
+        return None
+    work = np.abs(cycles.input.sum(axis=1))
+    energy = abs(work[-1] - work[-2]) / work[-1] if work[-1] > 0.0 else 0.0
+    largest = cycles.peak[-1].max(initial=0.0)
+    change = np.abs(cycles.peak[-1] - cycles.peak[-2]).max(initial=0.0)
+    peak = change / largest if largest > 0.0 else 0.0
+    return SteadyState(bool(max(energy, peak) <= tolerance), float(energy), float(peak))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Distance of a run from a reference run, relative to the reference.
+
+    All but the first two are signed. None: there is nothing to compare with, no cycles or a zero.
+
+    Attributes
+    ----------
+    displacement_rms, displacement_max : float
+        Root mean square and largest difference of the histories over the reference's root mean
+        square and largest value; the named point that differs most counts.
+    by_point : dict
+        The same two for each named point; all components of a point are compared with the
+        largest of them.
+    peak_displacement : float or None
+        Of the named point that moves most, in the last cycle (or the whole run without cycles).
+    friction_energy_per_cycle, loop_energy_per_cycle : float or None
+        In the last cycle.
+    friction_energy : float or None
+        Over the whole run.
+    """
+
+    displacement_rms: float
+    displacement_max: float
+    by_point: dict[str, tuple[float, float]]
+    peak_displacement: float | None
+    friction_energy_per_cycle: float | None
+    loop_energy_per_cycle: float | None
+    friction_energy: float | None
+
+
+def peaks(run: Run) -> FloatArray:
+    """Peak of each named point: in the last cycle, or in the whole run without cycles, m."""
+    return run.cycles.peak[-1] if run.cycles.peak.shape[0] else run.peak
+
+
+def energies(run: Run) -> tuple[float, float]:
+    """Friction dissipation and work of the loads: in the last cycle, or the whole run, J."""
+    if run.cycles.friction.size:
+        return float(run.cycles.friction[-1]), float(run.cycles.input[-1].sum())
+    return float(run.friction_work.sum()), float(run.input_work.sum())
+
+
+def compare(reference: Run, other: Run) -> Errors:
+    """Errors of ``other`` against ``reference``; both must have stored the same times.
+
+    Raises
+    ------
+    InputError
+        If the stored times or the named points differ.
+    """
+    same_times = reference.times.shape == other.times.shape and np.allclose(
+        reference.times, other.times, rtol=1e-9, atol=0.0
+    )
+    if not same_times or reference.system.points != other.system.points:
+        raise InputError("compare: the runs must store the same times and named points")
+    by_point = differences(reference.system.points, reference.point_u, other.point_u)
+    peak = peaks(reference)
+    most = int(np.argmax(peak)) if peak.size else 0
+    have_cycles = min(reference.cycles.friction.size, other.cycles.friction.size) > 0
+    ours, theirs = energies(other), energies(reference)
+    return Errors(
+        displacement_rms=max((a for a, _ in by_point.values()), default=0.0),
+        displacement_max=max((b for _, b in by_point.values()), default=0.0),
+        by_point=by_point,
+        peak_displacement=relative(peaks(other)[most], peak[most]) if peak.size else None,
+        friction_energy_per_cycle=relative(ours[0], theirs[0]) if have_cycles else None,
+        loop_energy_per_cycle=relative(ours[1], theirs[1]) if have_cycles else None,
+        friction_energy=relative(other.friction_work.sum(), reference.friction_work.sum()),
+    )
+
+
+def differences(
+    names: Sequence[str], reference: FloatArray, other: FloatArray
+) -> dict[str, tuple[float, float]]:
+    """Root mean square and largest difference of each named point that moves, relative.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Named points; components of one point end in ``.x``, ``.y``, ``.z``.
+    reference, other : ndarray, shape (rows, points)
+        Histories, m.
+    """
+    found = {}
+    difference = other - reference
+    norm = np.linalg.norm(reference, axis=0)
+    most_of = np.abs(reference).max(axis=0, initial=0.0)
+    places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
+    for k, name in enumerate(names):
+        same = [i for i, place in enumerate(places) if place == places[k]]
+        if most_of[same].max() > AT_REST * most_of.max():
+            found[name] = (
+                float(np.linalg.norm(difference[:, k]) / norm[same].max()),
+                float(np.abs(difference[:, k]).max(initial=0.0) / most_of[same].max()),
+            )
+    return found
+
+
+def relative(value: float, reference: float) -> float | None:
+    """Signed difference over the reference; None where that is zero and the value is not."""
+    if reference == 0.0:
+        return 0.0 if value == 0.0 else None
+    return float(value / reference - 1.0)

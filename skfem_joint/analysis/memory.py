@@ -1,0 +1,187 @@
+"""Memory that a scene will need, estimated from its sizes before it is run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skfem_joint.analysis.study import options_of, save_of
+from skfem_joint.errors import InputError
+from skfem_joint.reduction.basis import PROBE_CYCLES, TRAINING_CYCLES
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+
+GIB = 2**30
+#: Share of the available memory that a run may take if nothing else is asked for.
+SHARE = 0.8
+#: Bound where the system does not say what is available, bytes.
+FALLBACK = 4 * GIB
+
+_NUMBER = 8  # bytes of a float
+_OF_A_SCENE = 2**17  # bytes of what does not grow with anything
+_OF_A_CYCLE = 800  # bytes of the works and peaks of a cycle: small arrays and what holds them
+_OF_A_NODE = 700  # bytes of mesh, order of unknowns and works arrays, while they are made
+_OF_AN_ENTRY = 120  # bytes of what is assembled from, for each entry of an element's matrix
+_OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
+# Entries of them for each unknown: share times this power of the unknowns, by dimension; measured.
+_FILL = {1: (3.0, 0.0), 2: (10.0, 0.3), 3: (2.2, 2.0 / 3.0)}
+_MOST_TIMES = 300  # of a run that a decomposition takes
+_PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
+
+
+@dataclass(frozen=True)
+class Need:
+    """Bytes that a scene needs at its peak, by what takes them.
+
+    Histories of points and loads, and fields: stored, compared and written; training: every step of
+    the run that a reduced model's modes come from, and their decomposition; unknowns: mesh,
+    matrices, their factors and states; cycles: their works and peaks.
+    """
+
+    points: int
+    fields: int
+    training: int
+    unknowns: int
+    cycles: int
+
+    @property
+    def total(self) -> int:
+        """Sum of all, bytes."""
+        return self.points + self.fields + self.training + self.unknowns + self.cycles
+
+
+def available() -> int | None:
+    """Memory that the system can give without swapping, bytes; None if it does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        amounts = dict(line.split(":", 1) for line in lines)
+        return 1024 * int(amounts["MemAvailable"].split()[0])
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def default_limit() -> float:
+    """Bound on what a run may take, bytes."""
+    free = available()
+    return FALLBACK if free is None else SHARE * free
+
+
+def needed(scene: Scene, like: Scene | None = None) -> Need:
+    """Estimate what a scene needs, from above but not by far.
+
+    ``like`` is one whose structure and system are the same, but built already.
+    """
+    structure, system = (like or scene).structure(), (like or scene).system()
+    n, rows, named, loads = system.n, system.B.shape[0], len(system.points), len(system.loads)
+    nodes, dim, save = structure.n_nodes, structure.dim, save_of(scene)
+    models, reduced = len(scene.models.run), "reduced" in scene.models.run
+    every, fields_every = save.strides
+
+    stored = scene.n_steps // every + 1 if save.points else 0
+    # Stored, and once more where they are compared or written; loads and times with each model.
+    history = 2 * (models + 1) * named + (models + 2) * (loads + 1)
+    history += 20 if scene.output.plots else 0
+
+    frames = scene.n_steps // fields_every + 1 if save.fields else 0
+    # Stored, and written or drawn.
+    frame = models * (2 * n + 6 * rows + (3 * dim + 3) * nodes)
+
+    training = 0
+    if reduced:
+        cycle_steps = scene.cycle_steps or scene.n_steps
+        steps = 1 + min(scene.n_steps, TRAINING_CYCLES * cycle_steps)
+        if scene.reduction.reference == "paper":
+            steps = min(1 + PROBE_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
+        times = 2 * min(steps, _MOST_TIMES)
+        # Two histories and the friction, and a decomposition with its works arrays.
+        training = steps * (2 * n + 4 * rows) + 4 * times * n
+        training += min(times, n) * (times + 8 * min(times, n))
+
+    # Load amplitudes are made for a chunk of steps at a time.
+    states = loads * (3 * n + 6 * min(scene.n_steps, 20_000, 2_000_000 // n + 1))
+    if reduced:
+        most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
+        states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)
+    in_element, elements = structure.grid.of_element.shape
+    unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + elements * (dim * in_element) ** 2 * _OF_AN_ENTRY
+    share, power = _FILL[dim]
+    factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))
+    cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads)
+    return Need(
+        _NUMBER * stored * history,
+        _NUMBER * frames * frame,
+        _NUMBER * training,
+        unknowns + factor + _NUMBER * states,
+        models * (scene.time.cycles or 0) * cycle,
+    )
+
+
+def check(scene: Scene, limit: float) -> Need:
+    """Refuse a scene that needs more than ``limit`` bytes.
+
+    Raises
+    ------
+    InputError
+        If it does: how much it needs, what takes it, and the options that store less. Or the
+        limit is not positive.
+    """
+    if not limit > 0.0:
+        raise InputError(f"--memory-limit: found {limit / GIB:g} GiB, must be > 0")
+    need = needed(scene)
+    if need.total <= limit:
+        return need
+    parts = {
+        "histories of points": need.points,
+        "fields": need.fields,
+        "training run of the reduced model": need.training,
+        "unknowns": need.unknowns,
+        "works of cycles": need.cycles,
+    }
+    largest = sorted(parts, key=lambda name: -parts[name])
+    shown = [f"{name} {size(parts[name])}" for name in largest if parts[name] > 0.01 * need.total]
+    savings = [f"{option} needs {size(total)}" for option, total in _savings(scene, need, limit)]
+    raise InputError(
+        f"memory: the run would need {size(need.total)} ({', '.join(shown)}), more than the "
+        f"{size(limit)} it may take. Store less: {'; '.join(savings) or 'use a coarser mesh'}. Or "
+        "raise --memory-limit"
+    )
+
+
+def _savings(scene: Scene, need: Need, limit: float) -> list[tuple[str, int]]:
+    """Options that store less, each with what the run then needs, bytes."""
+    output = scene.output
+
+    def fitting(part: int) -> float:
+        """Factor by which a part must shrink for the run to fit, if it can."""
+        room = limit - (need.total - part)
+        return 2.0 * part / room if room > 0.02 * part else 100.0
+
+    every = min(scene.n_steps, math.ceil(output.every * fitting(need.points)))
+    frames = max(1, int(min(output.frames, scene.n_steps) / fitting(need.fields)))
+    options: list[tuple[str, str, Any]] = [
+        ("output", "every", every),
+        ("output", "history", False),
+        ("output", "plots", False),
+        ("output", "frames", frames),
+        ("output", "vtk", False),
+        ("reduction", "reference", "paper"),
+    ]
+    found = []
+    for table, key, value in options:
+        changes: Any = {table: {key: value}}
+        total = needed(scene.changed(**changes), scene).total
+        if total < 0.98 * need.total:
+            shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
+            found.append((f"{table}.{key} = {shown}", total))
+    return found
+
+
+def size(amount: float) -> str:
+    """Bytes in a unit that reads well."""
+    for unit, name in ((GIB, "GiB"), (2**20, "MiB")):
+        if amount >= unit:
+            return f"{amount / unit:.3g} {name}"
+    return f"{amount / 2**10:.3g} KiB"

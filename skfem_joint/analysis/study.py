@@ -1,0 +1,353 @@
+"""From a scene to results: the full model, the reduced one, how they compare, what to beware of."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint import friction
+from skfem_joint.analysis.history import Errors, compare, peaks, steady_state
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError, JointError
+from skfem_joint.reduction.active_length import active_area_fraction, gross_slip
+from skfem_joint.reduction.basis import Basis, Options, make_basis
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+    from skfem_joint.structure import Structure
+
+#: Called with what is done, and how many of how many parts of it.
+Progress = Callable[[str, int, int], None]
+#: Displacements beyond this share of a structure's size are not small.
+LARGE = 0.1
+#: An energy balance open by more than this share of the energy in play is told.
+OPEN = 1e-8
+
+
+@dataclass(frozen=True)
+class Model:
+    """One model that was run.
+
+    Attributes
+    ----------
+    name, run
+    offline_s : float
+        Time for everything before the first step, s: modes, active length, projection, compilation.
+    active_length : dict
+        Of each joint whose axis is known, m.
+    active_area_fraction : dict
+        Share of each joint's contact area that slips; empty for a reduced model beside a full one.
+    basis : Basis or None
+        What a reduced model is made of; None for the full model.
+    shares : sparse array, shape (points of the run's system, points of the full one), or None
+        Contact points of the full model that each friction point of a reduced one stands for.
+    errors : Errors or None
+        Against the full model, where both were run.
+    """
+
+    name: str
+    run: Run
+    offline_s: float
+    active_length: dict[str, float]
+    active_area_fraction: dict[str, float] = field(default_factory=dict)
+    basis: Basis | None = None
+    shares: Matrix | None = None
+    errors: Errors | None = None
+
+    @property
+    def modes(self) -> int | None:
+        """Number of vectors of the basis; None for the full model."""
+        return None if self.basis is None else int(self.basis.V.shape[1])
+
+    def fields(self) -> tuple[FloatArray, FloatArray]:
+        """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N dofs)."""
+        expand = self.run.system.expand
+        return expand(self.run.u), expand(self.run.v)
+
+    def slips(self, system: System) -> tuple[FloatArray, FloatArray]:
+        """Stored slips (m) and slip velocities (m/s) of the full model, (frames, rows of B)."""
+        u, v = self.run.u, self.run.v
+        if self.basis is not None:
+            u, v = u @ self.basis.V.T, v @ self.basis.V.T
+        return np.asarray((system.B @ u.T).T), np.asarray((system.B @ v.T).T)
+
+    def normalised_friction(self, system: System) -> FloatArray:
+        """Friction over its limit at all contact points of the full model, (frames, rows of B).
+
+        A reduced model evaluates friction at points of its own; here its law is evaluated at its
+        velocities of the contact nodes.
+        """
+        if self.basis is None:
+            return self.run.sigma
+        beta = np.minimum(system.beta, self.run.system.beta.max())
+        return friction.force_vectors(self.slips(system)[1], beta, system.directions)
+
+
+@dataclass
+class Study:
+    """Results of a scene: the models that were run, and warnings as whole sentences.
+
+    ``system`` is that of the full model. Where the study was interrupted on purpose, the last model
+    may hold a part of its run.
+    """
+
+    scene: Scene
+    structure: Structure
+    system: System
+    models: dict[str, Model] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+
+    @property
+    def period(self) -> float:
+        """Period of the load, or the length of the run where it has none, s."""
+        return (self.scene.cycle_steps or self.scene.n_steps) * self.scene.time_step
+
+
+def run_scene(
+    scene: Scene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
+) -> Study:
+    """Run the models that a scene asks for, and nothing else, and compare them.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (what is done, steps done, steps in all).
+    checkpoints : Checkpoints, optional
+        Where to save the models as they run. A model that was saved whole is not integrated again;
+        the modes of a reduced one are found again.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a model does not converge.
+    InputError
+        If the reduction does not fit the scene, or a checkpoint the run.
+        The ``results`` of both are the study where other models were run before.
+    """
+    origin = "" if checkpoints is None else _origin(scene)
+    study = Study(scene, scene.structure(), scene.system())
+    study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
+    for name in sorted(scene.models.run):  # the full model first: others compare with it
+        how = _how(scene)
+        if checkpoints is not None:
+            how["checkpoint"] = checkpoints.of(name, origin)
+        if progress is not None:
+            how["progress"] = partial(progress, f"{name} model")
+        try:
+            model = _MAKERS[name](study, how)
+        except JointError as error:
+            if not study.models:
+                raise
+            study.warnings.append(f"There is no {name} model: {error}")
+            error.results = study
+            raise
+        except KeyboardInterrupt:
+            if not study.models:
+                raise
+            study.interrupted = True
+            study.warnings.append(f"The run was interrupted while the {name} model was made.")
+            break
+        if "full" in study.models and not model.run.interrupted:
+            model = replace(model, errors=compare(study.models["full"].run, model.run))
+        study.models[name] = model
+        if model.run.interrupted:
+            study.interrupted = True
+            study.warnings.append(
+                f"The run was interrupted in the {name} model at t = "
+                f"{model.run.counters.steps * scene.time_step:.6g} s; "
+                "results are those until then."
+            )
+            break
+        study.warnings += _violated(study, model)
+    return study
+
+
+def _origin(scene: Scene) -> str:
+    """Fingerprint of a scene, its mesh and the tables of its loads."""
+    mesh = scene.named_mesh
+    return fingerprint(
+        scene.model_dump(mode="json"),
+        [load.amplitude for load in scene.loads()],
+        [mesh.mesh.p, mesh.mesh.t, mesh.order, mesh.coordinates],
+        [mesh.regions, mesh.boundaries, mesh.points],
+    )
+
+
+def save_of(scene: Scene) -> Save:
+    """Store only what a picture, a file or a comparison of this scene needs."""
+    output = scene.output
+    return Save(
+        every=output.every,
+        points=output.history or output.plots or len(scene.models.run) > 1,
+        fields=output.vtk or output.plots,
+        fields_every=max(1, -(-scene.n_steps // output.frames)),
+    )
+
+
+def _how(scene: Scene) -> dict[str, Any]:
+    """Steps, scheme and output that a scene asks for, for `integrate`."""
+    return {
+        "step": scene.time_step,
+        "n_steps": scene.n_steps,
+        "scheme": generalized_alpha(scene.time.rho_infinity),
+        "save": save_of(scene),
+        "cycle_steps": scene.cycle_steps,
+    }
+
+
+def _full(study: Study, how: Mapping[str, Any]) -> Model:
+    try:
+        run = integrate(study.system, **how)
+    except ConvergenceError as error:
+        if error.unknown is None:
+            raise
+        message = f"full model: {error} That unknown is {_place(study, error.unknown)}."
+        raise ConvergenceError(message, error.unknown) from error
+    lengths = measured_lengths(study.structure, run.slip_peak)
+    return Model("full", run, run.preparation_s, lengths, _active_area(study, run.slip_peak))
+
+
+def _active_area(study: Study, slip_peak: FloatArray) -> dict[str, float]:
+    return active_area_fraction(study.structure, study.system, slip_peak, study.period)
+
+
+def _place(study: Study, unknown: int) -> str:
+    """Say in words where an unknown of the full model is: the node that it moves most."""
+    one = np.bincount([unknown], minlength=study.system.n).astype(float)
+    node = int(np.linalg.norm(study.structure.expand(one), axis=-1).argmax())
+    position = ", ".join(f"{x:.6g}" for x in study.structure.nodes[node])
+    return f"of node {node}, at ({position}) m"
+
+
+def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
+    begin = time.perf_counter()
+    basis, system, shares = reduction_of(study, options_of(study.scene))
+    area = {}
+    if "full" not in study.models:  # beside a full model that one says more
+        study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
+        area = _active_area(study, basis.slip_peak)
+    before = time.perf_counter() - begin
+    run = integrate(system, **how)
+    length = dict(basis.active_length)
+    return Model("reduced", run, before + run.preparation_s, length, area, basis, shares)
+
+
+_MAKERS = {"full": _full, "reduced": _reduced}
+
+
+def options_of(scene: Scene) -> Options:
+    """Options of a reduction as a scene has them."""
+    return Options(**{name: getattr(scene.reduction, name) for name in Options.__annotations__})
+
+
+def reduction_of(
+    study: Study, options: Options, basis: Basis | None = None
+) -> tuple[Basis, System, Matrix]:
+    """Basis, if it is not given, and reduced system of a study, whose warnings are added to.
+
+    Third comes what its friction points stand for, see `Model`.
+    """
+    how = _how(study.scene)
+    del how["save"]
+    if basis is None:
+        basis = make_basis(study.structure, study.system, options, warn=study.warnings, **how)
+    system, shares = reduced_system(
+        study.system,
+        basis,
+        friction_points=options.friction_points,
+        beta=options.beta,
+        periodic=study.scene.time.cycles is not None,
+        warn=study.warnings,
+    )
+    return basis, system, shares
+
+
+def friction_work(study: Study, model: Model) -> FloatArray:
+    """Friction work of each contact point of the full model up to each frame, (frames, m), J.
+
+    A reduced model with friction points of its own knows its work in each joint; there it is spread
+    over the contact points as their friction and slip at the stored frames say.
+    """
+    system, rows = study.system, model.run.friction_work_rows
+    if model.shares is None or model.run.system.w.size == system.w.size:
+        return rows
+    slip, sigma = model.slips(system)[0], model.normalised_friction(system)
+    parts = system.on_rows(system.w) * 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(slip, axis=0)
+    spread = np.zeros((len(slip), system.w.size))
+    np.cumsum(np.maximum(system.by_point(parts), 0.0), axis=0, out=spread[1:])
+    joints = shared_work(study)
+    total, known = spread @ joints.T, rows @ (model.shares @ joints.T)
+    scale = np.divide(known, total, out=np.zeros_like(total), where=total > 0.0)
+    return np.asarray(spread * (scale @ joints))
+
+
+def shared_work(study: Study) -> Matrix:
+    """Part of the work of each contact point that each joint has, sparse (joints, m).
+
+    Joints that share a point share its work by their friction limits.
+    """
+    patches = study.structure.patches
+    points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
+    limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
+    joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
+    whole = study.system.w[points]
+    share = np.divide(limits, whole, out=np.zeros_like(limits), where=whole > 0.0)
+    return sparse.csr_array((share, (joint, points)), shape=(len(patches), study.system.w.size))
+
+
+def friction_energy_by_joint(study: Study, model: Model) -> dict[str, float]:
+    """Energy that friction has dissipated in each joint over the run, J.
+
+    The friction points of a reduced model give theirs to the joints whose points they stand for.
+    """
+    work = model.run.friction_work
+    if model.shares is not None:
+        work = model.shares.T @ work
+    parts = shared_work(study) @ work
+    names = [patch.joint.name for patch in study.structure.patches]
+    return {name: float(part) for name, part in zip(names, parts, strict=True)}
+
+
+def _violated(study: Study, model: Model) -> list[str]:
+    """What to beware of in a run, and what assumptions it violates."""
+    run = model.run
+    found = []
+    if model.basis is None:
+        found += gross_slip(study.structure, run.slip_peak, study.period)
+    largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
+    size = study.scene.named_mesh.size
+    if largest > LARGE * size:
+        found.append(
+            f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "
+            f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
+            "hold no longer. Are loads, stiffness and supports right?"
+        )
+    state = steady_state(run)
+    if state is not None and not state.reached:
+        found.append(
+            f"The {model.name} model has not reached a steady state: the last cycle differs by "
+            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
+            "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
+        )
+    if np.any(peaks(run) > 0.0) and run.energy_residual > OPEN:
+        found.append(
+            f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
+            "the energy in play."
+        )
+    return found

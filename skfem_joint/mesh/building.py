@@ -1,0 +1,272 @@
+"""Bars, plates and boxes of equal elements in consecutive strips along x."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
+from skfem_joint.mesh.named import NamedMesh, make, name_problems
+
+#: Name, length along x (m) and number of elements along x.
+Strip = tuple[str, float, int]
+#: A side, or a side and the strip to which it is limited.
+Place = str | tuple[str, str]
+# Sides across x, y and z, named as by scikit-fem.
+_SIDES = ("left", "right", "bottom", "top", "front", "back")
+
+
+def build_bar(
+    regions: Sequence[Strip],
+    points: Mapping[str, float] | None = None,
+    *,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> NamedMesh:
+    """Bar along x from consecutive regions of equal elements.
+
+    Parameters
+    ----------
+    regions : sequence of (str, float, int)
+        Name, length (m) and number of elements, from the first end on. A name used more than once
+        is one region with several parts.
+    points : mapping of str to float, optional
+        Position along the bar (m) by point name; it must coincide with a node.
+    origin : sequence of three float
+        Position of the first end in space, m; it places bars that are merged.
+
+    Raises
+    ------
+    InputError
+        All mistakes in names, lengths and numbers together.
+    """
+    return _built("line", regions, (), (), 1, origin, points, {})
+
+
+def build_plate(
+    strips: Sequence[Strip],
+    width: float,
+    elements: int,
+    *,
+    origin: Sequence[float] = (0.0, 0.0),
+    kind: Literal["quadrilateral", "triangle"] = "quadrilateral",
+    order: int = 1,
+    prefix: str = "",
+    boundaries: Mapping[str, Place] | None = None,
+    points: Mapping[str, Sequence[float]] | None = None,
+) -> NamedMesh:
+    """Rectangle of equal elements in each of consecutive strips along x.
+
+    Vertices and elements are numbered column by column, upwards in each; two triangles share each
+    cell, with diagonals in turn.
+
+    Parameters
+    ----------
+    strips : sequence of (str, float, int)
+        Region name, length along x (m) and number of elements along x, from the left on, e.g.
+        ``[("linear", 0.5, 50), ("joint", 0.1, 10)]``. A name used more than once is one region.
+    width : float
+        Size along y, m.
+    elements : int
+        Number of elements along y.
+    origin : sequence of two float
+        Position of the lower left corner, m.
+    kind : {"quadrilateral", "triangle"}
+        Kind of the elements.
+    order : {1, 2}
+        Of the displacement.
+    prefix : str
+        Put before the names of the default boundaries, e.g. "upper_".
+    boundaries : mapping of str to str or (str, str), optional
+        By name: a side ("left", "right", "bottom", "top"), or a side and the strip to whose edge
+        it is limited, e.g. ``{"contact": ("bottom", "joint")}``. Default: the four sides under
+        their own names.
+    points : mapping of str to (float, float), optional
+        Positions (m) by point name; each must coincide with a vertex.
+
+    Raises
+    ------
+    InputError
+        All mistakes in names, sizes and numbers together, then those in positions.
+    """
+    return _built(kind, strips, (width,), (elements,), order, origin, points, boundaries, prefix)
+
+
+def build_box(
+    strips: Sequence[Strip],
+    size: tuple[float, float],
+    elements: tuple[int, int],
+    *,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    kind: Literal["hexahedron", "tetrahedron"] = "hexahedron",
+    order: int = 1,
+    prefix: str = "",
+    boundaries: Mapping[str, Place] | None = None,
+    points: Mapping[str, Sequence[float]] | None = None,
+) -> NamedMesh:
+    """Box of equal elements in each of consecutive strips along x; six tetrahedra share each cell.
+
+    As `build_plate`, with three coordinates, sizes along y and z (m), and numbers of elements along
+    these. The sides are "left" and "right" (x), "bottom" and "top" (y), "front" and "back" (z), as
+    scikit-fem calls them.
+    """
+    return _built(kind, strips, size, elements, order, origin, points, boundaries, prefix)
+
+
+def _built(
+    kind: str,
+    strips: Sequence[Strip],
+    size: Sequence[float],
+    elements: Sequence[int],
+    order: int,
+    origin: Sequence[float],
+    points: Mapping[str, Any] | None,
+    boundaries: Mapping[str, Place] | None,
+    prefix: str = "",
+) -> NamedMesh:
+    """Grid of any dimension; bars are measured from their first end, wherever it is."""
+    if boundaries is None:
+        boundaries = {prefix + side: side for side in _SIDES[: 2 + 2 * len(size)]}
+    limits = {n: (at, None) if isinstance(at, str) else at for n, at in boundaries.items()}
+    names = [name for name, _, _ in strips]
+    problems = name_problems(region=names, boundary=boundaries, point=points or {})
+    problems += _mistakes(kind, strips, size, elements, order, origin, limits)
+    if problems:
+        raise InputError(problems)
+    counts = [count for _, _, count in strips]
+    ends = np.cumsum([0.0, *(length for _, length, _ in strips)])
+    axes = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), counts, strict=True)]
+    axes = [np.concatenate([*axes, ends[-1:]])]
+    axes += [np.linspace(0.0, side, count + 1) for side, count in zip(size, elements, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(len(axes), -1)
+    at = np.pad(grid, ((0, 3 - len(grid)), (0, 0))).T + np.pad(origin, (0, 3 - len(origin)))
+    p = grid if len(grid) == 1 else at.T[: len(grid)]
+    shape = [axis.size for axis in axes]
+    t = _elements(kind, shape)
+    strip_of = np.repeat([names.index(name) for name in names], counts)
+    strip_of = np.repeat(strip_of, t.shape[1] // strip_of.size)
+    try:
+        return make(
+            CELLS[kind],
+            p,
+            t,
+            at=at,
+            order=order,
+            regions={name: np.flatnonzero(strip_of == names.index(name)) for name in names},
+            facets=_sides(kind, t, strip_of, shape, limits, names),
+            points=_vertices(p, points or {}),
+            body=np.zeros(t.shape[1], dtype=np.intp),
+            as_it_is=len(axes) == 1,  # nodes ascend already
+        )
+    except ValueError as error:
+        raise InputError(f"{kind}s: {error}") from error
+
+
+def _vertices(p: FloatArray, points: Mapping[str, Any]) -> dict[str, int]:
+    """Vertices at the given places; ValueError where there are none."""
+    found, problems = {}, []
+    for name, place in points.items():
+        wanted = np.atleast_1d(np.asarray(place, dtype=np.float64))
+        if wanted.shape != (len(p),):
+            problems.append(f"point {name!r} at {place}: give {len(p)} coordinates (m)")
+            continue
+        distance = np.linalg.norm(p - wanted[:, np.newaxis], axis=0)
+        found[name] = int(np.argmin(distance))
+        if not distance[found[name]] <= TOLERANCE * np.ptp(p, axis=1).max():
+            problems.append(
+                f"point {name!r} at {spot(wanted)} is not on a node; the nearest one is at "
+                f"{spot(p[:, found[name]])}"
+            )
+    if problems:
+        raise ValueError("\n".join(problems))
+    return found
+
+
+def _mistakes(
+    kind: str,
+    strips: Sequence[Strip],
+    size: Sequence[float],
+    elements: Sequence[int],
+    order: int,
+    origin: Sequence[float],
+    limits: Mapping[str, tuple[str, str | None]],
+) -> list[str]:
+    """What is wrong with the parameters of a grid, but for names."""
+    parts = [(f"strip {name!r}", length, count) for name, length, count in strips]
+    parts += zip(("width", "depth"), size, elements, strict=False)
+    problems = [] if strips else ["a mesh needs at least one strip"]
+    for what, length, count in parts:
+        if not 0.0 < length < math.inf:
+            problems.append(f"length of {what} is {length}: it must be positive, finite")
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+            problems.append(f"{what} has {count} elements: give an integer from 1 on")
+    if not np.isfinite(origin).all():
+        problems.append(f"origin is {origin}: it must be finite")
+    kinds = [name for name, cell in CELLS.items() if cell.dim == 1 + len(size)]
+    sides, names = _SIDES[: 2 + 2 * len(size)], [None, *(name for name, _, _ in strips)]
+    given: list[tuple[str, Any, Sequence[Any]]] = [
+        ("kind of element", kind, kinds),
+        ("order of the elements", order, (1, 2)),
+    ]
+    given += [(f"side of boundary {name!r}", side, sides) for name, (side, _) in limits.items()]
+    given += [(f"strip of boundary {name!r}", strip, names) for name, (_, strip) in limits.items()]
+    return problems + [
+        f"{what} is {value!r}: allowed are {', '.join(map(str, filter(None, allowed)))}"
+        for what, value, allowed in given
+        if value not in allowed
+    ]
+
+
+# Corners of the elements that share an even cell of the grid, and an odd one.
+_SIX = ((0, 1, 3, 4), (0, 3, 2, 4), (2, 3, 4, 6), (3, 4, 6, 7), (3, 4, 5, 7), (1, 3, 4, 5))
+_SHARED: dict[str, Any] = {
+    "triangle": (((0, 1, 2), (0, 2, 3)), ((0, 1, 3), (1, 2, 3))),
+    "tetrahedron": (_SIX, _SIX),
+}
+
+
+def _elements(kind: str, shape: Sequence[int]) -> IntArray:
+    """Vertices (corners, n) of the elements of a grid whose last axis is numbered fastest."""
+    node = np.arange(math.prod(shape)).reshape(shape)
+    grid = CELLS[("line", "quadrilateral", "hexahedron")[len(shape) - 1]]
+    places = grid.elements[0].refdom.p.astype(int).T
+    boxes = ([slice(i, i + n - 1) for i, n in zip(place, shape, strict=True)] for place in places)
+    cells = np.stack([node[tuple(box)].ravel() for box in boxes])
+    if kind == grid.name:
+        return np.asarray(cells, dtype=np.intp)
+    even, odd = (cells[np.array(parts)] for parts in _SHARED[kind])
+    parity = np.indices([n - 1 for n in shape]).sum(axis=0).ravel() % 2
+    t = np.where(parity == 0, even, odd).transpose(1, 2, 0)
+    return np.asarray(t.reshape(t.shape[0], -1), dtype=np.intp)
+
+
+def _sides(
+    kind: str,
+    t: IntArray,
+    strip_of: IntArray,
+    shape: Sequence[int],
+    limits: Mapping[str, tuple[str, str | None]],
+    names: Sequence[str],
+) -> dict[str, IntArray]:
+    """Vertices (corners, n) of the facets on the named sides of a grid."""
+    if not limits:
+        return {}
+    known, t2f = CELLS[kind].facets(t, math.prod(shape))
+    owner = np.empty(known.shape[1], dtype=np.intp)
+    owner[t2f] = strip_of
+    found = {}
+    for name, (side, strip) in limits.items():
+        axis, end = divmod(_SIDES.index(side), 2)
+        on_side = np.indices(shape)[axis].ravel() == end * (shape[axis] - 1)
+        chosen = on_side[known].all(axis=0)
+        if strip is not None:
+            chosen &= owner == names.index(strip)
+        if not chosen.any():
+            raise ValueError(f"boundary {name!r}: strip {strip!r} does not reach side {side!r}")
+        found[name] = known[:, chosen]
+    return found

@@ -1,0 +1,284 @@
+"""The Gmsh format: files checked before meshio reads them, and written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.mesh.cells import cell_of, same_columns, split
+from skfem_joint.mesh.named import NamedMesh
+
+# Nodes of each Gmsh element type: points, lines of order 1 to 10, and triangles, quadrangles,
+# tetrahedra and hexahedra of first and second order.
+_NODES = {
+    **{15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},
+    **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27},
+}
+# Element types by dimension, corners and order.
+_TYPES = {
+    **{(0, 1, 1): 15, (0, 1, 2): 15, (1, 2, 1): 1, (1, 2, 2): 8, (2, 3, 1): 2, (2, 3, 2): 9},
+    **{(2, 4, 1): 3, (2, 4, 2): 10, (3, 4, 1): 4, (3, 4, 2): 11, (3, 8, 1): 5, (3, 8, 2): 12},
+}
+#: Physical tags, without sign, by dimension and tag of the entity.
+Groups = dict[tuple[int, int], set[int]]
+
+
+class _Numbers:
+    """Numbers of one section in turn; asking for more than it holds raises ValueError."""
+
+    def __init__(self, body: bytes, name: str, binary: bool) -> None:
+        self.name, self.binary, self.position = name, binary, 0
+        self.values: NDArray[Any] = np.frombuffer(body, "u1")
+        if not binary:
+            self.values = np.fromstring(body.decode("ascii"), sep=" ")
+
+    def take(self, kind: str, count: int) -> NDArray[Any]:
+        start = self.position
+        self.position += count * (np.dtype(kind).itemsize if self.binary else 1)
+        if count < 0 or self.position > self.values.size:
+            raise ValueError(
+                f"${self.name} announces more than it holds: the file is cut or damaged"
+            )
+        found = self.values[start : self.position]
+        return np.frombuffer(found.tobytes(), kind) if self.binary else found
+
+    def integers(self, kind: str, count: int) -> list[int]:
+        return [int(value) for value in self.take(kind, count)]
+
+    def line(self) -> int:
+        """Number that has a line of its own even in binary files."""
+        if not self.binary:
+            return self.integers("u8", 1)[0]
+        text = self.values[:20].tobytes().partition(b"\n")[0]
+        self.position = len(text) + 1
+        return int(text)
+
+
+def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
+    """What meshio may read of a Gmsh file, numbers of its nodes, and groups of its entities if any.
+
+    meshio allocates what the counts in a file ask for, ends up with the wrong node where an
+    element names one that does not exist, keeps one of two groups of the same name, and reads on
+    where a section is cut off: these are refused. It also refuses a file in which some entities
+    belong to no group, and empties a group of reversed curves (negative tags): it is shown the
+    file without its entities, and without results and other sections.
+    """
+    sections = _sections(data.removeprefix(b"\xef\xbb\xbf"))
+    version, mode, size = (word.decode("ascii") for word in sections["MeshFormat"].split()[:3])
+    if version not in ("2", "2.2", "4.1"):  # Gmsh calls format 4.0 "4"
+        raise ValueError(f"Gmsh format {version}; save it again with Mesh.MshFileVersion = 4.1")
+    if mode not in ("0", "1") or size != "8":
+        raise ValueError(f"unknown kind of Gmsh file: mode {mode}, data size {size}")
+    names = re.findall(r'^\s*\d+\s+-?\d+\s+"(.*)"', sections["PhysicalNames"].decode(), re.M)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{names.count(name)} groups are named {name!r}: give each its own")
+    numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
+    tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
+    groups = None
+    if version == "4.1" and "Entities" in sections:
+        groups = _groups_of_entities(_Numbers(sections["Entities"], "Entities", mode == "1"))
+    largest = max(10**6, len(data))  # meshio's table of nodes is as long as the largest tag
+    if not np.all((tags >= 1) & (tags <= largest)):
+        raise ValueError(f"$Nodes numbers nodes beyond 1 ... {largest}: renumber the mesh")
+    known = np.zeros(largest + 1, dtype=np.bool_)
+    known[tags.astype(np.intp)] = True
+    if np.count_nonzero(known) != tags.size:
+        raise ValueError("$Nodes uses a node number twice")
+    unknown = used[~known[np.where((used > 0) & (used <= largest), used, 0).astype(np.intp)]]
+    if unknown.size:
+        raise ValueError(f"an element refers to node {unknown[0]:.0f}, which $Nodes does not hold")
+    parts = (
+        f"${name}\n".encode() + sections[name] + f"$End{name}\n".encode()
+        for name in ("MeshFormat", "PhysicalNames", "Nodes", "Elements")
+        if sections[name]
+    )
+    return b"".join(parts), tags.astype(np.intp), groups
+
+
+def _sections(data: bytes) -> dict[str, bytes]:
+    sections = {"PhysicalNames": b""}
+    position = 0
+    while match := re.compile(rb"^\$(\w+)[ \t]*\r?\n", re.M).search(data, position):
+        name = match[1].decode("ascii")
+        position = data.find(b"$End" + match[1], match.end())
+        if position < 0:
+            raise ValueError(f"section ${name} is not closed by $End{name}: the file is cut")
+        if sections.get(name) and not name.endswith(("Data", "Comments", "Scheme")):
+            raise ValueError(f"section ${name} stands twice in the file")
+        sections[name] = data[match.end() : position]
+        position += len(b"$End" + match[1])
+    for name in ("MeshFormat", "Nodes", "Elements"):
+        if name not in sections:
+            raise ValueError(f"no section ${name}: not a whole Gmsh file")
+    return sections
+
+
+def _groups_of_entities(numbers: _Numbers) -> Groups:
+    groups = {}
+    for dimension, count in enumerate(numbers.integers("u8", 4)):
+        for _ in range(count):
+            (tag,) = numbers.integers("i4", 1)
+            numbers.take("f8", 6 if dimension else 3)
+            physical = numbers.integers("i4", *numbers.integers("u8", 1))
+            groups[dimension, tag] = {abs(number) for number in physical}  # negative: reversed
+            if dimension:
+                numbers.take("i4", *numbers.integers("u8", 1))  # bounding entities
+    return groups
+
+
+def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers of all nodes, and of those of all elements."""
+    if Nodes.binary:
+        record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
+        tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
+    else:
+        tags = Nodes.take("f8", 4 * Nodes.line())[::4]
+    used, tagged, found, total = [np.empty(0)], set(), 0, Elements.line()
+    while found < total:
+        (kind, count, n_tags) = Elements.integers("i4", 3)
+        if not Elements.binary:  # number of the element, kind, tags
+            kind, count = count, 1
+        if count < 1 or n_tags < 0:
+            raise ValueError("$Elements is damaged: negative counts")
+        width = n_tags + _nodes_of(kind) + Elements.binary
+        table = Elements.take("i4", count * width).reshape(count, width)
+        used.append(table[:, -_nodes_of(kind) :].ravel())
+        tagged.add(n_tags > 0)
+        found += count
+    if len(tagged) > 1:  # meshio shifts the tags of those that have some
+        raise ValueError("some elements have tags and some have none; save it again with Gmsh")
+    return tags, np.concatenate(used)
+
+
+def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers of all nodes, and of those of all elements."""
+    tags, used, found = [np.empty(0)], [np.empty(0)], 0
+    blocks, n_nodes, _, _ = Nodes.integers("u8", 4)
+    for _ in range(blocks):
+        if Nodes.integers("i4", 3)[2]:
+            raise ValueError("nodes with parameters; save it again with Mesh.SaveParametric = 0")
+        (count,) = Nodes.integers("u8", 1)
+        tags.append(Nodes.take("u8", count))
+        Nodes.take("f8", 3 * count)
+    blocks, n_elements, _, _ = Elements.integers("u8", 4)
+    for _ in range(blocks):
+        width = 1 + _nodes_of(Elements.integers("i4", 3)[2])
+        (count,) = Elements.integers("u8", 1)
+        used.append(Elements.take("u8", count * width).reshape(count, width)[:, 1:].ravel())
+        found += count
+    held = sum(map(len, tags)), found
+    if held != (n_nodes, n_elements):
+        raise ValueError(
+            f"the file announces {n_nodes} nodes and {n_elements} elements and holds {held[0]} and "
+            f"{held[1]}"
+        )
+    return np.concatenate(tags), np.concatenate(used)
+
+
+def _nodes_of(kind: int) -> int:
+    if kind not in _NODES:
+        raise ValueError(
+            f"it holds elements of Gmsh type {kind} (6 is a prism, 7 a pyramid, 21 a triangle of "
+            "third order): allowed are points, lines, and triangles, quadrangles, tetrahedra and "
+            "hexahedra of first or second order. Save it with Mesh.ElementOrder = 1 or 2"
+        )
+    return _NODES[kind]
+
+
+def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
+    """Write a mesh as Gmsh 4.1 ASCII; regions, boundaries and points are its physical groups.
+
+    Elements of the same regions make one entity, facets of the same boundaries another, so that
+    overlapping groups need no repeated cells, as they would with meshio's writer, which also loses
+    groups whose entities own no nodes. Elements are written in the order of first appearance of
+    their entities; of order 2, with their middle nodes.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written; several bars are in the mesh, which are read from a file each.
+    """
+    cell, _ = cell_of(mesh.mesh)
+    if mesh.dim == 1 and mesh.body.max() > 0:
+        raise InputError(f"{path}: a file holds one bar; write each bar to a file of its own")
+    positions, facets, nodes = mesh.coordinates, mesh.mesh.facets, mesh.mesh.t
+    if mesh.order == 2:
+        values, nodes, facets, _, _ = split(mesh.mesh, mesh.coordinates.T)
+        positions = values.T
+    named: dict[int, dict[str, IntArray]] = {}
+    named[0] = {name: np.array([vertex]) for name, vertex in mesh.points.items()}
+    named[cell.dim - 1] = named.get(cell.dim - 1, {}) | mesh.boundaries
+    named[cell.dim] = mesh.regions
+    groups = [(dim, name) for dim, group in named.items() for name in group]
+    tags = {group: tag for tag, group in enumerate(groups, 1)}
+    tables = {
+        0: (np.arange(len(mesh.coordinates))[np.newaxis], 1),
+        cell.dim - 1: (facets, len(mesh.mesh.facets)),
+        cell.dim: (nodes[list(cell.gmsh or range(27))[: len(nodes)]], len(mesh.mesh.t)),
+    }
+    # Dimension, physical tags, element type and rows of node numbers of each entity.
+    entities: list[tuple[int, list[int], int, IntArray]] = []
+    for dim, (table, corners) in tables.items():
+        kind = _TYPES[dim, corners, mesh.order]
+        for members, chosen in _by_membership(named[dim], table.shape[1]):
+            if members or dim == cell.dim:
+                physical = [tags[dim, name] for name in members]
+                entities.append((dim, physical, kind, table[:, chosen].T + 1))
+
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat"]
+    if groups:
+        listed = [f'{dim} {tag} "{name}"' for (dim, name), tag in tags.items()]
+        lines += ["$PhysicalNames", str(len(groups)), *listed, "$EndPhysicalNames"]
+    dims = [entity[0] for entity in entities]
+    lines += ["$Entities", _words([dims.count(dim) for dim in range(4)])]
+    for tag, (dim, physical, _, rows) in enumerate(entities, 1):
+        used = positions[np.unique(rows) - 1]
+        box = [*used.min(axis=0).tolist(), *(used.max(axis=0).tolist() if dim else ())]
+        lines.append(_words([tag, *box, len(physical), *physical, *([0] if dim else [])]))
+    owner = np.zeros(len(positions), dtype=np.intp)  # the smallest entity that uses a node
+    for tag, (_, _, _, rows) in reversed(list(enumerate(entities, 1))):
+        owner[rows - 1] = tag
+    blocks, count = np.unique(owner), len(owner)
+    lines += ["$EndEntities", "$Nodes", f"{blocks.size} {count} 1 {count}"]
+    for tag in blocks.tolist():
+        inside = np.flatnonzero(owner == tag)
+        lines.append(f"{dims[tag - 1]} {tag} 0 {inside.size}")
+        lines += [str(number) for number in (inside + 1).tolist()]
+        lines += [_words(position) for position in positions[inside].tolist()]
+    total = sum(len(rows) for _, _, _, rows in entities)
+    lines += ["$EndNodes", "$Elements", f"{len(entities)} {total} 1 {total}"]
+    number = 0
+    for tag, (dim, _, kind, rows) in enumerate(entities, 1):
+        lines.append(f"{dim} {tag} {kind} {len(rows)}")
+        lines += [_words([i, *row]) for i, row in enumerate(rows.tolist(), number + 1)]
+        number += len(rows)
+    lines += ["$EndElements", ""]
+    try:
+        Path(path).write_text("\n".join(lines), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _words(values: list[Any]) -> str:
+    return " ".join(map(str, values))
+
+
+def _by_membership(named: Mapping[str, IntArray], count: int) -> list[tuple[list[str], IntArray]]:
+    """Names of the groups and numbers of the things that are in just these, by first thing."""
+    member = np.zeros((1 + len(named), count), dtype=np.bool_)
+    for row, chosen in zip(member[1:], named.values(), strict=True):
+        row[chosen] = True
+    first, at = same_columns(np.packbits(member, axis=0))
+    names = list(named)
+    return [
+        ([names[i] for i in np.flatnonzero(member[1:, first[set_]])], np.flatnonzero(at == set_))
+        for set_ in np.argsort(first)
+    ]

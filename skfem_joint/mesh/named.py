@@ -1,0 +1,365 @@
+"""Meshes with named regions, boundaries and points, of one, two or three dimensions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import skfem
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import cells
+from skfem_joint.mesh.cells import Cell, cell_of, spot
+
+
+@dataclass(frozen=True)
+class NamedMesh:
+    """Mesh of one or several bodies with named regions, boundaries and points.
+
+    Attributes
+    ----------
+    mesh : skfem.MeshLine1, MeshTri1, MeshQuad1, MeshTet1 or MeshHex1
+        Straight-sided; ``p`` of shape (dim, n_vertices), m. Lines are measured by their arc length
+        along the first bar. Regions are its subdomains and boundaries its boundaries, also inside
+        bodies; points of a mesh of lines stand among its boundaries too. In meshes that are read
+        or built elements run as in Gmsh, and nodes and elements of each bar ascend.
+    order : int
+        Order of the displacement, 1 or 2.
+    points : dict of str to int
+        Vertex by point name.
+    coordinates : ndarray, shape (n_vertices, 3)
+        Positions in space, m.
+    body : ndarray, shape (n_elements,)
+        Body of each element: elements that share facets belong to one body. Bodies are numbered
+        by their first elements and may lie over each other; nodes are never shared between them.
+    path : str
+        Files the mesh came from, "" when built in memory.
+    notes : tuple of str
+        Sentences on repairs that changed the geometry and on what was left out.
+    """
+
+    mesh: skfem.Mesh
+    order: int
+    points: dict[str, int]
+    coordinates: FloatArray
+    body: IntArray
+    path: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the mesh."""
+        return int(self.mesh.dim())
+
+    @property
+    def kind(self) -> str:
+        """Kind of the elements: line, triangle, quadrilateral, tetrahedron or hexahedron."""
+        return cell_of(self.mesh)[0].name
+
+    @property
+    def regions(self) -> dict[str, IntArray]:
+        """Sorted element numbers by region name; regions may overlap."""
+        return dict(self.mesh.subdomains or {})
+
+    @property
+    def boundaries(self) -> dict[str, IntArray]:
+        """Sorted facet numbers (columns of ``mesh.facets``) by boundary name."""
+        known = (self.mesh.boundaries or {}).items()
+        return {name: facets for name, facets in known if name not in self.points}
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements."""
+        return int(self.mesh.t.shape[1])
+
+    @property
+    def size(self) -> float:
+        """Largest extent, m."""
+        return float(np.ptp(self.mesh.p, axis=1).max())
+
+
+def named(
+    mesh: skfem.Mesh,
+    *,
+    points: Mapping[str, int] | None = None,
+    order: int | None = None,
+) -> NamedMesh:
+    """Named mesh from any mesh of scikit-fem, whose numbers of vertices and elements stay.
+
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second order;
+        its subdomains become regions. Boundaries of one vertex of a line mesh become points.
+        Second-order elements are made straight, which ``notes`` tell where an edge was curved.
+    points : mapping of str to int, optional
+        Vertex by point name.
+    order : {1, 2}, optional
+        Order of the displacement, by default that of the mesh; lines have 1.
+
+    Raises
+    ------
+    InputError
+        The mesh is of another kind or no proper mesh (see `load_meshes`); a vertex belongs to no
+        element; a group is empty or out of range; a name stands for two things.
+    """
+    try:
+        cell, own_order = cell_of(mesh)
+        straight, notes = mesh, []
+        if own_order == 2:
+            straight = cell.mesh(mesh.p[:, : mesh.nvertices], mesh.t, sort_t=False)
+            notes = cells.straightening(straight, mesh.elem(), mesh.p[:, mesh.dofs.element_dofs])
+        spare = np.setdiff1d(np.arange(straight.p.shape[1]), mesh.t)
+        if spare.size:
+            raise ValueError(
+                f"vertex {spare[0]} belongs to no element; take mesh.remove_unused_nodes()"
+            )
+        regions = _numbers("region", mesh.subdomains, mesh.nelements)
+        boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
+        return make(
+            cell,
+            straight.p,
+            mesh.t,
+            order=own_order if order is None else order,
+            regions=regions,
+            facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
+            points={n: int(at[0]) for n, at in _numbers("point", points, mesh.nvertices).items()},
+            notes=tuple(notes),
+            as_it_is=True,
+        )
+    except ValueError as error:
+        raise InputError(f"mesh: {error}") from error
+
+
+def _numbers(what: str, groups: Mapping[str, Any] | None, count: int) -> dict[str, IntArray]:
+    """Sorted numbers of groups, all of them below ``count``."""
+    found = {name: np.unique(np.asarray(values)) for name, values in (groups or {}).items()}
+    for name, numbers in found.items():
+        if not numbers.size:
+            raise ValueError(f"{what} {name!r} is empty: take it out, or give it members")
+        if numbers.dtype.kind not in "iu" or numbers[0] < 0 or numbers[-1] >= count:
+            raise ValueError(
+                f"{what} {name!r} must hold whole numbers from 0 to {count - 1}, found "
+                f"{numbers[0]} to {numbers[-1]}"
+            )
+    return {name: numbers.astype(np.intp) for name, numbers in found.items()}
+
+
+def make(
+    cell: Cell,
+    p: FloatArray,
+    t: IntArray,
+    *,
+    at: FloatArray | None = None,
+    order: int = 1,
+    regions: Mapping[str, IntArray],
+    facets: Mapping[str, IntArray],
+    points: Mapping[str, int],
+    path: str = "",
+    notes: tuple[str, ...] = (),
+    body: IntArray | None = None,
+    as_it_is: bool = False,
+) -> NamedMesh:
+    """Named mesh from its parts, checked; ValueError says what is wrong with them.
+
+    ``p``, ``at`` and ``t`` are as in `skfem_joint.mesh.cells`, with no vertex to spare; ``facets``
+    (corners, n) the vertices of the facets by boundary name. ``body`` is given where elements are
+    known to join as they should. ``as_it_is``: elements are not turned round nor bars renumbered.
+    """
+    if order not in ((1, 2) if cell.dim > 1 else (1,)):
+        raise ValueError(f"order of the elements is {order}: allowed are 1 and 2, for lines 1")
+    p, t = np.ascontiguousarray(p, dtype=np.float64), np.ascontiguousarray(t, dtype=np.intp)
+    at = np.pad(p, ((0, 3 - cell.dim), (0, 0))).T if at is None else at
+    check_finite(at)
+    turned = cells.check_shapes(cell, p, t, at)
+    if turned.any() and not as_it_is:
+        t = np.where(turned, t[list(cell.turned)], t)
+    vertices, t2f = cell.facets(t, p.shape[1])
+    body = cells.find_bodies(p, t, vertices, t2f, at) if body is None else body
+    if cell.dim == 1:  # boundaries of one vertex are points, and bars have an order
+        single = {name: int(ends[0, 0]) for name, ends in facets.items() if ends.shape[1] == 1}
+        single = {name: node for name, node in single.items() if points.get(name, node) == node}
+        facets = {name: ends for name, ends in facets.items() if name not in single}
+        points = single | dict(points)
+        if not as_it_is:
+            body_of = np.empty(p.shape[1], dtype=np.intp)
+            body_of[t] = body
+            along = np.lexsort((p[0], body_of))
+            rank = np.argsort(along)
+            by_place = np.argsort(rank[t[0]])
+            p, at, t, body = p[:, along], at[along], rank[t[:, by_place]], body[by_place]
+            regions = {name: np.argsort(by_place)[chosen] for name, chosen in regions.items()}
+            facets = {name: rank[ends] for name, ends in facets.items()}
+            points = {name: int(rank[vertex]) for name, vertex in points.items()}
+    groups = {name: np.flatnonzero(np.bincount(chosen)) for name, chosen in regions.items()}
+    boundaries = {name: _facets(vertices, ends, name, at) for name, ends in facets.items()}
+    problems = name_problems(region=groups, boundary=boundaries, point=points)
+    if problems:
+        raise ValueError("\n".join(problems))
+    if cell.dim == 1:  # scikit-fem names single vertices where they are facets
+        boundaries |= {name: np.array([vertex]) for name, vertex in points.items()}
+    mesh = cell.mesh(p, t, boundaries or None, groups or None, sort_t=False)
+    return NamedMesh(mesh, order, dict(points), at, body, path, notes)
+
+
+def check_finite(at: FloatArray) -> None:
+    """Refuse positions (n, 3) that are not finite or too far away; ValueError with the place."""
+    strange = ~(np.abs(at) < cells.LONGEST).all(axis=1)
+    if strange.any():
+        node = int(np.argmax(strange))
+        raise ValueError(
+            f"node {node + 1} at {spot(at[node])}: coordinates must be finite and below "
+            f"{cells.LONGEST:g} m"
+        )
+
+
+def _facets(facets: IntArray, ends: IntArray, name: str, at: FloatArray) -> IntArray:
+    """Sorted numbers of the facets with the given vertices (corners, n)."""
+    n_facets = facets.shape[1]
+    first, member = cells.same_columns(np.sort(np.hstack([facets, ends]), axis=0))
+    found = first[member[n_facets:]]
+    if found.max(initial=0) >= n_facets:
+        raise ValueError(not_a_side(name, at[ends[:, np.argmax(found >= n_facets)]]))
+    return np.unique(found)
+
+
+def not_a_side(name: str, corners: FloatArray) -> str:
+    """What to say of a group with a part that no element has."""
+    return (
+        f"group {name!r}: {spot(*corners)} is no side or corner of an element. In Gmsh, embed it "
+        "in the surface or volume before meshing"
+    )
+
+
+def name_problems(**names: Iterable[str]) -> list[str]:
+    """Names, by kind of thing, that cannot stand in a file or stand for things of two kinds."""
+    kinds: dict[str, list[str]] = {}
+    for kind, given in names.items():
+        for name in dict.fromkeys(given):
+            kinds.setdefault(name, []).append(kind)
+    problems = [
+        f"name {name!r}: names may not be empty nor hold quotes, backslashes or control characters"
+        for name in sorted(kinds)
+        if not name.strip() or re.search(r'["\\\x00-\x1f\x7f]', name)
+    ]
+    return problems + [
+        f"name {name!r} is both a {' and a '.join(kinds[name])}: give each its own"
+        for name in sorted(kinds)
+        if len(kinds[name]) > 1
+    ]
+
+
+def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
+    """Several meshes in one, their bodies apart: nodes in one place are not joined.
+
+    Bars must be parallel, and are measured along the first: ``p`` is then the position along its
+    axis from its first end, and a bar drawn the other way is renumbered so that it ascends.
+
+    Raises
+    ------
+    InputError
+        No mesh, different kinds or orders of elements, bars that are not parallel, or a name that
+        two meshes use.
+    """
+    if not meshes:
+        raise InputError("no meshes to put together")
+    called = [each.path or f"mesh {number}" for number, each in enumerate(meshes, 1)]
+    described = [f"{each.kind} elements of order {each.order}" for each in meshes]
+    problems = [
+        f"{name} holds {what}, {called[0]} {described[0]}: several meshes must have elements of "
+        "the same kind and order; mesh one of them anew"
+        for name, what in zip(called, described, strict=True)
+        if what != described[0]
+    ]
+    names = [{*each.regions, *each.boundaries, *each.points} for each in meshes]
+    problems += [
+        f"name {group!r} stands in {called[i]} and in {called[j]}: give each its own"
+        for i, j in combinations(range(len(meshes)), 2)
+        for group in sorted(names[i] & names[j])
+    ]
+    if problems:
+        raise InputError(problems)
+    counts = [(each.n_elements, len(each.coordinates), each.body.max() + 1) for each in meshes]
+    before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
+    parts = list(zip(meshes, before, strict=True))
+    try:
+        return make(
+            cell_of(meshes[0].mesh)[0],
+            np.hstack([_measured_along(meshes[0], each) for each in meshes]),
+            np.hstack([each.mesh.t.astype(np.intp) + vertices for each, (_, vertices, _) in parts]),
+            at=np.vstack([each.coordinates for each in meshes]),
+            order=meshes[0].order,
+            regions={
+                name: chosen + elements
+                for each, (elements, _, _) in parts
+                for name, chosen in each.regions.items()
+            },
+            facets={
+                name: each.mesh.facets[:, chosen] + vertices
+                for each, (_, vertices, _) in parts
+                for name, chosen in each.boundaries.items()
+            },
+            points={
+                name: at + vertices
+                for each, (_, vertices, _) in parts
+                for name, at in each.points.items()
+            },
+            path=", ".join(each.path for each in meshes if each.path),
+            notes=tuple(note for each in meshes for note in each.notes),
+            body=np.concatenate([each.body + bodies for each, (_, _, bodies) in parts]),
+        )
+    except ValueError as error:
+        raise InputError(f"{', '.join(called)}: {error}") from error
+
+
+def _measured_along(first: NamedMesh, bar: NamedMesh) -> FloatArray:
+    """Positions (dim, n) of a mesh as the first one measures them; ValueError if it cannot."""
+    if bar is first or bar.dim > 1:
+        return np.asarray(bar.mesh.p)
+    (origin, axis), (start, along) = bar_axis(first), bar_axis(bar)
+    sign = 1.0 if along @ axis > 0.0 else -1.0
+    if np.linalg.norm(along - sign * axis) > cells.TOLERANCE:
+        raise ValueError(f"bars must be parallel: they run along {spot(axis, along)}")
+    return np.asarray((start - origin) @ axis + sign * bar.mesh.p)
+
+
+def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
+    """Place where the arc length is zero, and direction; all bodies of a mesh are parallel."""
+    nodes = bar.mesh.t[:, bar.body == 0].ravel()
+    position = bar.mesh.p[0, nodes]
+    a, b = nodes[np.argmin(position)], nodes[np.argmax(position)]
+    direction = (bar.coordinates[b] - bar.coordinates[a]) / np.ptp(position)
+    return bar.coordinates[a] - position.min() * direction, direction
+
+
+def refined(mesh: NamedMesh) -> NamedMesh:
+    """Mesh with every element split into 2, 4 or 8; names and order stay.
+
+    The parts of element e are the elements ``2**dim * e`` and following; vertices keep their
+    numbers but in bars, whose nodes ascend. scikit-fem's own ``refined`` mixes up the regions of
+    line meshes and drops the boundaries of solids.
+    """
+    number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
+    places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
+    values, _, _, parts, sides = cells.split(mesh.mesh, places)
+    return make(
+        cell_of(mesh.mesh)[0],
+        values[: mesh.dim],
+        parts.transpose(1, 2, 0).reshape(parts.shape[1], -1),
+        at=values[mesh.dim :].T,
+        order=mesh.order,
+        regions={name: number[chosen].ravel() for name, chosen in mesh.regions.items()},
+        facets={
+            name: np.concatenate(sides[:, :, chosen], axis=1)
+            for name, chosen in mesh.boundaries.items()
+        },
+        points=mesh.points,
+        path=mesh.path,
+        notes=mesh.notes,
+        body=np.repeat(mesh.body, 2**mesh.dim),
+    )

@@ -1,0 +1,331 @@
+"""Mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra, through meshio.
+
+Files are read with meshio, not with ``skfem.Mesh.load``, which projects inclined bars onto x, keeps
+cells that a file holds twice, loses groups inside a mesh and boundaries of second-order files, and
+drops one kind of cell where two are mixed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import struct
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import skfem
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.files import read_whole
+from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
+from skfem_joint.mesh.gmsh import Groups, check_msh
+from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+
+if TYPE_CHECKING:
+    import meshio
+
+# Kind of element and, of second order, element of scikit-fem by meshio's name.
+_KINDS: dict[str, tuple[str, Any]] = {
+    "triangle": ("triangle", None),
+    "triangle6": ("triangle", skfem.ElementTriP2),
+    "quad": ("quadrilateral", None),
+    "quad8": ("quadrilateral", skfem.ElementQuadS2),
+    "quad9": ("quadrilateral", skfem.ElementQuad2),
+    "tetra": ("tetrahedron", None),
+    "tetra10": ("tetrahedron", skfem.ElementTetP2),
+    "hexahedron": ("hexahedron", None),
+    "hexahedron20": ("hexahedron", skfem.ElementHexS2),
+    "hexahedron27": ("hexahedron", skfem.ElementHex2),
+}
+# Corners of the cells that may be sides, by the first letters of meshio's name.
+_CORNERS = {"line": 2, "tria": 3, "quad": 4}
+
+
+def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
+    """Read one mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
+
+    Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
+    become regions, those of their sides boundaries, physical points points. Bars are also read
+    from Abaqus files (.inp), with element sets as regions and node sets as points. Bodies that
+    share no nodes, in one file or in several, stay separate even where they lie over each other.
+    A file of lines is one straight bar in space, whose first end is the one with the
+    lexicographically smaller position. Plane meshes lie in a plane z = const.
+
+    Repaired: cells that a file repeats once per group are merged and belong to all their groups;
+    nodes that no element uses are dropped; elements that run the wrong way are turned round; lines
+    of higher order are split at their inner nodes. Other second-order elements keep their order
+    and corners, and their edges are made straight: ``notes`` say so where one was curved. Groups
+    without a name are left out.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Mesh files, of the same kind and order of elements, with different names; see `merged`.
+    scale : float
+        Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
+
+    Raises
+    ------
+    InputError
+        A file is missing, cut or damaged, or holds no mesh as described; elements without size,
+        not convex, crossing themselves or lying over each other in one body, or that touch in a
+        point or an edge only; bars that are curved, branched, closed, folded or disconnected;
+        unmerged nodes of one body; groups without elements; points on several nodes; names used
+        twice.
+    """
+    if not paths:
+        raise InputError("no mesh file is given: name one, or several for several bodies")
+    if not (math.isfinite(scale) and scale > 0.0):
+        files = ", ".join(map(str, paths))
+        raise InputError(f"scale of mesh {files} is {scale}: it must be positive and finite")
+    found: list[NamedMesh] = []
+    problems: list[str] = []
+    for file in map(Path, paths):
+        try:
+            found.append(_mesh_of(_read(file), str(file), scale))
+        except InputError as error:
+            problems += error.problems
+        except ValueError as error:
+            problems.append(f"{file}: {error}")
+    if problems:
+        raise InputError(problems)
+    return found[0] if len(found) == 1 else merged(found)
+
+
+def _read(file: Path) -> meshio.Mesh:
+    """Mesh as meshio reads it, every failure of which is turned into an InputError.
+
+    meshio ends the process on files that it cannot parse, and prints: both are caught.
+    """
+    import meshio
+
+    if not file.is_file():
+        wrong = "not a file" if file.exists() else "no such mesh file"
+        raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
+    # What meshio's parsers let through on damaged input, besides its own ReadError and exit.
+    failures = (
+        *(SystemExit, meshio.ReadError, struct.error),
+        *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
+        *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
+    )
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            data = read_whole(file)
+            if not data:
+                raise ValueError("the file is empty")
+            if file.suffix.lower() == ".inp":
+                raw = meshio.read(file, file_format="abaqus")
+                if any(len(found) != len(raw.cells) for found in raw.cell_sets.values()):
+                    raise ValueError("its element sets name elements that are not there")
+                return raw
+            if file.suffix.lower() != ".msh":
+                raise ValueError(f"{file.suffix or 'no suffix'} is no known kind of mesh file")
+            content, tags, groups = check_msh(data)
+            with tempfile.TemporaryDirectory() as folder:
+                copy = Path(folder) / "mesh.msh"
+                copy.write_bytes(content)
+                raw = meshio.read(copy, file_format="gmsh")
+            raw.cell_sets = _members(raw, groups)
+            order = np.argsort(tags)  # nodes are numbered as in the file
+            raw.points = raw.points[order]
+            for block in raw.cells:
+                block.data = np.argsort(order)[block.data]
+    except failures as error:
+        reason = str(error) or type(error).__name__
+        if isinstance(error, SystemExit):
+            reason = " ".join(said.getvalue().split())
+        elif isinstance(error, LookupError):
+            reason = f"it refers to something that it does not define ({error})"
+        raise InputError(
+            f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
+            "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
+        ) from error
+    return raw
+
+
+def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, list[IntArray]]:
+    """Numbers of the cells of each named physical group in each block of a Gmsh file."""
+    members: dict[str, list[IntArray]] = {name: [] for name in raw.field_data}
+    for number, block in enumerate(raw.cells):
+        for name, (tag, dim) in raw.field_data.items():
+            inside = np.zeros(len(block.data), dtype=np.bool_)
+            if block.dim == dim and entities is not None and inside.size:
+                entity = int(raw.cell_data["gmsh:geometrical"][number][0])
+                inside[:] = int(tag) in entities[int(dim), entity]
+            elif block.dim == dim and "gmsh:physical" in raw.cell_data:
+                inside[:] = np.abs(raw.cell_data["gmsh:physical"][number]) == tag
+            members[name].append(np.flatnonzero(inside))
+    return members
+
+
+def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, Any]:
+    """Kind of the elements of a file, and element of scikit-fem if they are of second order."""
+    top = max((block.dim for block in raw.cells if len(block.data)), default=0)
+    types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
+    if top == 0:
+        raise ValueError(
+            "it holds neither lines (a bar) nor triangles or quadrilaterals (a plate), tetrahedra "
+            "or hexahedra (a solid). In Gmsh, mesh the curves, surfaces or volumes, and save "
+            "elements of named groups or all"
+        )
+    if top == 1:
+        return CELLS["line"], None
+    if inp or types[0] not in _KINDS:
+        raise ValueError(f"it holds {types[0]} cells; of .inp files bars are read: save a .msh")
+    if len(types) > 1:
+        raise ValueError(
+            f"it mixes cells of type {' and '.join(types)}: a mesh is made of one kind of element, "
+            "all of one order. In Gmsh, recombine all surfaces or none"
+        )
+    return CELLS[_KINDS[types[0]][0]], _KINDS[types[0]][1]
+
+
+def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
+    """Elements (n, nodes) of a file, and the numbers (cells, parts) of those of each block.
+
+    Lines of higher order are cut into parts at their inner nodes.
+    """
+    elements, own, count = [], [], 0
+    for block in raw.cells:
+        nodes = np.asarray(block.data, dtype=np.intp)
+        if block.dim == dim == 1:  # two ends, then inner nodes from the first end to the second
+            nodes = nodes[:, [0, *range(2, nodes.shape[1]), 1]]
+            nodes = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=-1).reshape(-1, 2)
+        if block.dim == dim:
+            elements.append(nodes)
+            count += len(nodes)
+        own.append(np.arange(count - len(nodes), count).reshape(len(block.data), -1))
+    return np.concatenate(elements), own
+
+
+def _groups(
+    raw: meshio.Mesh, cell: Cell, own: list[IntArray]
+) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
+    """Elements (n,) by region name, nodes (n, corners) of the parts of the other groups.
+
+    Besides, names of groups of lines in a solid, which are left out.
+    """
+    corners = len(cell.elements[0].refdom.facets[0])
+    regions: dict[str, IntArray] = {}
+    others = {name: np.reshape(at, (-1, 1)) for name, at in raw.point_sets.items()}
+    left_out, lost = [], []
+    for name, blocks in raw.cell_sets.items():
+        inside = [i for i, members in enumerate(blocks) if members is not None and len(members)]
+        dim = raw.cells[inside[0]].dim if inside else -1
+        if dim == cell.dim:
+            regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])
+        elif 0 < dim < cell.dim - 1:
+            left_out.append(name)
+        elif dim >= 0:
+            if dim and any(_CORNERS[raw.cells[i].type[:4]] != corners for i in inside):
+                raise ValueError(f"group {name!r} holds cells that are no sides of its elements")
+            part = slice(corners if dim else 1)
+            others[name] = np.concatenate([raw.cells[i].data[blocks[i], part] for i in inside])
+        elif raw.field_data.get(name, (0, 0))[1] <= cell.dim:
+            lost.append(name)
+    if lost:
+        raise ValueError(
+            f"groups without elements: {', '.join(lost)}. Gmsh loses them when a file of format "
+            "2.2 is saved with Mesh.SaveAll; save it without, or take the names out"
+        )
+    return regions, others, left_out
+
+
+def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
+    """Named mesh from what a file holds; ValueError says why it is none."""
+    from skfem.io.meshio import INV_HEX_MAPPING
+
+    cell, second = _kind(raw, path.lower().endswith(".inp"))
+    position = np.zeros((len(raw.points), 3))
+    position[:, : raw.points.shape[1]] = raw.points
+    position *= scale
+    check_finite(position)
+    elements, own = _elements(raw, cell.dim)
+    regions, others, left_out = _groups(raw, cell, own)
+    nodes = elements.T[INV_HEX_MAPPING[: elements.shape[1]]] if cell.sign < 0 else elements.T
+    corners = nodes[: len(cell.turned)]
+    first, same = same_columns(np.sort(corners, axis=0))  # cells are repeated for each group
+    kept = np.sort(first)
+    number = np.searchsorted(kept, first)[same]
+    used = np.zeros(len(position), dtype=np.bool_)
+    used[corners] = True
+    vertex = np.where(used, np.cumsum(used) - 1, -1)
+    for name, parts in others.items():
+        off = (vertex[parts] < 0).any(axis=1)
+        if off.any():
+            raise ValueError(not_a_side(name, position[parts[np.argmax(off)]]))
+        if parts.shape[1] == 1 and np.unique(parts).size != 1:
+            raise ValueError(
+                f"point name {name!r} marks {np.unique(parts).size} nodes: give each its own"
+            )
+    p = np.ascontiguousarray(_plain(position[used], cell.dim))
+    t = np.ascontiguousarray(vertex[corners[:, kept]])
+    notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
+    mesh = make(
+        cell,
+        p,
+        t,
+        at=position[used],
+        order=1 if second is None else 2,
+        regions={name: number[members] for name, members in regions.items()},
+        facets={name: vertex[parts.T] for name, parts in others.items() if parts.shape[1] > 1},
+        points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if parts.shape[1] == 1},
+        path=path,
+    )
+    if cell.dim == 1 and mesh.body.max():
+        beyond = int(np.argmax(mesh.body == 1))
+        ends = mesh.mesh.t[[1, 0], [beyond - 1, beyond]]
+        raise ValueError(
+            f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
+        )
+    if second is not None:
+        straight = cell.mesh(p, t, sort_t=False)
+        notes += straightening(straight, second(), position.T[: cell.dim, nodes[:, kept]])
+    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
+
+
+def _plain(at: FloatArray, dim: int) -> FloatArray:
+    """Positions (dim, n) in the mesh's own dimension: along a bar, in a plane, in space."""
+    if dim == 3:
+        return at.T
+    if dim == 2:
+        low, high = at.min(axis=0), at.max(axis=0)
+        if high[2] - low[2] > TOLERANCE * (high - low)[:2].max():
+            raise ValueError(
+                f"the mesh is not in a plane z = const: z runs from {low[2]:.9g} to {high[2]:.9g} "
+                "m; turn it into the x-y plane, and give bodies in different planes as different "
+                "files"
+            )
+        return at[:, :2].T
+    start, axis = _line(at)
+    position = (at - start) @ axis
+    off = np.linalg.norm(at - start - position[:, np.newaxis] * axis, axis=1)
+    allowed = TOLERANCE * float(position.max())
+    if off.max() > allowed:
+        worst = int(np.argmax(off))
+        raise ValueError(
+            f"the bar is not straight: {spot(at[worst])} is {off[worst]:.3g} m off the line "
+            f"between the farthest nodes; {allowed:.1g} m are allowed"
+        )
+    return np.asarray(position[np.newaxis])
+
+
+def _line(at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First end and unit direction of the line through the farthest nodes along an axis."""
+    axis = int(np.argmax(np.ptp(at, axis=0)))
+    a, b = int(np.argmin(at[:, axis])), int(np.argmax(at[:, axis]))
+    along = at[b] - at[a]
+    length = math.hypot(*along)
+    if length == 0.0:
+        raise ValueError("the bar has no length: all its nodes lie in one place")
+    # Lexicographic order of the ends, blind to round-off in a coordinate that they share.
+    if along[np.argmax(np.abs(along) > TOLERANCE * length)] < 0.0:
+        a, along = b, -along
+    return at[a], along / length

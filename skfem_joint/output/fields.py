@@ -1,0 +1,200 @@
+"""What models did, on all displacement nodes: stored fields, and the contact of both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint.analysis.history import slip_state
+from skfem_joint.analysis.study import friction_work, shared_work
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+
+if TYPE_CHECKING:
+    from skfem_joint.analysis.study import Model, Study
+    from skfem_joint.structure import Patch, Structure
+
+States = NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class Field:
+    """History of one model on all displacement nodes.
+
+    Attributes
+    ----------
+    name : str
+        Name of the model's blocks, e.g. "full".
+    displacement, velocity : ndarray, shape (frames, N, dim)
+        m and m/s.
+    friction_traction : ndarray, shape (frames, N, dim)
+        On the pressed body, Pa; 0 off its contact.
+    slip_state : ndarray of int, shape (frames, N)
+        -1 no contact, 0 stick, 1 slip.
+    friction_work_density : ndarray, shape (frames, N)
+        Since the start, J/m2; 0 off the contact.
+    """
+
+    name: str
+    displacement: FloatArray
+    velocity: FloatArray
+    friction_traction: FloatArray
+    slip_state: States
+    friction_work_density: FloatArray
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What a series or a picture shows: fields of models of one structure at common times.
+
+    Attributes
+    ----------
+    structure : Structure
+    times : ndarray, shape (frames,)
+        Increasing, s.
+    fields : sequence of Field
+        One for each model; frames beyond the last time are left out.
+    load_times : ndarray, shape (rows,)
+        s; as fine as the run stored them, not only the frames of the fields.
+    forces : mapping of str to ndarray, shape (rows,)
+        Force of each load by where it acts, N.
+    """
+
+    structure: Structure
+    times: FloatArray
+    fields: Sequence[Field]
+    load_times: FloatArray = field(default_factory=lambda: np.zeros(0))
+    forces: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @cached_property
+    def pressure(self) -> FloatArray:
+        """Clamping pressure on the pressed nodes, 0 elsewhere, shape (N,), Pa."""
+        pressure = np.zeros(len(self.structure.nodes))
+        for patch in self.structure.patches:
+            pressure[patch.nodes] += patch.normal_force / patch.area
+        return pressure
+
+    @cached_property
+    def _reactions(self) -> list[sparse.csr_array]:
+        """Of each joint, means at the other body's nodes of what acts on the pressed one."""
+        return [_reaction(patch, len(self.structure.nodes)) for patch in self.structure.patches]
+
+    @cached_property
+    def _reaction(self) -> Any:
+        n = len(self.structure.nodes)
+        return sum(self._reactions, start=sparse.csr_array((n, n)))
+
+    @cached_property
+    def _cell_means(self) -> sparse.csr_array:
+        """Means over the corners of the linear sub-cells that may touch; else empty rows, (c, N).
+
+        A sub-cell may touch when enough of its corners do: all of them where cells are pressed,
+        as many as a facet has where facets are.
+        """
+        cells, n = self.structure.cells, len(self.structure.nodes)
+        inside = np.zeros(cells.shape, dtype=bool)
+        for patch, reaction in zip(self.structure.patches, self._reactions, strict=True):
+            pressed, held = np.zeros((2, n), dtype=bool)
+            pressed[patch.nodes], held[patch.held_nodes] = True, True
+            for side in (pressed, np.diff(reaction.indptr) > 0):
+                touching = side[cells]
+                count = np.count_nonzero(touching | held[cells], axis=1)
+                inside |= touching & (count >= patch.cells.shape[1])[:, np.newaxis]
+        row, column = np.nonzero(inside)
+        weight = 1.0 / np.count_nonzero(inside, axis=1)[row]
+        return sparse.csr_array((weight, (row, cells[row, column])), shape=(len(cells), n))
+
+    def arrays(self, field: Field, frame: int) -> dict[str, NDArray[Any]]:
+        """Values of one frame on all nodes by their names in a series; vectors in space.
+
+        The body that is not pressed gets the reaction. "contact_state" is that of the linear
+        sub-cells: -1 unless the cell may touch and half of it does, 1 if half of that slips.
+        """
+        reaction, in_space = self._reaction, self.structure.in_space
+        own, traction = field.slip_state[frame], field.friction_traction[frame]
+        work = field.friction_work_density[frame]
+        state = np.maximum(own, _mean_state(reaction, own))
+        return {
+            "displacement": in_space(field.displacement[frame]),
+            "velocity": in_space(field.velocity[frame]),
+            "friction_traction": in_space(traction - reaction @ traction),
+            "slip_state": state,
+            "pressure": self.pressure + reaction @ self.pressure,
+            "friction_work_density": work + reaction @ work,
+            "contact_state": _mean_state(self._cell_means, state),
+        }
+
+
+def _reaction(patch: Patch, n: int) -> sparse.csr_array:
+    """Means, at the nodes of the other body, of what acts on the pressed one, (n, n)."""
+    if patch.other is None:
+        return sparse.csr_array((n, n))
+    # Elements of second order have shapes below zero, which would be negative areas.
+    weights = sparse.csr_array(patch.other).maximum(0.0)
+    of_node = patch.area / np.asarray(weights.sum(axis=1)).ravel()
+    shares = sparse.csr_array((sparse.diags_array(of_node) @ weights).T)
+    area = np.asarray(shares.sum(axis=1)).ravel()
+    scale = np.divide(1.0, area, out=np.zeros(n), where=area > 0.0)
+    k = patch.nodes.size
+    pick = sparse.csr_array((np.ones(k), (np.arange(k), patch.nodes)), shape=(k, n))
+    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ pick)
+    mean.eliminate_zeros()
+    return mean
+
+
+def _mean_state(means: sparse.csr_array, state: States) -> States:
+    """State of a mean: in contact if half of it is, and slipping if half of that slips."""
+    contact, slip = means @ (state >= 0).astype(float), means @ (state == 1).astype(float)
+    found = np.where(2.0 * slip >= contact * (1.0 - 1e-12), 1, 0)
+    return np.where(contact >= 0.5 * (1.0 - 1e-12), found, -1).astype(np.int8)
+
+
+def frames_of(study: Study) -> Frames:
+    """Stored fields of a study's models, as far as all of them have come, with its loads.
+
+    Raises
+    ------
+    InputError
+        If the runs stored no fields.
+    """
+    models = list(study.models.values())
+    times = min((model.run.field_times for model in models), key=len)
+    if times.size == 0:
+        raise InputError("the runs stored no fields: integrate with Save(fields=True)")
+    rows = models[0].run.times if models[0].run.times.size else times
+    forces: dict[str, FloatArray] = {}
+    for load, history in zip(study.system.loads, study.system.load_amplitudes(rows), strict=True):
+        forces[load.on] = forces.get(load.on, 0.0) + history
+    fields = [_field_of(study, model) for model in models]
+    return Frames(study.structure, times, fields, rows, forces)
+
+
+def _field_of(study: Study, model: Model) -> Field:
+    """Stored fields of a model on all displacement nodes."""
+    structure, system = study.structure, study.system
+    u, v = (structure.unpacked(part) for part in model.fields())
+    sigma = model.normalised_friction(system)
+    steepest = model.run.system.beta.max(initial=0.0)
+    speed = system.slip_norm(model.slips(system)[1])
+    state = slip_state(speed, np.minimum(system.beta, steepest))
+    work, share = friction_work(study, model), shared_work(study).tocsr()
+    traction = np.zeros(u.shape)
+    density = np.zeros(u.shape[:2])
+    states = np.full(u.shape[:2], -1, dtype=np.int8)
+    for number, patch in enumerate(structure.patches):
+        points, nodes = patch.points, patch.nodes
+        limit = patch.joint.friction * patch.normal_force / patch.area
+        for k in range(patch.directions.shape[1]):
+            free = system.directions[points] > k
+            size = -limit[free] * sigma[:, system.first_row[points[free]] + k]
+            traction[:, nodes[free]] += size[..., np.newaxis] * patch.directions[free, k]
+        states[:, nodes] = state[:, points]
+        own = share[[number]].toarray()[0, points]
+        density[:, nodes] += work[:, points] * own / patch.area
+    return Field(model.name, u, v, traction, states, density)

@@ -1,0 +1,170 @@
+"""A study's folder: what can be told before a run, and all that is written after it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skfem_joint.errors import InputError
+from skfem_joint.files import holding, needed, safe_name
+from skfem_joint.output import pictures, plots, report, series
+from skfem_joint.output.fields import frames_of
+from skfem_joint.reduction.active_length import slips
+
+if TYPE_CHECKING:
+    from skfem_joint.analysis.study import Study
+    from skfem_joint.scene import Scene
+
+Writer = Callable[[Path], object]
+
+SUMMARY, SERIES = "summary.json", "fields.pvd"
+# Names that a run may give to its files; what belongs to somebody else is not overwritten.
+_OURS = re.compile(
+    r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
+    r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png"
+)
+# Files of a run that did not end, and hidden ones.
+_PASSED = re.compile(r"checkpoint_.*\.npz|\..*")
+
+
+@contextmanager
+def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
+    """See that a scene's output can be made before anything is computed, and keep its folder.
+
+    What an earlier run wrote into the folder, as its summary lists it, is removed: if this run
+    fails, no old results stand for its own. All else is left alone.
+
+    Yields
+    ------
+    list of str
+        Sentences about files in the folder that are left alone.
+
+    Raises
+    ------
+    InputError
+        If a library is missing, nothing can be drawn, the folder cannot be written to, another run
+        is writing to it, or it has files of other origin under names that this run may use.
+    """
+    if scene.output.plots or scene.output.vtk:
+        needed("pyvista", "vtk")
+    if scene.output.plots:
+        needed("matplotlib", "plot")
+        needed("imageio", "gif")
+        with pictures.offscreen():  # tells what is missing before the run
+            pass
+    with holding(folder):
+        remove_old(folder)
+        left = sorted(path.name for path in folder.iterdir() if not _PASSED.fullmatch(path.name))
+        if foreign := [name for name in left if _OURS.fullmatch(name)]:
+            raise InputError(
+                f"{folder}: has {', '.join(foreign)}, which no run that a {SUMMARY} there knows of "
+                "wrote and this one might overwrite; move them away, or choose another folder"
+            )
+        names = ", ".join(left[:3]) + (" and others" if len(left) > 3 else "")
+        yield [f"{folder} has files of other origin, left as they are: {names}."] if left else []
+
+
+def remove_old(folder: Path) -> None:
+    """Remove what an earlier run wrote into a folder, as the summary there lists it.
+
+    Raises
+    ------
+    InputError
+        If there is a summary that no run of this package wrote, or a file cannot be removed.
+    """
+    path, root = folder / SUMMARY, folder.resolve()
+    if not path.exists():
+        return
+    try:
+        listed = [folder / str(name) for name in json.loads(path.read_bytes())["files"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: is not the summary of a run of this package, or of an older version of it; "
+            "move it away, or choose another folder"
+        ) from error
+    inside = [file for file in listed if root in file.resolve().parents and not file.is_dir()]
+    files = [path, *inside]
+    try:
+        for file in files:
+            file.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be removed: {error.strerror}") from error
+    for below in {file.parent.resolve() for file in files} - {root}:
+        with suppress(OSError):  # something else is in it
+            below.rmdir()
+
+
+def write(study: Study, folder: Path, certificate: report.Certificate | None = None) -> list[Path]:
+    """Write what the scene asks for; returns the main files.
+
+    The summary comes first and lists all files, so that the next run knows which ones are ours
+    however this one ends.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    remove_old(folder)
+    plan, names = _curves(study), []
+    output = study.scene.output
+    if output.plots or output.vtk:
+        frames = frames_of(study)
+    if output.vtk:
+        plan[SERIES] = partial(series.write_series, frames=frames, shape=output.shape)
+        plan["fields_load.csv"] = partial(series.write_load, frames=frames)
+        rows = series.series_files(folder / SERIES, frames)
+        names = [file.relative_to(folder).as_posix() for row in rows for file in row]
+    if output.plots:
+        plan["joint.png"] = partial(pictures.still, frames=frames)
+        plan["joint.gif"] = partial(pictures.animation, frames=frames)
+    content = report.summary(study, certificate) | {"files": [*plan, *names]}
+    report.write_json(folder / SUMMARY, content)
+    for name, writer in plan.items():
+        writer(folder / name)
+    return [folder / name for name in (SUMMARY, *plan)]
+
+
+def _curves(study: Study) -> dict[str, Writer]:
+    """Histories and pictures of curves that a scene asks for, each with what writes it."""
+    scene, system = study.scene, study.system
+    runs = {name: model.run for name, model in study.models.items()}
+    plan: dict[str, Writer] = {}
+    if scene.output.history:
+        plan["history.npz"] = partial(report.write_history, runs=runs)
+    if not scene.output.plots:
+        return plan
+
+    def add(name: str, figure: Callable[..., Any], *arguments: Any) -> None:
+        plan[name] = lambda path: plots.save_figure(path, figure(*arguments))
+
+    add("histories.png", plots.histories_figure, runs, system.points)
+    if scene.cycle_steps is not None:  # a loop only where there is one
+        if any(run.cycles.friction.size for run in runs.values()):
+            add("energies.png", plots.energies_figure, runs)
+        whole = scene.cycle_steps % scene.output.every == 0
+        rows = scene.cycle_steps // scene.output.every if whole else None
+        for k, load in enumerate(system.loads):
+            name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
+            add(name, plots.hysteresis_figure, runs, load.on, k, rows)
+    for basis in [model.basis for model in study.models.values() if model.basis is not None]:
+        reference = basis.reference
+        whose = "the full model's own run" if reference is None else "the paper's reference joint"
+        add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
+        if reference is not None:
+            add("proper_orthogonal_modes.png", plots.modes_figure, reference, whose)
+    # Where a reduced model runs alone, the run that it was made from tells.
+    model = next(iter(study.models.values()))
+    peak = model.run.slip_peak if model.basis is None else model.basis.slip_peak
+    active = slips(study.structure, system, peak, study.period)
+    for k, patch in enumerate(study.structure.patches):
+        if patch.points.size:
+            name = f"active_region_{safe_name(patch.joint.name)}.png"
+            slip = (peak[patch.points], active[patch.points])
+            add(name, plots.active_region_figure, study.structure, k, *slip)
+    return plan

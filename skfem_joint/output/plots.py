@@ -1,0 +1,342 @@
+"""Curves and maps of results: histories, hysteresis loops, modes, energies, and active regions.
+
+Each function builds a figure; :func:`save_figure` writes it. Nothing touches matplotlib's global
+state. All raise InputError for what does not fit, and where matplotlib is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skfem_joint.analysis.history import AT_REST, hysteresis_loop
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.files import needed, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from skfem_joint.reduction.pod import ProperModes
+    from skfem_joint.reduction.reference import ReferenceModes
+    from skfem_joint.stepping.recording import Run
+    from skfem_joint.structure import Structure
+
+#: Dots per inch of the written pictures.
+DPI = 150
+#: Modes in a picture of modes, and values in a picture of values.
+MODES, VALUES = 5, 20
+#: Turns of a history beyond which it is drawn as the band between its bounds, and parts of that.
+MOST_TURNS, PARTS = 300, 400
+
+# The full model is broad, pale and solid; the others go over it thin, dark and broken, so that
+# curves on top of each other stay apart, in grey too. One that is alone needs none of that.
+_FULL: dict[str, Any] = {"color": "#7fb2e5", "linewidth": 3.2, "linestyle": "-"}
+_OTHERS: tuple[dict[str, Any], ...] = (
+    {"color": "#9c1c00", "linewidth": 1.4, "linestyle": "--"},
+    {"color": "#1a1a1a", "linewidth": 1.4, "linestyle": ":"},
+    {"color": "#2e6b2e", "linewidth": 1.4, "linestyle": "-."},
+)
+_ALONE: dict[str, Any] = {"color": "#1f5fa8", "linewidth": 1.2, "linestyle": "-"}
+_SHADES = ("#000000", "#a33b00", "#1f5fa8", "#2e7d32", "#8d5fb0")
+_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+_LOST = ("friction", "viscous", "scheme")
+
+
+def _new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
+    """Empty figure of a size in inches."""
+    made: Figure = needed("matplotlib.figure", "plot").Figure(
+        figsize=(width, height), layout=layout
+    )
+    return made
+
+
+def save_figure(path: str | Path, figure: Figure) -> Path:
+    """Write a figure as a PNG that takes its place when it is whole."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    file = Path(path)
+    # Without chunks, Agg gives up on a curve of very many points that fill the panel.
+    with replacing(file) as temporary, rc_context({"agg.path.chunksize": 20_000}):
+        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=DPI)
+    return file
+
+
+def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
+    """Return the unit with the SI prefix that suits the largest value, and its size."""
+    largest = max((float(np.max(np.abs(array), initial=0.0)) for array in arrays), default=0.0)
+    for prefix, size in (("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9)):
+        if largest >= size and not (unit == "s" and size > 1.0):
+            return prefix + unit, size
+    return unit, 1.0
+
+
+def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
+    """Displacement of named points over time, one panel for each that moves.
+
+    A point at rest beside the others, such as a component that is zero by symmetry, has no panel,
+    nor has one that moves as one before it. ``runs`` go by the name in the legend; beside others,
+    the one called "full" is drawn solid.
+    """
+    moving = _moving(runs, points)
+    figure = _new_figure(7.5, 1.0 + 2.2 * len(moving))
+    panels = figure.subplots(len(moving), 1, sharex=True, squeeze=False)[:, 0]
+    time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
+    for panel, point in zip(panels, moving, strict=True):
+        unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
+        for (name, run), style in zip(runs.items(), _styles(runs), strict=True):
+            _draw(panel, run.times / time_scale, run.point(point) / scale, name, style)
+        panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
+        panel.set_title(point, loc="left")
+        panel.grid(alpha=0.3)
+    panels[-1].set_xlabel(f"time, {time_unit}")
+    _legend_above(figure, panels[0])
+    return figure
+
+
+def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
+    """Points that do not rest and do not move as one before them."""
+    if not runs or not points or min(run.times.size for run in runs.values()) == 0:
+        raise InputError("histories: found no runs, no points, or a run that stored no points")
+    moves = [np.concatenate([run.point(point) for run in runs.values()]) for point in points]
+    largest = AT_REST * max(np.abs(u).max() for u in moves)
+    drawn: dict[str, FloatArray] = {}
+    for point, u in zip(points, moves, strict=True):
+        others = [np.zeros(1), *drawn.values()]
+        if all(np.abs(u - other).max() > largest for other in others) or largest == 0.0:
+            drawn[point] = u
+    return list(drawn)
+
+
+def _draw(panel: Any, x: FloatArray, y: FloatArray, name: str, style: dict[str, Any]) -> None:
+    """Draw a curve, or the band between its bounds where it turns too often to be seen."""
+    steps = np.diff(y)
+    if np.count_nonzero(steps[1:] * steps[:-1] < 0.0) <= MOST_TURNS:
+        panel.plot(x, y, label=name, **style)
+        return
+    starts = np.linspace(0, y.size, PARTS, endpoint=False).astype(int)
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    panel.fill_between(x[starts], low, high, color=style["color"], alpha=0.25, linewidth=0.0)
+    around = np.concatenate([starts, starts[::-1]])
+    panel.plot(x[around], np.concatenate([high, low[::-1]]), label=f"{name} (bounds)", **style)
+
+
+def hysteresis_figure(
+    runs: Mapping[str, Run], point: str, load: int = 0, cycle_rows: int | None = None
+) -> Figure:
+    """Force of a load over the displacement of a point.
+
+    Parameters
+    ----------
+    runs : mapping of str to Run
+    point : str
+    load : int
+        Which of the system's loads, counted from 0.
+    cycle_rows : int, optional
+        Stored rows a cycle: draws the last cycle. The whole run if not given or shorter.
+    """
+    _moving(runs, [point])  # refuses what is not there
+    # A run that was stopped in its first cycle has nothing but that.
+    rows = [cycle_rows if run.times.size > (cycle_rows or 0) else None for run in runs.values()]
+    loops = [
+        hysteresis_loop(run, point, load, count)
+        for run, count in zip(runs.values(), rows, strict=True)
+    ]
+    unit, scale = prefixed_unit("m", (u for u, _ in loops))
+    force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
+    figure = _new_figure(6.0, 5.0)
+    panel = figure.subplots()
+    for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
+        panel.plot(u / scale, force / force_scale, label=name, **style)
+    loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
+    where = f" on {' and '.join(loaded)}" if loaded else ""
+    panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
+    panel.grid(alpha=0.3)
+    _legend_above(figure, panel)
+    return figure
+
+
+def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
+    """First five modes over the unit active length, each with the largest value 1.
+
+    ``whose`` says what moves in these modes, for the title.
+    """
+    xi, modes, values = reference.xi, reference.modes.T[:MODES], reference.proper.proper_values
+    figure = _new_figure(7.5, 4.5)
+    panel = figure.subplots()
+    panel.axhline(0.0, color="0.6", linewidth=0.8)
+    for k, (mode, value) in enumerate(zip(modes, values, strict=False)):
+        largest = mode[np.argmax(np.abs(mode))]
+        look: dict[str, Any] = {"color": _SHADES[k], "linestyle": _LINES[k], "linewidth": 1.8}
+        panel.plot(xi, mode / (largest or 1.0), label=f"{k + 1}: {value:.3g} %", **look)
+    panel.set_title(f"proper orthogonal modes of {whose}", loc="left")
+    panel.set(
+        xlabel="position on the active length, ξ (1 = loaded end)",
+        ylabel="mode, relative to its largest value",
+        xmargin=0.0,
+    )
+    panel.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", title="mode: proper value", alignment="left")
+    return figure
+
+
+def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
+    """Proper values (percent, logarithmic) beside their cumulative sum and the 99 % line."""
+    values, sums = proper.proper_values, proper.cumulative
+    count = min(VALUES, int(np.count_nonzero(values > 1e-12 * values[0])))
+    number = np.arange(1, count + 1)
+    figure = _new_figure(8.0, 3.8)
+    figure.suptitle(f"proper orthogonal modes of {whose}")
+    left, right = figure.subplots(1, 2)
+    left.bar(number, values[:count], color="#7fb2e5", edgecolor="#1a1a1a", linewidth=0.6)
+    left.set(yscale="log", ylabel="proper value, % of the sum")
+    right.plot(number, sums[:count], color="#9c1c00", marker="o", markersize=4, linewidth=1.2)
+    right.axhline(99.0, color="0.4", linestyle="--", linewidth=1.0, label="99 %")
+    right.set(ylabel="cumulative sum, %")
+    right.legend(loc="lower right")
+    for panel in (left, right):
+        panel.set(xlabel="number of the mode", xlim=(0.4, count + 0.6), axisbelow=True)
+        panel.set_xticks(number if count <= 10 else [1, *range(5, count + 1, 5)])
+        panel.grid(alpha=0.3, axis="y")
+    return figure
+
+
+def energies_figure(runs: Mapping[str, Run]) -> Figure:
+    """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel."""
+    cycles = [run.cycles for run in runs.values()]
+    if not any(one.friction.size for one in cycles):
+        raise InputError("energies: no run has a whole cycle")
+    works = {"input": [one.input.sum(axis=1) for one in cycles]}
+    works |= {name: [getattr(one, name) for one in cycles] for name in _LOST}
+    size = {name: max(np.abs(one).max(initial=0.0) for one in works[name]) for name in works}
+    titles = [name for name in works if size[name] > AT_REST * size["input"]] or ["input"]
+    columns = 2 if len(titles) == 4 else len(titles)
+    figure = _new_figure(3.8 * columns, 0.5 + 2.7 * (len(titles) // columns))
+    panels = figure.subplots(len(titles) // columns, columns, squeeze=False).ravel()
+    for panel, title in zip(panels, titles, strict=True):
+        unit, scale = prefixed_unit("J", works[title])
+        for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
+            number = np.arange(1, work.size + 1)
+            panel.plot(number, work / scale, label=name, marker="o", markersize=4, **style)
+        panel.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
+        panel.set_title(title, loc="left")
+        panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
+        panel.xaxis.get_major_locator().set_params(integer=True)
+        panel.grid(alpha=0.3)
+    _legend_above(figure, panels[0])
+    return figure
+
+
+def _styles(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
+    others = cycle(_OTHERS if len(runs) > 1 else (_ALONE,))
+    return [_FULL if name == "full" and len(runs) > 1 else next(others) for name in runs]
+
+
+def _legend_above(figure: Figure, panel: Any) -> None:
+    """Legend of a panel's curves above all panels, where it hides nothing."""
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, handlelength=3.0)
+
+
+def active_region_figure(
+    structure: Structure, joint: int, largest_slip: FloatArray, active: BoolArray
+) -> Figure:
+    """Where a contact has slipped: an area from above, a line as a curve along it.
+
+    Parameters
+    ----------
+    structure : Structure
+    joint : int
+        Which of the structure's joints, counted from 0.
+    largest_slip : ndarray, shape (k,)
+        Largest norm of the slip displacement at the joint's contact points, m.
+    active : ndarray of bool, shape (k,)
+        Which of them belong to the active region; its share of the contact's area stands in the
+        title.
+    """
+    patch = structure.patches[joint]
+    k, held = patch.nodes.size, patch.held_nodes.size
+    if np.shape(largest_slip) != (k,) or np.shape(active) != (k,):
+        raise InputError(
+            f"active region of {patch.joint.name!r}: found shapes {np.shape(largest_slip)} and "
+            f"{np.shape(active)}, must be those of its {k} contact points"
+        )
+    share = 100.0 * float(patch.area[active].sum() / (patch.area.sum() + patch.held_area))
+    unit, scale = prefixed_unit("m", [largest_slip])
+    # Held nodes do not slip.
+    nodes = np.concatenate([patch.nodes, patch.held_nodes])
+    slip = np.concatenate([largest_slip / scale, np.zeros(held)])
+    active = np.concatenate([active, np.zeros(held, dtype=bool)])
+    place, corners = structure.nodes[nodes], patch.cells.shape[1]
+    # A line along its longest direction; an area in its two longest.
+    axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
+    names = [f"{'xyz'[axis]}, m" if structure.dim > 1 else "position, m" for axis in axes]
+    figure = _new_figure(7.5, 3.5)
+    if corners > 2:
+        wide, tall = np.ptp(place[:, axes], axis=0)
+        height = float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0))
+        figure = _new_figure(8.0, height, "compressed")
+    panel = figure.subplots()
+    panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
+    figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")
+    label = f"largest slip, {unit}"
+    if corners == 2:
+        _line(panel, place[:, axes[0]], slip, active, label)
+    else:
+        number = np.full(len(structure.nodes), -1, dtype=np.intp)
+        number[nodes] = np.arange(nodes.size)
+        _area(figure, panel, place[:, axes], number[patch.cells], slip, active, label)
+    return figure
+
+
+def _line(panel: Any, place: FloatArray, slip: FloatArray, active: BoolArray, label: str) -> None:
+    order = np.argsort(place)
+    place, slip, active = place[order], slip[order], active[order]
+    panel.fill_between(
+        place, 0.0, 1.0, where=active, transform=panel.get_xaxis_transform(), color="#f08a24",
+        alpha=0.3, linewidth=0.0, label="active",
+    )  # fmt: skip
+    panel.plot(place, slip, color="#1a1a1a", marker=".", label="largest slip")
+    panel.set(ylabel=label, xmargin=0.0)
+    panel.set_ylim(bottom=0.0)
+    panel.grid(alpha=0.3)
+    panel.legend(loc="best")
+
+
+def _area(
+    figure: Figure, panel: Any, place: FloatArray, cells: Any, slip: FloatArray,
+    active: BoolArray, label: str,
+) -> None:  # fmt: skip
+    """Colour an area by its slip, outline its active region and fade the rest."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.tri import Triangulation
+
+    cells = cells[np.all(cells >= 0, axis=1)]
+    triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
+    grid = Triangulation(place[:, 0], place[:, 1], triangles)
+    drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis")
+    shown = active.astype(float)
+    if not active.all():
+        panel.tricontourf(grid, shown, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
+    # Where the region reaches the border of the area, that is its outline.
+    triangle, side = np.nonzero(grid.neighbors == -1)
+    ends = np.stack([grid.triangles[triangle, side], grid.triangles[triangle, (side + 1) % 3]], 1)
+    ends = ends[active[ends].any(axis=1)]
+    middle = place[ends].mean(axis=1, keepdims=True)
+    border = list(np.where(active[ends][..., np.newaxis], place[ends], middle))
+    for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+        if active.any() and not active.all():
+            panel.tricontour(grid, shown, levels=[0.5], colors=colour, linewidths=width)
+        panel.add_collection(
+            LineCollection(border, colors=colour, linewidths=width, capstyle="round", zorder=2.5)
+        )
+    panel.set(aspect="equal")
+    panel.use_sticky_edges = False
+    panel.margins(0.02)
+    panel.set_title("outlined; the rest is faded", fontsize="small")
+    figure.colorbar(drawn, ax=panel, label=label, location="bottom", aspect=40)

@@ -1,0 +1,243 @@
+"""Results as text and numbers: the printed table, ``summary.json`` and ``history.npz``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skfem_joint.analysis.certificate import QUANTITIES
+from skfem_joint.analysis.history import peaks, steady_state
+from skfem_joint.analysis.study import friction_energy_by_joint
+from skfem_joint.files import replacing
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skfem_joint.analysis.study import Model, Study
+    from skfem_joint.stepping.recording import Run
+
+#: Estimated errors by model, source and quantity, as a certificate has them.
+Certificate = Mapping[str, Mapping[str, Mapping[str, float | None]]]
+
+# Sources of error in a summary, and what a certificate calls them.
+_SOURCES = {
+    "basis": "modes",
+    "law": "beta",
+    "points": "friction points",
+    "mesh": "mesh",
+    "time_step": "time step",
+    "total": "total",
+}
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON; NaN and infinity are refused."""
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_history(path: Path, runs: Mapping[str, Run]) -> None:
+    """Histories of the named points as ``history.npz``.
+
+    Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
+    ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s).
+    """
+    longest = max(runs.values(), key=lambda run: run.times.size)
+    arrays: dict[str, Any] = {"time": longest.times}
+    for k, load in enumerate(longest.system.loads):
+        arrays[f"load_{k}_{load.on}"] = longest.amplitudes[:, k]
+    for model, run in runs.items():
+        for k, point in enumerate(run.system.points):
+            arrays[f"{model}_{point}_displacement"] = run.point_u[:, k]
+            arrays[f"{model}_{point}_velocity"] = run.point_v[:, k]
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def summary(study: Study, certificate: Certificate | None = None) -> dict[str, Any]:
+    """Content of ``summary.json``, all but the list of files."""
+    content: dict[str, Any] = {
+        "title": study.scene.title,
+        "models": {
+            name: model_summary(study, model, (certificate or {}).get(name, {}))
+            for name, model in study.models.items()
+        },
+        "warnings": list(study.warnings),
+    }
+    if certificate:
+        content["certificate"] = certificate
+    return content
+
+
+def model_summary(
+    study: Study, model: Model, certificate: Mapping[str, Mapping[str, float | None]]
+) -> dict[str, Any]:
+    """Entry of one model in ``summary.json``; SI units, see the key names."""
+    run = model.run
+    cycles = run.cycles
+    has_cycles = cycles.friction.size > 0
+    state = steady_state(run)
+    content: dict[str, Any] = {
+        "dofs": run.system.n,
+        "contact_points": run.system.contact_points,
+        "modes": model.modes,
+        "steps": run.counters.steps,
+        "newton_iterations": run.counters.newton_iterations,
+        "largest_iterations_of_a_step": run.counters.largest_iterations,
+        "friction_evaluations": run.counters.friction_evaluations,
+        "halved_steps": run.counters.halved_steps,
+        "wall_s": run.wall_s,
+        "offline_s": model.offline_s,
+        "peak_displacement_m": _by_point(run, peaks(run)),
+        "peak_displacement_whole_run_m": _by_point(run, run.peak),
+        "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,
+        "loop_energy_per_cycle_J": float(cycles.input[-1].sum()) if has_cycles else None,
+        "friction_energy_J": friction_energy_by_joint(study, model),
+        "input_work_J": float(run.input_work.sum()),
+        "viscous_work_J": run.viscous_work,
+        "scheme_work_J": run.scheme_work,
+        "active_length_m": model.active_length,
+        "active_area_fraction": model.active_area_fraction,
+        "energy_balance_residual": run.energy_residual,
+        "steady_state_reached": state.reached if state is not None else None,
+        "interrupted": run.interrupted,
+        "estimated_error": _estimated(certificate, "_per_cycle" if has_cycles else ""),
+    }
+    if model.errors is not None:
+        error = asdict(model.errors)
+        by_point = error.pop("by_point")
+        error["displacement_rms_by_point"] = {name: one for name, (one, _) in by_point.items()}
+        error["displacement_max_by_point"] = {name: one for name, (_, one) in by_point.items()}
+        content["error"] = error
+    return content
+
+
+def _by_point(run: Run, values: Any) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(run.system.points, values, strict=True)}
+
+
+def _estimated(
+    certificate: Mapping[str, Mapping[str, float | None]], energies: str
+) -> dict[str, dict[str, float | None]]:
+    """Estimated errors by quantity and source; None where nothing was estimated."""
+    return {
+        quantity + (energies if "energy" in quantity else ""): {
+            key: certificate.get(source, {}).get(quantity) for key, source in _SOURCES.items()
+        }
+        for quantity in QUANTITIES
+    }
+
+
+def certificate_table(certificate: Certificate) -> Table:
+    """Estimated errors by model and source, percent."""
+    rows = {
+        f"{model}, {source}": [_shown(errors.get(key), "{:.2g}", 100.0) for key in QUANTITIES]
+        for model, sources in certificate.items()
+        for source, errors in sources.items()
+    }
+    return _table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
+
+
+def summary_table(content: Mapping[str, Any]) -> Table:
+    """Table of the models of a summary.
+
+    How much faster a model runs than the full one stands beside the same with its off-line time;
+    neither does where one of the two was interrupted.
+    """
+    models: dict[str, dict[str, Any]] = content["models"]
+    full = models.get("full")
+    rows: dict[str, list[str]] = {}
+
+    def add(label: str, form: str, values: list[Any], scale: float = 1.0) -> None:
+        if any(value is not None for value in values):
+            rows[label] = [_shown(value, form, scale) for value in values]
+
+    def at(*keys: str) -> list[Any]:
+        """Entry of each model."""
+        return [_entry(model, keys) for model in models.values()]
+
+    def add_each(label: str, form: str, key: str, scale: float = 1.0) -> None:
+        for name in dict.fromkeys(name for model in models.values() for name in model[key]):
+            add(label.format(name), form, at(key, name), scale)
+
+    def faster(offline: bool) -> list[Any]:
+        """How often each model runs while the full one runs once."""
+        times = [model["wall_s"] + offline * model["offline_s"] for model in models.values()]
+        return [
+            None
+            if full is None or model is full or full["interrupted"] or model["interrupted"]
+            else full["wall_s"] / time
+            for model, time in zip(models.values(), times, strict=True)
+        ]
+
+    cycles = any(value is not None for value in at("friction_energy_per_cycle_J"))
+    steps = zip(at("newton_iterations"), at("steps"), strict=True)
+    add("unknowns", "{}", at("dofs"))
+    add("contact points", "{}", at("contact_points"))
+    add_each("peak displacement at {}, mm", "{:.5g}", "peak_displacement_m", 1e3)
+    add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
+    add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
+    if not cycles:
+        totals = [sum(energies.values()) for energies in at("friction_energy_J")]
+        add("friction energy, J", "{:.4g}", totals)
+    if max(map(len, at("friction_energy_J"))) > 1:
+        add_each("friction energy of {} over the run, J", "{:.4g}", "friction_energy_J")
+    add_each("active length of {}, mm", "{:.4g}", "active_length_m", 1e3)
+    add_each("active part of {}, %", "{:.3g}", "active_area_fraction", 100.0)
+    for label, key, form in (
+        ("displacement history", "displacement_rms", "{:.3g}"),
+        ("peak displacement", "peak_displacement", "{:+.3g}"),
+        ("friction energy", f"friction_energy{'_per_cycle' * cycles}", "{:+.3g}"),
+        ("loop energy", "loop_energy_per_cycle", "{:+.3g}"),
+    ):
+        add(f"error of {label}, %", form, at("error", key), 100.0)
+    add("steps", "{}", at("steps"))
+    add("Newton iterations a step", "{:.2f}", [newton / max(done, 1) for newton, done in steps])
+    add("energy balance residual", "{:.1e}", at("energy_balance_residual"))
+    add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
+    add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
+    add("run time of the full model over this one's", "{:.3g}", faster(offline=False))
+    add("the same with its off-line time", "{:.3g}", faster(offline=True))
+    return _table("", list(models), rows)
+
+
+def _entry(values: Any, keys: Sequence[str]) -> Any:
+    """Entry of nested tables, None where one of them is not there."""
+    for key in keys:
+        values = None if values is None else values.get(key)
+    return values
+
+
+def _shown(value: Any, form: str, scale: float = 1.0) -> str:
+    return "-" if value is None else form.format(value if scale == 1.0 else scale * value)
+
+
+def _table(corner: str, columns: list[str], rows: Mapping[str, list[str]]) -> Table:
+    from rich.box import Box
+    from rich.table import Table
+    from rich.text import Text
+
+    lines = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # one line below the names
+    made = Table(box=Box(lines, ascii=True), pad_edge=False, show_edge=False)
+    made.add_column(Text(corner), no_wrap=True)
+    for name in columns:
+        made.add_column(Text(name), justify="right", no_wrap=True)
+    for label, cells in rows.items():
+        made.add_row(Text(label), *cells)
+    return made
+
+
+def text(table: Table) -> str:
+    """Lines of a table, as wide as they need to be wherever they are shown."""
+    from rich.console import Console
+
+    console = Console(width=10_000, color_system=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())

@@ -1,0 +1,339 @@
+"""Time series for ParaView: bodies as grids, a VTK file a block and frame, and a ``.pvd`` index.
+
+VTK's own writer writes the files, appended and compressed by LZ4, the fastest that ParaView reads.
+pyvista's ``save`` is not used: it ends the process on a full disk where VTK's writer says that it
+could not write, and it is 2 to 23 times slower.
+"""
+
+from __future__ import annotations
+
+import csv
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.files import needed, replacing, safe_name
+from skfem_joint.output.fields import Frames
+
+if TYPE_CHECKING:
+    from skfem_joint.structure import Structure
+
+#: How bars and plates are drawn: swept to their section, or flat as their mesh. Solids are solid.
+SHAPES = ("swept", "flat")
+
+#: Space between bodies that lie on each other, in thicknesses of the lower one.
+GAP = 0.5
+
+#: What the arrays of a series mean.
+UNITS = (
+    "displacement: m",
+    "velocity: m/s",
+    "friction_traction: Pa, on the body of the block",
+    "slip_state: -1 no contact, 0 stick, 1 slip",
+    "contact_state: as slip_state, of the cell",
+    "pressure: Pa, clamping",
+    "friction_work_density: J/m^2, since the start",
+    "thickness: m",
+)
+
+# Linear cells by dimension and corners: name in VTK, corners beside the first one, and corners of
+# one that is inside out. VTK goes around the lower face of a hexahedron, then around the upper one;
+# scikit-fem numbers its corners otherwise.
+_CELLS: dict[tuple[int, int], tuple[str, tuple[int, ...], tuple[int, ...]]] = {
+    (1, 2): ("LINE", (1,), (1, 0)),
+    (2, 3): ("TRIANGLE", (1, 2), (2, 1, 0)),
+    (2, 4): ("QUAD", (1, 3), (3, 2, 1, 0)),
+    (3, 4): ("TETRA", (1, 2, 3), (1, 0, 2, 3)),
+    (3, 6): ("WEDGE", (), ()),
+    (3, 8): ("HEXAHEDRON", (1, 3, 4), (4, 5, 6, 7, 0, 1, 2, 3)),
+}
+_HEXAHEDRON = (0, 3, 6, 2, 1, 5, 7, 4)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One body as a grid.
+
+    Attributes
+    ----------
+    label : str
+        Name of the body: its region if one is exactly the body, else "body 1" and so on. Empty
+        for a body that is alone.
+    grid : pyvista.UnstructuredGrid
+        With what does not change in time.
+    nodes, cells : ndarray of int
+        Displacement node of each point, linear sub-cell of each cell.
+    """
+
+    label: str
+    grid: Any
+    nodes: IntArray
+    cells: IntArray
+
+    def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
+        """Give the grid the values of one frame, from :meth:`Frames.arrays`; returns it."""
+        for name, array in arrays.items():
+            if name == "contact_state":
+                self.grid.cell_data[name] = array[self.cells]
+            else:
+                self.grid.point_data[name] = array[self.nodes]
+        return self.grid
+
+
+def blocks_of(structure: Structure, shape: str = "swept") -> list[Block]:
+    """Each body of a structure as a grid with its cell data; see :func:`write_series`."""
+    pyvista, mesh = needed("pyvista", "vtk"), structure.mesh
+    region = np.full(mesh.n_elements, -1, dtype=np.int32)
+    names = list(mesh.regions)
+    for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
+        region[mesh.regions[name]] = names.index(name)
+    corners, directions, section = _corners(structure), _directions(structure), _section(structure)
+    shift = _heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
+    of_cell = mesh.body[structure.cell_element]
+    blocks = []
+    for number, label in enumerate(_labels(structure)):
+        cells = np.flatnonzero(of_cell == number)
+        elements, width = structure.cell_element[cells], corners.shape[1]
+        # Where the section changes, a node has points of each.
+        _, step = np.unique(section[elements], axis=0, return_inverse=True)
+        pairs = np.column_stack([corners[cells].ravel(), np.repeat(step.ravel(), width)])
+        _, first, place = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+        connections = np.asarray(place).reshape(cells.size, width)
+        nodes, size = pairs[first, 0], np.repeat(section[elements], width, axis=0)[first]
+        points, dim = structure.positions[nodes] + shift[number], structure.dim
+        for k, direction in enumerate(directions if shape == "swept" else ()):
+            n, half = len(points), 0.5 * size[:, k : k + 1] * direction
+            points = np.vstack([points - half, points + half])
+            nodes, size, dim = np.tile(nodes, 2), np.tile(size, (2, 1)), dim + 1
+            other = connections[:, ::-1] if dim == 2 else connections  # a line's corners go around
+            connections = np.hstack([connections, other + n])
+        kind = getattr(pyvista.CellType, _CELLS[dim, connections.shape[1]][0])
+        grid = pyvista.UnstructuredGrid({kind: connections}, points)
+        grid.cell_data["region"] = region[elements]
+        grid.cell_data["body"] = np.full(cells.size, number, dtype=np.int32)
+        if len(directions):
+            grid.cell_data["thickness"] = section[elements, -1]
+        _add_texts(grid, "units", UNITS)
+        _add_texts(grid, "region_names", names)
+        blocks.append(Block(label, grid, nodes, cells))
+    return blocks
+
+
+def _add_texts(grid: Any, name: str, texts: Sequence[str]) -> None:
+    """Give a grid a field array of texts, in UTF-8: pyvista's own way refuses all but ASCII."""
+    from vtkmodules.vtkCommonCore import vtkStringArray
+
+    array = vtkStringArray()
+    array.SetName(name)
+    for text in texts:
+        array.InsertNextValue(text)
+    grid.GetFieldData().AddArray(array)
+
+
+def _labels(structure: Structure) -> list[str]:
+    """Name of each body."""
+    mesh = structure.mesh
+    count = int(mesh.body.max()) + 1
+    if count == 1:
+        return [""]
+    labels = [f"body {number + 1}" for number in range(count)]
+    for name, elements in mesh.regions.items():
+        number = mesh.body[elements[0]] if len(elements) else -1
+        if number >= 0 and np.array_equal(np.sort(elements), np.flatnonzero(mesh.body == number)):
+            labels[number] = name
+    return labels
+
+
+def _directions(structure: Structure) -> FloatArray:
+    """Directions that the mesh is swept along, (3 - dim, 3): of a bar's width and thickness.
+
+    That of the thickness comes last; that of the width is horizontal, across the bar.
+    """
+    if structure.dim > 1:
+        return np.eye(3)[structure.dim :]
+    along = structure.axes[0]
+    across = np.cross([0.0, 0.0, 1.0], along)
+    length = np.linalg.norm(across)
+    across = across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
+    return np.array([across, np.cross(along, across)])
+
+
+def _section(structure: Structure) -> FloatArray:
+    """Sizes of each element in the directions it is swept along, (n_elements, 3 - dim), m."""
+    names = ("width", "thickness")[structure.dim - 1 :]
+    sizes = [structure.properties[name] for name in names]
+    return np.reshape(np.transpose(sizes), (structure.mesh.n_elements, 3 - structure.dim))
+
+
+def _heights(structure: Structure) -> FloatArray:
+    """How far each body is moved in the direction of its thickness, so that it lies on another.
+
+    Only bodies whose *cells* are pressed on another one lie on it; those that touch at facets are
+    beside each other as it is.
+    """
+    body = structure.mesh.body
+    height = np.zeros(int(body.max()) + 1)
+    if structure.dim == 3:
+        return height
+    thickness = _section(structure)[:, -1]
+    thick = np.array([thickness[body == number].max() for number in range(height.size)])
+    above = {
+        (int(upper), int(lower))
+        for patch in structure.patches
+        if patch.other is not None and patch.normal is None
+        for upper in np.unique(structure.body[patch.nodes])
+        for lower in np.unique(structure.body[np.unique(patch.other.tocsr().indices)])
+        if upper != lower
+    }
+    for _ in height:  # each round settles at least one more layer
+        for upper, lower in above:
+            least = height[lower] + (0.5 + GAP) * thick[lower] + 0.5 * thick[upper]
+            height[upper] = max(height[upper], least)
+    return height
+
+
+def _corners(structure: Structure) -> IntArray:
+    """Corners of the linear sub-cells in VTK's order, turned so that their size is positive."""
+    cells = structure.cells
+    if cells.shape[1] == 8:
+        cells = cells[:, _HEXAHEDRON]
+    _, beside, turned = _CELLS[structure.dim, cells.shape[1]]
+    edges = structure.nodes[cells[:, beside]] - structure.nodes[cells[:, :1]]
+    outside = np.linalg.det(edges) > 0.0
+    return np.asarray(np.where(outside[:, np.newaxis], cells, cells[:, turned]), dtype=np.intp)
+
+
+def write_series(path: str | Path, frames: Frames, *, shape: str = "swept") -> list[Path]:
+    """Write histories as a series that ParaView opens; returns the index and the frames' files.
+
+    Each body of each model is a block, named "full: upper" by the region that is exactly the body,
+    else "full: body 1"; a body that is alone has the model's name. ParaView shows the names of the
+    blocks, pyvista those of ``reader.active_datasets`` (``group``). Models lie on each other:
+    switch blocks off or move them in ParaView. A bar is swept to its width and thickness, a plate
+    to its thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one
+    are moved apart: the pressed one lies above the other, with half of its thickness as a gap.
+
+    Points carry the vectors ``displacement`` (m), ``velocity`` (m/s), ``friction_traction`` (Pa),
+    and ``slip_state``, ``pressure`` (Pa) and ``friction_work_density`` (J/m2). The body that is not
+    pressed carries the reaction, and the other values as means over what lies on it: traction times
+    nodal contact area adds up to the same force with the opposite sign. Cells carry
+    ``contact_state`` (the slip state for pictures, see :meth:`Frames.arrays`), ``region`` (position
+    in the field array ``region_names``, -1 without one; of overlapping regions the one with fewest
+    elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in
+    each file. Elements of second order come as linear cells on their nodes.
+
+    ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on. Every file takes its place only
+    when it is whole, the index last. An interruption by the keyboard leaves an index of the frames
+    done until then and is raised again.
+
+    Parameters
+    ----------
+    path : str or Path
+        File name of the index, ending in ".pvd"; folders are made.
+    frames : Frames
+    shape : {"swept", "flat"}
+
+    Raises
+    ------
+    InputError
+        Names or a shape that do not fit, a path that cannot be written, or pyvista is missing.
+    """
+    index, problems, names = Path(path), [], _names(frames)
+    if index.suffix != ".pvd":
+        problems.append(f"{index}: the name of a series for ParaView must end in .pvd")
+    if shape not in SHAPES:
+        problems.append(f"shape: found {shape!r}, must be one of {', '.join(SHAPES)}")
+    if len({safe_name(name).casefold() for name in names}) < len(names):
+        found = ", ".join(repr(name) for name in names)
+        problems.append(f"fields: the names {found} lead to files of the same name")
+    if problems:
+        raise InputError(problems)
+    blocks, files = blocks_of(frames.structure, shape), series_files(index, frames)
+    try:
+        index.with_suffix("").mkdir(parents=True, exist_ok=True)
+        index.unlink(missing_ok=True)  # it would list old frames among new ones
+    except OSError as error:
+        raise InputError(f"{index}: cannot be written: {error}") from error
+    done = 0
+    try:
+        for k, time in enumerate(frames.times):
+            targets = iter(files[k])
+            for field in frames.fields:
+                arrays = frames.arrays(field, k)
+                for block in blocks:
+                    grid = block.fill(arrays)
+                    grid.field_data["TimeValue"] = [time]
+                    _write_grid(next(targets), grid)
+            done = k + 1
+        _write_index(index, frames.times, names, files)
+    except KeyboardInterrupt:
+        if done:
+            _write_index(index, frames.times, names, files[:done])
+        raise
+    return [index, *(file for row in files for file in row)]
+
+
+def _names(frames: Frames) -> list[str]:
+    """Names of the blocks of a series."""
+    labels = _labels(frames.structure)
+    models = [field.name for field in frames.fields]
+    return [f"{model}: {label}" if label else model for model in models for label in labels]
+
+
+def series_files(index: Path, frames: Frames) -> list[list[Path]]:
+    """Files of a series but for its index: those of the blocks of each frame."""
+    names, count = [safe_name(name) for name in _names(frames)], len(frames.times)
+    digits, folder = max(4, len(str(count - 1))), index.with_suffix("")
+    return [[folder / f"{name}_{k:0{digits}d}.vtu" for name in names] for k in range(count)]
+
+
+def _write_grid(file: Path, grid: Any) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    with replacing(file) as temporary:
+        writer = vtkXMLUnstructuredGridWriter()
+        writer.SetInputData(grid)
+        writer.SetFileName(str(temporary))
+        writer.SetDataModeToAppended()
+        writer.EncodeAppendedDataOff()
+        writer.SetCompressorTypeToLZ4()
+        if not writer.Write():
+            raise OSError("VTK could not write it; is the disk full?")
+
+
+def _write_index(
+    index: Path, times: FloatArray, names: Sequence[str], files: Sequence[Sequence[Path]]
+) -> None:
+    """Write the index of the frames that are done."""
+    root = ET.Element("VTKFile", type="Collection", version="0.1")
+    collection = ET.SubElement(root, "Collection")
+    for time, row in zip(times, files, strict=False):
+        for part, (name, file) in enumerate(zip(names, row, strict=True)):
+            place = file.relative_to(index.parent).as_posix()
+            # ParaView shows the name, pyvista the group.
+            ET.SubElement(
+                collection, "DataSet", timestep=repr(float(time)), part=str(part), name=name,
+                group=name, file=place,
+            )  # fmt: skip
+    ET.indent(root)
+    with replacing(index) as temporary:
+        ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+
+
+def write_load(path: Path, frames: Frames) -> None:
+    """Write the load histories beside a series, for ``examples/paraview_joint.py``.
+
+    ``NAME_load.csv`` beside ``NAME.pvd`` has the columns "time, s" and "force on PLACE, N".
+    """
+    columns = np.column_stack([frames.load_times, *frames.forces.values()])
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time, s", *(f"force on {on}, N" for on in frames.forces)])
+        writer.writerows(columns.tolist())

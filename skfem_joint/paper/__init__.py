@@ -1,1 +1,0 @@
-"""Tables and figures of the paper, computed anew and set beside their published values."""

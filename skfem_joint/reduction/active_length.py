@@ -1,0 +1,157 @@
+"""Active length and area of a joint: measured from a run, or estimated by Eqs. (17)-(20)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.structure import Structure
+from skfem_joint.system import System
+
+#: Damping ratio of a joint in micro-slip, independent of its active length, Eq. (20).
+DAMPING_RATIO = 2.0 / sqrt(9.0 * pi**2 - 16.0)
+#: Displacement, relative to the interface's, above which a point counts as active.
+THRESHOLD = 1e-3
+#: A joint slips as a whole when its least relative slip exceeds this share of its largest.
+GROSS_SLIP = 0.02
+
+
+def measured(distance: FloatArray, peak: FloatArray, threshold: float = THRESHOLD) -> float:
+    """Active length from the largest displacements along a joint, m; 0 if nothing moves.
+
+    Parameters
+    ----------
+    distance, peak : ndarray, shape (m,)
+        Distance of the contact points from the joint's loaded end, increasing from 0, and the
+        largest displacement of each, m.
+    threshold : float
+        Points are active while their peak exceeds this share of the loaded end's. Interpolated
+        between points. The response falls off smoothly, so the threshold matters: state it.
+    """
+    if not 0.0 < threshold < 1.0:
+        raise InputError(f"threshold: found {threshold}, must be between 0 and 1")
+    limit = threshold * peak[0]
+    if limit == 0.0:
+        return 0.0
+    inactive = np.flatnonzero(peak <= limit)
+    if inactive.size == 0:
+        return float(distance[-1])
+    i = int(inactive[0])
+    share = (peak[i - 1] - limit) / (peak[i - 1] - peak[i])
+    return float(distance[i - 1] + share * (distance[i] - distance[i - 1]))
+
+
+def amplification(frequency_ratio: float, damping_ratio: float = DAMPING_RATIO) -> float:
+    """Amplification A_a of a linear oscillator, Eq. (17)."""
+    r = frequency_ratio
+    return 1.0 / sqrt((1.0 - r * r) ** 2 + (2.0 * r * damping_ratio) ** 2)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Active length by the fixed-point iteration of section 6.1."""
+
+    length: float  #: active length, m
+    factors: tuple[float, ...]  #: iterates of A_a
+    frequency_ratio: float  #: excitation over natural frequency at the last iterate
+    converged: bool  #: the iteration settled; it does not near and above resonance
+
+    @property
+    def factor(self) -> float:
+        """Last A_a."""
+        return self.factors[-1]
+
+
+def estimate(
+    static_length: float,
+    frequency: float,
+    natural_frequency: Callable[[float], float],
+    iterations: int = 60,
+    tolerance: float = 1e-4,
+) -> Estimate:
+    """Scale the static active length by A_a until it agrees with its natural frequency.
+
+    Parameters
+    ----------
+    static_length, frequency : float
+        Active length without inertia, F / tau, m; excitation frequency, Hz.
+    natural_frequency : callable
+        First natural frequency (Hz) of what moves when the active length is given (m);
+        ``speed / (4 length)`` for an isolated joint.
+    """
+    factors: list[float] = []
+    factor, previous, ratio = 1.0, 0.0, 0.0
+    while len(factors) < iterations and not abs(factor - previous) <= tolerance * factor:
+        ratio = frequency / natural_frequency(factor * static_length)
+        previous, factor = factor, amplification(ratio)
+        factors.append(factor)
+    converged = abs(factor - previous) <= tolerance * factor
+    return Estimate(factor * static_length, tuple(factors), ratio, converged)
+
+
+def scaled_for_impulse(length: float, force: float, other_force: float) -> float:
+    """Active length under an impulse of another peak, by the ratio of the peaks (section 6.2)."""
+    return length * other_force / force
+
+
+def slips(structure: Structure, system: System, slip_peak: FloatArray, period: float) -> BoolArray:
+    """Contact points that slip rather than creep, shape (m,).
+
+    Their largest slip, ``slip_peak`` (m), exceeds a thousandth of the largest in their joint, and
+    also what the arctan law lets a point creep at half of its limit, 1 / beta, for a ``period`` (s)
+    of the load.
+    """
+    active = np.zeros(system.w.size, dtype=np.bool_)
+    for patch in structure.patches:
+        points = patch.points[system.w[patch.points] > 0.0]
+        least = THRESHOLD * slip_peak[points].max(initial=0.0)
+        creep = period / system.beta[points]
+        active[points] = slip_peak[points] > np.maximum(least, creep)
+    return active
+
+
+def active_area_fraction(
+    structure: Structure, system: System, slip_peak: FloatArray, period: float
+) -> dict[str, float]:
+    """Share of each joint's contact area that slips, by joint name; held nodes do not.
+
+    See :func:`slips` for ``slip_peak`` (m) and ``period`` (s).
+    """
+    active = slips(structure, system, slip_peak, period)
+    fractions = {}
+    for patch in structure.patches:
+        area = float(patch.area.sum()) + patch.held_area
+        slipping = patch.area[active[patch.points]].sum()
+        fractions[patch.joint.name] = float(slipping / area) if area > 0.0 else 0.0
+    return fractions
+
+
+def gross_slip(structure: Structure, slip_peak: FloatArray, period: float) -> list[str]:
+    """Sentences about joints without a point that sticks.
+
+    Points near a support can move but little: their largest slip, ``slip_peak`` (m, of every
+    contact point), is compared with that of a body strained evenly between the support and the
+    point that moves most. Under a regularised law all points creep a little in a ``period`` (s) of
+    the load while they stick.
+    """
+    found = []
+    for patch in structure.patches:
+        peak = slip_peak[patch.points]
+        if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
+            continue
+        room = np.ones(peak.size)
+        if patch.held_nodes.size:
+            held = cKDTree(structure.nodes[patch.held_nodes])
+            room = held.query(structure.nodes[patch.nodes])[0]
+        if (peak / room).min() > GROSS_SLIP * peak.max() / room.max():
+            found.append(
+                f"Every point of joint '{patch.joint.name}' slips, the least by "
+                f"{peak.min():.3g} m: the paper's assumption of no gross slip is violated."
+            )
+    return found

@@ -1,0 +1,168 @@
+"""Proper orthogonal decomposition of a history, Eq. (3), and truncation of its modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, solve_triangular, svd
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.system import System
+
+#: What the snapshots of a decomposition hold.
+SNAPSHOTS = ("both", "displacement", "rates")
+#: Inner products that modes may be orthogonal in.
+INNER_PRODUCTS = ("energy", "mass", "euclidean")
+#: Singular values below this share of the largest are round-off.
+_ROUND_OFF = 1e-14
+
+
+@dataclass(frozen=True)
+class ProperModes:
+    """Proper orthogonal modes and values."""
+
+    modes: FloatArray  #: (n, r), orthonormal in the inner product they were made with
+    singular_values: FloatArray  #: (r,), decreasing
+
+    @property
+    def proper_values(self) -> FloatArray:
+        """Singular values in percent of their sum, as in Table 1."""
+        return np.asarray(100.0 * self.singular_values / self.singular_values.sum())
+
+    @property
+    def cumulative(self) -> FloatArray:
+        """Cumulative sums of the proper values, percent."""
+        return np.asarray(np.cumsum(self.proper_values))
+
+    def count_for(self, percent: float = 99.0, extra: int = 1) -> int:
+        """Modes whose cumulative sum reaches ``percent``, plus ``extra`` (section 5: 99 %, one)."""
+        if not 0.0 < percent <= 100.0:
+            raise InputError(f"percent: found {percent}, must be above 0 and at most 100")
+        reached = int(np.searchsorted(self.cumulative, percent * (1.0 - 1e-12))) + 1
+        return min(reached + extra, self.singular_values.size)
+
+
+def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:
+    """Proper orthogonal decomposition in any inner product; no (n, n) matrix is filled.
+
+    Parameters
+    ----------
+    snapshots : ndarray, shape (times, n)
+        One state in each row.
+    inner : ndarray or sparse array, shape (n, n), optional
+        Symmetric positive definite matrix G, V^T G V = I; Euclidean if not given.
+
+    Raises
+    ------
+    InputError
+        If the snapshots are not a finite matrix, nothing moves in them, or G is not positive.
+    ConvergenceError
+        If the decomposition does not converge.
+    """
+    if snapshots.ndim != 2 or not np.all(np.isfinite(snapshots)):
+        raise InputError("snapshots: must be a matrix (times, n) of finite numbers")
+    scale = float(np.abs(snapshots).max(initial=0.0))
+    if scale == 0.0:
+        raise InputError("snapshots: all zero, nothing moves; is the load too small or absent?")
+    Q, R = np.linalg.qr(snapshots.T / scale)
+    upper = np.eye(len(R))
+    if inner is not None:
+        gram = Q.T @ (inner @ Q)
+        try:
+            upper = np.linalg.cholesky(0.5 * (gram + gram.T)).T
+        except LinAlgError as error:
+            raise InputError(
+                "inner: the inner product of the snapshots must be symmetric and positive definite"
+            ) from error
+    left, values = _left_singular(upper @ R)
+    keep = values > _ROUND_OFF * values[0]
+    return ProperModes(Q @ solve_triangular(upper, left[:, keep]), scale * values[keep])
+
+
+def _left_singular(A: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Left singular vectors and singular values, by the slower driver where the fast one fails."""
+    for driver in ("gesdd", "gesvd"):
+        try:
+            left, values, _ = svd(A, full_matrices=False, lapack_driver=driver)
+        except LinAlgError:
+            continue
+        return left, values
+    raise ConvergenceError(
+        "the singular value decomposition of the snapshots did not converge; take modes of another "
+        "run, or of fewer times"
+    )
+
+
+def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Matrix | None:
+    """Matrix of an inner product by name, for displacements and velocities (times, n) of a run.
+
+    ``energy`` is that of strain energy with a share of the mass, which keeps rigid motions apart:
+    the mean square frequency of the run weighs it, but not less than round-off of the stiffness
+    asks for, however slowly a body slides as a whole.
+    """
+    if name not in INNER_PRODUCTS:
+        raise InputError(
+            f"inner_product: found {name!r}, must be one of {', '.join(INNER_PRODUCTS)}"
+        )
+    if name == "euclidean":
+        return None
+    if name == "mass":
+        return system.M
+    square = np.vdot(v, (system.M @ v.T).T) / np.vdot(u, (system.M @ u.T).T)
+    least = 1e-12 * system.K.diagonal().sum() / system.M.diagonal().sum()
+    return system.K + max(1e-3 * square, least) * system.M
+
+
+def snapshot_matrix(
+    u: FloatArray, v: FloatArray, kind: str, inner: Matrix | None = None
+) -> FloatArray:
+    """Snapshots of displacement (the paper's), of displacement and velocity, or of rates.
+
+    Friction acts on velocities: modes that also span them err less in energy. With ``both``, each
+    history is divided by its norm (in the inner product), so that units do not matter. ``rates``
+    are velocity and acceleration (differences of velocities), each instant weighed by the root of
+    its norm alone: where slip starts anew, velocities are small and friction changes most. Five
+    modes leave 4.1 % of the reference system's friction energy with ``both`` and 0.8 % with
+    ``rates``; 4.8 and 3.0 % of the structure's under harmonic load, 2.2 and -0.1 % in Case VI; but
+    1.4 and 2.7 % in Case I, whose peak errs by 1.3 % instead of 0.4 %.
+
+    ``u`` and ``v`` are displacement (m) and velocity (m/s), (times, n) each.
+    """
+    if kind == "displacement":
+        return u
+    if kind == "both":
+        squares = [float(np.vdot(x, x if inner is None else (inner @ x.T).T)) for x in (u, v)]
+        return np.vstack([u / np.sqrt(squares[0]), v / np.sqrt(squares[1])])
+    if kind == "rates":
+        return np.vstack([_evened(v), _evened(np.diff(v, axis=0))])
+    raise InputError(f"snapshots: found {kind!r}, must be one of {', '.join(SNAPSHOTS)}")
+
+
+def _evened(x: FloatArray) -> FloatArray:
+    """Rows over the square roots of their norms, so that slow instants count for more; no units."""
+    size = np.linalg.norm(x, axis=1)
+    return np.asarray(x / np.sqrt(np.maximum(size, 1e-9 * size.max()) * size.max())[:, np.newaxis])
+
+
+def orthonormal(V: FloatArray, M: Matrix, tolerance: float = 3e-7) -> FloatArray:
+    """Basis of the span of ``V`` with V^T M V = I; directions that depend on others are dropped.
+
+    Parameters
+    ----------
+    V, M : ndarray, shape (n, j); ndarray or sparse array, shape (n, n)
+        Columns of any scale; mass, kg.
+    tolerance : float
+        Relative singular value below which a direction is dropped; not below the square root of
+        the round-off.
+    """
+    scale = np.sqrt(np.einsum("ij,ij->j", V, M @ V))
+    V = V[:, scale > 0.0] / scale[scale > 0.0]
+    gram = V.T @ (M @ V)
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > tolerance**2 * values[-1]
+    if np.all(keep):
+        # Gram-Schmidt keeps the order and the look of the modes.
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(gram), V.T).T)
+    return np.asarray(V @ (vectors[:, keep] / np.sqrt(values[keep])))

@@ -1,0 +1,148 @@
+"""The paper's reference system (section 2.1) and its modes on a unit active length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import build_bar
+from skfem_joint.reduction.active_length import measured
+from skfem_joint.reduction.pod import (
+    ProperModes,
+    inner_matrix,
+    proper_modes,
+    snapshot_matrix,
+)
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.structure import Joint, Load, Material, Structure
+
+#: 250 x 50 x 10 mm plate, 8 MPa, mu = 0.7, 63 kN (90 % of the friction limit) at 1000 Hz. Young's
+#: modulus and density are not printed in the paper: its Table 3 and its resonances give them.
+LENGTH = 0.25
+PRESSURE = 8e6
+FRICTION = 0.7
+FORCE = 63e3
+FREQUENCY = 1000.0
+MATERIAL = Material(E=200e9, density=8000.0)
+WIDTH, THICKNESS = 0.05, 0.01
+
+
+@dataclass(frozen=True)
+class ReferenceModes:
+    """Proper orthogonal modes of a reference joint on a unit active length."""
+
+    xi: FloatArray  #: (k,), from 0 where the grey length begins to 1 at the loaded end
+    modes: FloatArray  #: (k, r), values there
+    proper: ProperModes  #: the decomposition they come from
+    active_length: float  #: of the reference joint, m
+
+    def at(self, xi: FloatArray, count: int) -> FloatArray:
+        """First ``count`` modes at the positions ``xi``, zero for xi <= 0, by cubic splines."""
+        from scipy.interpolate import CubicSpline
+
+        if not 1 <= count <= self.modes.shape[1]:
+            raise InputError(
+                f"reduction.modes: found {count}, must be from 1 to {self.modes.shape[1]}, the "
+                "modes of the reference system"
+            )
+        values = CubicSpline(self.xi, self.modes[:, :count])(np.clip(xi, 0.0, 1.0))
+        return np.where(xi[:, np.newaxis] > 0.0, values, 0.0)
+
+
+def reference_modes(
+    distance: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    *,
+    snapshots: str = "both",
+    inner: Matrix | None = None,
+) -> ReferenceModes:
+    """Modes of a reference joint's history, normalised to its active length.
+
+    Of its nodes at a ``distance`` (m,) from the loaded end (m), with displacement ``u`` (m) and
+    velocity ``v`` (m/s), (times, m); ``snapshots`` and ``inner`` as in `skfem_joint.reduction.pod`.
+    """
+    order = np.argsort(distance)
+    length = measured(distance[order], np.abs(u).max(axis=0)[order])
+    proper = proper_modes(snapshot_matrix(u, v, snapshots), inner)
+    ascending = order[::-1]
+    xi = 1.0 - distance[ascending] / length
+    modes = proper.modes[ascending]
+    # One more point beyond the grey end, where the support holds: zero.
+    xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])
+    modes = np.vstack([np.zeros(modes.shape[1]), modes])
+    return ReferenceModes(xi, modes, proper, length)
+
+
+def lap_joint(
+    length: float = LENGTH,
+    pressure: float = PRESSURE,
+    *,
+    friction: float = FRICTION,
+    beta: float = 1e5,
+    normal_force: str = "equal",
+    elements: int = 100,
+    stiffness_damping: float = 1e-5,
+) -> Structure:
+    """Isolated lap joint of Fig. 1(b): a bar pressed on a rigid base along its whole length.
+
+    Length in m, pressure in Pa, beta in s/m (``inf`` is Coulomb), stiffness damping in s.
+    """
+    return Structure(
+        build_bar([("joint", length, elements)], {"fixed": 0.0, "free_end": length}),
+        MATERIAL,
+        width=WIDTH,
+        thickness=THICKNESS,
+        fixed=["fixed"],
+        joints=[Joint("joint", pressure, friction, beta=beta, normal_force=normal_force)],
+        stiffness_damping=stiffness_damping,
+    )
+
+
+def run_lap_joint(
+    structure: Structure,
+    force: float = FORCE,
+    frequency: float = FREQUENCY,
+    *,
+    cycles: int = 3,
+    steps_per_cycle: int = 200,
+    fields: bool = True,
+) -> Run:
+    """Harmonic run of a lap joint from rest, pulled at its free end (N, Hz)."""
+    run = integrate(
+        structure.system([Load("free_end", Harmonic(force, frequency))]),
+        cycles=cycles,
+        steps_per_cycle=steps_per_cycle,
+        save=Save(fields=fields),
+    )
+    if run.interrupted:
+        raise KeyboardInterrupt  # half a run makes no modes
+    return run
+
+
+def modes_of_lap_joint(
+    structure: Structure, run: Run, *, snapshots: str = "both", inner_product: str = "euclidean"
+) -> ReferenceModes:
+    """Proper orthogonal modes of a lap joint's run on its unit active length."""
+    end = float(structure.nodes[:, 0].max())
+    x = structure.nodes[structure.patches[0].nodes, 0]
+    inner = inner_matrix(run.system, inner_product, run.u, run.v)
+    return reference_modes(end - x, run.u, run.v, snapshots=snapshots, inner=inner)
+
+
+@cache
+def paper_reference(*, snapshots: str = "both", inner_product: str = "euclidean") -> ReferenceModes:
+    """Modes of the paper's reference run: three periods from rest (section 4).
+
+    ``inner_product`` names the inner product that they are orthogonal in.
+    """
+    structure = lap_joint()
+    return modes_of_lap_joint(
+        structure, run_lap_joint(structure), snapshots=snapshots, inner_product=inner_product
+    )

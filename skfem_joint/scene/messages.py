@@ -1,0 +1,159 @@
+"""Mistakes in a scene as sentences: key, what was found, what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+# Tags of the forms a value may take; they turn up in pydantic's locations and are cut out there.
+WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
+    "form: word",
+    "form: number",
+    "form: table",
+    "form: list",
+    "form: bolts",
+)
+
+
+def mistake(text: str, key: str = "") -> PydanticCustomError:
+    """Error with a text of one's own, at a key below the place where it is raised."""
+    return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
+
+
+def listed(names: Any) -> str:
+    """Names in quotes, in order."""
+    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
+
+
+def _closest(word: str, words: Any) -> str:
+    """Ask whether another word was meant, if one is close enough."""
+    lower = {other.lower(): other for other in words}
+    match = difflib.get_close_matches(word.lower(), lower, n=1)
+    return f"; did you mean '{lower[match[0]]}'?" if match else ""
+
+
+def key_path(location: tuple[int | str, ...]) -> str:
+    """Write a key path as TOML does, list positions in brackets."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            bare = re.fullmatch(r"[A-Za-z0-9_-]+", part)
+            text += ("." if text else "") + (part if bare else json.dumps(part, ensure_ascii=False))
+    return text
+
+
+def found_text(value: object) -> str:
+    """What was found, short enough for a sentence."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return "a list" if value else "an empty list"
+    text = repr(value) if isinstance(value, str | float | int) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """List the tables a value of this type may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+
+
+def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
+    """Values allowed for the key ``kind``; none for a table without it."""
+    field = model.model_fields.get("kind")
+    return get_args(field.annotation) if field else ()
+
+
+def _follow(
+    location: tuple[int | str, ...], root: type[BaseModel]
+) -> tuple[list[type[BaseModel]], FieldInfo | None]:
+    """Find the tables that may stand at one of pydantic's locations, and the key it ends with."""
+    models: list[type[BaseModel]] = [root]
+    field: FieldInfo | None = None
+    is_name = False
+    for part in location:
+        if isinstance(part, int) or part in TAGS or is_name:
+            is_name = False
+            continue
+        kinds = [model for model in models if part in _kinds(model)]
+        if kinds:
+            models = kinds
+            continue
+        field = next((m.model_fields[part] for m in models if part in m.model_fields), None)
+        models = _models_in(field.annotation) if field else []
+        is_name = part == "regions"
+    return models, field
+
+
+_MUST_BE = {
+    "greater_than": "must be > {gt:g}",
+    "greater_than_equal": "must be >= {ge:g}",
+    "less_than": "must be < {lt:g}",
+    "less_than_equal": "must be <= {le:g}",
+    "finite_number": "must be finite",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be a text in quotes",
+    "bool_type": "must be true or false",
+    "literal_error": "must be {expected}",
+    "union_tag_invalid": "must be one of {expected_tags}",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "too_short": "must have {min_length} or more entries",
+}
+
+
+def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
+    """One of pydantic's errors as key, what was found, what is allowed."""
+    location, kind, context = error["loc"], error["type"], error.get("ctx", {})
+    has_kind = location[:1] == ("load",) and len(location) > 2
+    places = [
+        part
+        for i, part in enumerate(location)
+        if part not in (*TAGS, "[key]") and not (has_kind and i == 2)
+    ]
+    models, field = _follow(location, root)
+    if kind == "scene":
+        key = ".".join(filter(None, [key_path(tuple(places)), context["key"]]))
+        return [f"{key}: {line}" for line in context["text"].split("\n")]
+    if kind == "extra_forbidden":
+        parents, _ = _follow(location[:-1], root)
+        keys = list(dict.fromkeys(key for model in parents for key in model.model_fields))
+        hint = _closest(str(location[-1]), keys)
+        return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]
+    if kind == "missing":
+        needed = f": {field.description}" if field and field.description else ""
+        return [f"{key_path(tuple(places))}: missing, must be given{needed}"]
+    if kind == "union_tag_not_found":
+        kinds = [kind for model in models for kind in _kinds(model)]
+        return [f"{key_path((*places, 'kind'))}: missing, must be one of {listed(kinds)}"]
+
+    if kind == "too_short" and len(error["input"]) >= context["min_length"]:
+        return []  # pydantic does not count the entries that are wrong in themselves
+
+    found, hint = found_text(error["input"]), ""
+    if kind == "union_tag_invalid":
+        places.append("kind")
+        found = found_text(error["input"]["kind"])
+        hint = _closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
+    must_be = _MUST_BE[kind].format_map(context) if kind in _MUST_BE else error["msg"]
+    extra = field.json_schema_extra if field else None
+    if location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):
+        must_be = f"must be {extra['allowed']}" if isinstance(extra, dict) else must_be
+    if kind == "tuple_type" and places in (["joint"], ["load"]):
+        must_be += f" of tables, each under [[{places[0]}]]"
+    return [f"{key_path(tuple(places))}: found {found}, {must_be}{hint}"]

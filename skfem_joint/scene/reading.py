@@ -1,0 +1,130 @@
+"""Reading a scene: every mistake in it becomes one line, and all of them are raised together."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from skfem_joint.errors import InputError
+from skfem_joint.files import read_whole
+from skfem_joint.mesh import NamedMesh, load_meshes
+from skfem_joint.scene.messages import found_text, sentences
+from skfem_joint.scene.scene import OF_STRUCTURE, OF_SYSTEM, Scene, relations
+from skfem_joint.scene.tables import Mesh
+
+_LARGEST_SCENE = 2**20  # bytes
+_MOST_MISTAKES = 200  # of tables that are told one by one
+# The parser of TOML takes time with the square of the parts of a key.
+_MOST_PARTS = 50
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        text = read_whole(path, _LARGEST_SCENE).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line}: not UTF-8 text") from error
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(
+            f"{path}: line {line}: not valid TOML: a key of more than {_MOST_PARTS} parts"
+        )
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        at = re.search(r"line (\d+)", str(error))
+        line = int(at[1]) if at else text.count("\n") + 1
+        raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
+
+
+def _read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
+    """Load the scene's mesh, or say what is wrong with the file."""
+    try:
+        table = Mesh.model_validate(
+            {key: tables["mesh"][key] for key in ("file", "scale") if key in tables["mesh"]}
+        )
+    except (KeyError, TypeError, ValidationError):
+        return None, []  # told by the validation of the whole scene
+    try:
+        return load_meshes(table.paths(folder), scale=table.scale), []
+    except InputError as error:
+        return None, [f"mesh.file: {problem}" for problem in error.problems]
+    except OSError as error:  # a name too long, or a folder that may not be searched
+        return None, [f"mesh.file: {found_text(table.file)} cannot be read: {error.strerror}"]
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene (TOML) and its mesh, and check them against each other.
+
+    The files that it names are relative to it and may lie anywhere: they are read as data, nothing
+    is ever run or written there.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is not TOML, or anything in it is wrong; every mistake is one of
+        its ``problems`` and starts with the file and the key.
+    """
+    path = Path(path)
+    tables = _read_toml(path)
+    mesh, problems = _read_mesh(tables, path.parent)
+    return scene_from(tables, mesh, path, problems)
+
+
+def scene_from(
+    tables: Mapping[str, Any],
+    mesh: NamedMesh | None,
+    path: str | Path = "scene",
+    problems: Sequence[str] = (),
+) -> Scene:
+    """Scene from its tables and its mesh, as `load_scene` makes it from files.
+
+    Parameters
+    ----------
+    tables : mapping
+        As in a scene file; ``mesh.file`` is not read and may be left out.
+    mesh : NamedMesh or None
+        None if there is none: then nothing is checked against it.
+    path : str or Path
+        Name of the scene in messages; files that loads name are relative to it.
+    problems : sequence of str
+        Mistakes found so far, raised with those that are found.
+    """
+    path = Path(path)
+    if mesh is not None and "mesh" not in tables:
+        tables = {**tables, "mesh": {"file": mesh.path or "mesh"}}
+    found = list(problems)
+    context = {"folder": path.parent}
+    try:
+        scene = Scene.model_validate(tables, context=context)
+        right = {name: getattr(scene, name) for name in Scene.model_fields}
+    except ValidationError as error:
+        mistakes = error.errors()
+        found += [line for one in mistakes[:_MOST_MISTAKES] for line in sentences(one, Scene)]
+        if len(mistakes) > _MOST_MISTAKES:
+            found.append(f"and {len(mistakes) - _MOST_MISTAKES} more mistakes")
+        wrong = {one["loc"][0] for one in mistakes}
+        right = {}
+        for name, field in Scene.model_fields.items():
+            if name not in wrong:
+                adapter = TypeAdapter(field.rebuild_annotation())
+                given = tables.get(name, field.default)
+                right[name] = adapter.validate_python(given, context=context)
+        scene = Scene.model_construct(**right)
+    scene._path, scene._named_mesh = path, mesh
+    found += relations(scene, right)
+    lines = [f"{path}: {problem}" for problem in found]
+    if mesh is not None and right.keys() >= OF_STRUCTURE:
+        try:
+            _ = scene.system() if right.keys() >= OF_SYSTEM else scene.structure()
+        except InputError as error:
+            lines += error.problems
+    if lines:
+        raise InputError(list(dict.fromkeys(lines)))
+    return scene

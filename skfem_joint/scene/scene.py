@@ -1,0 +1,226 @@
+"""The whole of a scene: its tables, what must fit between them, and what is built from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import PrivateAttr
+
+from skfem_joint import structure as parts
+from skfem_joint.errors import InputError
+from skfem_joint.loads import common_period
+from skfem_joint.mesh import NamedMesh
+from skfem_joint.scene import tables
+from skfem_joint.scene.messages import key_path, listed
+from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
+from skfem_joint.stepping.resolution import PER_PERIOD
+from skfem_joint.system import System
+
+#: Tables that the structure is built from, and those that its system needs beside them.
+OF_STRUCTURE = frozenset({"mesh", "material", "section", "support", "joint", "damping"})
+OF_SYSTEM = OF_STRUCTURE | {"load", "output"}
+
+
+class Scene(SceneTable):
+    """A whole scene, of any dimension. `load_scene` reads one from a file, with its mesh.
+
+    Made directly from values that are not allowed it raises a ``pydantic.ValidationError``.
+    """
+
+    title: str = key("what the results are headed with", "")
+    mesh: tables.Mesh = key("the mesh file")
+    material: tables.Material = key("what the bodies are made of")
+    section: tables.Section = key("width and thickness", tables.Section())
+    support: tables.Support = key("what is held", tables.Support())
+    joint: Annotated[tuple[tables.Joint, ...], A_LIST] = key("joints with friction", ())
+    damping: tables.Damping = key("linear damping", tables.Damping())
+    load: Annotated[tuple[tables.AnyLoad, ...], A_LIST] = key(
+        "forces as functions of time", min_length=1
+    )
+    time: tables.Time = key("length of the run and of its steps")
+    models: tables.Models = key("what is run", tables.Models())
+    reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
+    output: tables.Output = key("what is written", tables.Output())
+
+    _path: Path | None = PrivateAttr(None)
+    _named_mesh: NamedMesh | None = PrivateAttr(None)
+    _structure: parts.Structure | None = PrivateAttr(None)
+    _system: System | None = PrivateAttr(None)
+
+    @property
+    def path(self) -> Path:
+        """The file the scene came from."""
+        if self._path is None:
+            raise InputError("scene: has no file, read it with load_scene(path)")
+        return self._path
+
+    @property
+    def named_mesh(self) -> NamedMesh:
+        """The mesh of the scene."""
+        if self._named_mesh is None:
+            raise InputError("scene: has no mesh, read it with load_scene or give it to scene_from")
+        return self._named_mesh
+
+    def structure(self) -> parts.Structure:
+        """Structure that the scene describes, built once.
+
+        It and `system` raise `InputError` where the scene does not fit its mesh.
+        """
+        if self._structure is None:
+            regions: dict[str, dict[str, float]] = {}
+            for table in (self.material, self.section):
+                for region, override in table.regions.items():
+                    regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
+            material = self.material
+            with self._naming():
+                self._structure = parts.Structure(
+                    self.named_mesh,
+                    parts.Material(material.E, material.density, material.poisson),
+                    **self.section.model_dump(exclude={"regions"}),
+                    **self.support.model_dump(),
+                    joints=[joint.to_joint() for joint in self.joint],
+                    stiffness_damping=self.damping.stiffness,
+                    mass_damping=self.damping.mass,
+                    mass=material.mass_matrix,
+                    regions=regions,
+                )
+        return self._structure
+
+    def loads(self) -> tuple[parts.Load, ...]:
+        """Loads of the structure."""
+        return tuple(parts.Load(one.on, one.to_amplitude(), one.direction) for one in self.load)
+
+    def system(self) -> System:
+        """System of the full model, assembled once."""
+        if self._system is None:
+            structure = self.structure()
+            with self._naming():
+                self._system = structure.system(self.loads(), self.output.points or None)
+        return self._system
+
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        """Name the scene's file in what is found wrong with it."""
+        try:
+            yield
+        except InputError as error:
+            where = self._path or "scene"
+            raise InputError([f"{where}: {problem}" for problem in error.problems]) from error
+
+    @property
+    def output_points(self) -> tuple[str, ...]:
+        """Names whose motion is reported: those asked for, else all points that can move."""
+        return self.output.points or tuple(self.structure().free_points)
+
+    @property
+    def cycle_period(self) -> float | None:
+        """Common period of the harmonic loads, s; None if they have none."""
+        return common_period(one.to_amplitude() for one in self.load)
+
+    @property
+    def time_step(self) -> float:
+        """Length of a step, s."""
+        if self.time.step is not None:
+            return self.time.step
+        if self.cycle_period is None:
+            raise InputError("time.cycles: the loads have no common period")
+        return self.cycle_period / self.time.steps_per_cycle
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps; the last one ends at the end of the run or just beyond it."""
+        if self.time.duration is not None and self.time.step is not None:
+            return math.ceil(min(self.time.duration / self.time.step, 1e18) * (1 - 1e-9))
+        return (self.time.cycles or 0) * self.time.steps_per_cycle
+
+    @property
+    def cycle_steps(self) -> int | None:
+        """Steps of one cycle; None for a scene by duration."""
+        return self.time.steps_per_cycle if self.time.cycles is not None else None
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Copy of the same path and mesh; what was built from a replaced table is built anew."""
+        copy = super().model_copy(update=update, deep=deep)
+        if OF_STRUCTURE & set(update or ()):
+            copy._structure = None
+        if OF_SYSTEM & set(update or ()):
+            copy._system = None
+        return copy
+
+    def changed(
+        self,
+        *,
+        mesh: NamedMesh | None = None,
+        joint: Mapping[str, Any] | None = None,
+        **keys_of: Mapping[str, Any],
+    ) -> Self:
+        """Copy with another mesh, or with other values of keys, which are taken as they are.
+
+        ``joint`` holds keys that change in every joint, the others are by table, such as
+        ``time={"steps_per_cycle": 400}``.
+        """
+        update: dict[str, Any] = {
+            name: getattr(self, name).model_copy(update=keys) for name, keys in keys_of.items()
+        }
+        if joint is not None:
+            update["joint"] = tuple(one.model_copy(update=joint) for one in self.joint)
+        if mesh is not None:
+            update["mesh"] = self.mesh
+        copy = self.model_copy(update=update)
+        copy._named_mesh = mesh or self._named_mesh
+        return copy
+
+
+def _time_problems(scene: Scene) -> Iterator[str]:
+    time = scene.time
+    if time.cycles is not None and scene.cycle_period is None:
+        yield (
+            f"time.cycles: found {time.cycles}, but the loads have no common period; "
+            "give duration and step instead"
+        )
+        return
+    step, count = scene.time_step, scene.n_steps
+    if not (0 < step < math.inf and count <= MOST):
+        yield f"time: found {count:.3g} steps of {step:.3g} s, must be at most {MOST:.0e} steps"
+        return
+    for i, load in enumerate(scene.load):
+        if not isinstance(load, tables.HarmonicLoad | tables.MultiHarmonicLoad):
+            continue
+        longest = 1 / (PER_PERIOD * load.to_amplitude().highest_frequency)
+        if step > longest * (1 + 1e-9):
+            why = f"a step must not be longer than 1/{PER_PERIOD} of the period of load[{i}]"
+            fewest = math.ceil(step * time.steps_per_cycle / longest * (1 - 1e-9))
+            yield (
+                f"time.steps_per_cycle: found {time.steps_per_cycle}, must be >= {fewest}: {why}"
+                if time.step is None
+                else f"time.step: found {time.step:g}, must be <= {longest:.4g}: {why}"
+            )
+
+
+def relations(scene: Scene, right: Collection[str]) -> Iterator[str]:
+    """Mistakes between the tables of a scene, of those that are right in themselves."""
+    if {"time", "load"} <= set(right):
+        yield from _time_problems(scene)
+    if not {"models", "joint", "reduction"} <= set(right) or "reduced" not in scene.models.run:
+        return
+    if not scene.joint:
+        yield (
+            "models.run: found 'reduced' in a scene without [[joint]]; a linear scene has nothing "
+            "to reduce by joint modes, run 'full' alone"
+        )
+    names, asked = {joint.on for joint in scene.joint}, scene.reduction.active_length
+    for name in asked.keys() - names if isinstance(asked, dict) else ():
+        where = key_path(("reduction", "active_length", name))
+        yield f"{where}: found '{name}', which is no joint; joints: {listed(names)}"
+    mesh = scene._named_mesh
+    if scene.reduction.reference == "paper" and mesh is not None and mesh.dim > 1:
+        for i, joint in enumerate(scene.joint):
+            if joint.axis is None:
+                yield (
+                    f"joint[{i}].axis: missing, must be given with reduction.reference = 'paper': "
+                    "the direction along which modes are laid; or use reference = 'self'"
+                )

@@ -1,0 +1,437 @@
+"""Tables of a scene, alike for every dimension.
+
+They hold what a scene says by itself: forms, ranges, and what must fit together within a table.
+What only the mesh can tell (names, overlaps, what a dimension needs) is the structure's to check.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeAlias
+
+from pydantic import AfterValidator, Field, PrivateAttr, Tag, ValidationInfo, model_validator
+
+from skfem_joint import loads, structure
+from skfem_joint.errors import InputError
+from skfem_joint.scene.messages import BOLTS, LIST, NUMBER, TABLE, WORD, mistake
+from skfem_joint.scene.values import (
+    A_LIST,
+    MOST,
+    Auto,
+    Coordinates,
+    Count,
+    Direction,
+    FileName,
+    Names,
+    NotNegative,
+    Number,
+    PoissonRatio,
+    Positive,
+    SceneTable,
+    has_no_repeats,
+    key,
+    one_of,
+)
+from skfem_joint.stepping.resolution import PER_PERIOD
+
+
+class Mesh(SceneTable):
+    """``[mesh]``: where the mesh is."""
+
+    file: Annotated[
+        Annotated[FileName, Tag(WORD)]
+        | Annotated[tuple[FileName, ...], Field(strict=False, min_length=1), Tag(LIST)],
+        one_of(LIST, otherwise=WORD),
+    ] = key("name of the mesh file, relative to the scene, or a list of files of several bodies")
+    scale: Positive = key("length of the mesh's unit, m", 1.0)
+
+    def paths(self, folder: Path) -> list[Path]:
+        """Files of a scene that lies in ``folder``."""
+        names = (self.file,) if isinstance(self.file, str) else self.file
+        return [folder / name for name in names]
+
+
+class _Override(SceneTable):
+    """What differs in a region; sets something."""
+
+    @model_validator(mode="after")
+    def _sets_something(self) -> Self:
+        if not self.model_fields_set:
+            raise mistake(f"found an empty table, must set {' or '.join(type(self).model_fields)}")
+        return self
+
+
+class MaterialOverride(_Override):
+    """``[material.regions.NAME]``: what differs in a region."""
+
+    E: Positive | None = key("Young's modulus, Pa", None)
+    density: Positive | None = key("density, kg/m³", None)
+    poisson: PoissonRatio | None = key("Poisson's ratio", None)
+
+
+class Material(SceneTable):
+    """``[material]``: linear elastic, isotropic."""
+
+    E: Positive = key("Young's modulus, Pa")
+    density: Positive = key("density, kg/m³")
+    poisson: PoissonRatio | None = key("Poisson's ratio; bars do without", None)
+    mass_matrix: Literal["consistent", "lumped"] = key("mass of shapes, or of nodes", "consistent")
+    regions: dict[str, MaterialOverride] = key("what differs in regions, by their names", {})
+
+
+class SectionOverride(_Override):
+    """``[section.regions.NAME]``: what differs in a region."""
+
+    width: Positive | None = key("width of a bar, m", None)
+    thickness: Positive | None = key("thickness, m", None)
+
+
+class Section(SceneTable):
+    """``[section]``: what the mesh does not show of the bodies."""
+
+    width: Positive | None = key("width of a bar and of its contact, m", None)
+    thickness: Positive | None = key("thickness of a bar, or of a plate, m", None)
+    plane: Literal["stress", "strain"] = key("state of a plate across its plane", "stress")
+    regions: dict[str, SectionOverride] = key("what differs in regions, by their names", {})
+
+
+class Support(SceneTable):
+    """``[support]``: points, boundaries and regions that are held."""
+
+    fixed: Names = key("names of what is held in every direction", ())
+    fixed_x: Names = key("names of what is held along x", ())
+    fixed_y: Names = key("names of what is held along y", ())
+    fixed_z: Names = key("names of what is held along z", ())
+
+
+class PressureByPosition(SceneTable):
+    """``pressure = { positions, values, axis }``: linear between positions along an axis."""
+
+    positions: Annotated[tuple[Number, ...], A_LIST] = key(
+        "increasing positions along the axis, m, that cover the joint", min_length=2
+    )
+    values: Annotated[tuple[NotNegative, ...], A_LIST] = key(
+        "pressures at the positions, Pa", min_length=2
+    )
+    axis: Direction | None = key(
+        "direction of the axis, [x, y] or [x, y, z]; x, or along bars, if not given", None
+    )
+
+    @model_validator(mode="after")
+    def _is_a_function_of_position(self) -> Self:
+        for i, (left, right) in enumerate(pairwise(self.positions), start=1):
+            if right <= left:
+                raise mistake(
+                    f"found {right:g}, must be > {left:g}, the position before", f"positions[{i}]"
+                )
+        if len(self.values) != len(self.positions):
+            raise mistake(
+                f"found {len(self.values)} values, must be one for each of the "
+                f"{len(self.positions)} positions",
+                "values",
+            )
+        return self
+
+    def to_pressure(self) -> structure.PressureTable:
+        """Pressure as `skfem_joint.structure` takes it."""
+        return structure.PressureTable(self.positions, self.values, self.axis)
+
+
+class Bolt(SceneTable):
+    """One of ``pressure.bolts``: a bolt that presses the joint around its hole."""
+
+    at: Coordinates = key("position of its axis, [x, y] or [x, y, z], m")
+    force: NotNegative = key("clamping force, N")
+    head_radius: Positive = key("radius of the head or washer, m")
+    hole_radius: NotNegative = key("radius of the hole, m", 0.0)
+    spreading_angle: float = key(
+        "angle of the cone of pressure under the head from the axis, degrees", 30.0, ge=0, lt=90
+    )
+
+    @model_validator(mode="after")
+    def _has_a_ring(self) -> Self:
+        if self.hole_radius >= self.head_radius:
+            raise mistake(
+                f"found {self.hole_radius:g}, must be < head_radius, {self.head_radius:g}",
+                "hole_radius",
+            )
+        return self
+
+
+class BoltPressure(SceneTable):
+    """``pressure = { bolts = [...], reach = ... }``: the pressure under bolts."""
+
+    bolts: Annotated[tuple[Bolt, ...], A_LIST] = key(
+        "list of tables { at, force, head_radius }", min_length=1
+    )
+    reach: NotNegative = key("depth from heads to contact, over which the cones spread, m", 0.0)
+
+    def to_pressure(self) -> structure.Bolts:
+        """Pressure as `skfem_joint.structure` takes it."""
+        bolts = tuple(structure.Bolt(**bolt.model_dump()) for bolt in self.bolts)
+        return structure.Bolts(bolts, self.reach)
+
+
+class Joint(SceneTable):
+    """``[[joint]]``: a part of a body pressed on a rigid base, or on another body."""
+
+    on: str = key("name of the region or boundary that is pressed")
+    against: str | None = key("name of what it is pressed on, a rigid base if not given", None)
+    pressure: Annotated[
+        Annotated[NotNegative, Tag(NUMBER)]
+        | Annotated[PressureByPosition, Tag(TABLE)]
+        | Annotated[BoltPressure, Tag(BOLTS)],
+        one_of(TABLE, BOLTS),
+    ] = key(
+        "normal pressure, Pa, or a table of it",
+        allowed="a pressure in Pa, a table { positions = [m], values = [Pa], axis = [x, y] } or a "
+        "table { bolts = [...], reach = m }",
+    )
+    friction: NotNegative = key("friction coefficient")
+    law: Literal["arctan", "coulomb"] = key(
+        "friction as a smooth function of the slip velocity, or exact", "arctan"
+    )
+    beta: Positive = key("steepness of the arctan law, s/m", 1e5)
+    normal_force: Literal["consistent", "equal"] = key(
+        "normal forces of the nodes: integrals of the pressure, or all alike", "consistent"
+    )
+    axis: Direction | None = key(
+        "direction in which the paper's modes are laid, [x, y] or [x, y, z]; bars have one", None
+    )
+
+    @model_validator(mode="after")
+    def _has_beta_only_with_arctan(self) -> Self:
+        if self.law == "coulomb" and "beta" in self.model_fields_set:
+            raise mistake(
+                f"found {self.beta:g} beside law = 'coulomb', which has no beta; "
+                "leave it out or choose law = 'arctan'",
+                "beta",
+            )
+        return self
+
+    def to_joint(self) -> structure.Joint:
+        """Joint as `skfem_joint.structure` takes it; Coulomb friction has an infinite beta."""
+        pressure = self.pressure
+        return structure.Joint(
+            on=self.on,
+            pressure=pressure if isinstance(pressure, float | int) else pressure.to_pressure(),
+            friction=self.friction,
+            against=self.against,
+            beta=math.inf if self.law == "coulomb" else self.beta,
+            normal_force=self.normal_force,
+            axis=self.axis,
+        )
+
+
+class Damping(SceneTable):
+    """``[damping]``: C = stiffness * K + mass * M."""
+
+    stiffness: NotNegative = key("factor of the stiffness matrix, s", 0.0)
+    mass: NotNegative = key("factor of the mass matrix, 1/s", 0.0)
+
+
+class _Load(SceneTable):
+    on: str = key("name of the point, boundary or region that the load acts on")
+    direction: Direction | None = key(
+        "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars", None
+    )
+
+
+class Component(SceneTable):
+    """One harmonic: amplitude * sin(2 pi frequency t + phase)."""
+
+    amplitude: Number = key("amplitude of the force, N")
+    frequency: Positive = key("frequency, Hz")
+    phase: Number = key("phase at time zero, rad", 0.0)
+
+    def to_amplitude(self) -> loads.Harmonic:
+        """Force (N) as a function of time."""
+        return loads.Harmonic(self.amplitude, self.frequency, self.phase)
+
+
+class HarmonicLoad(Component, _Load):
+    """``kind = "harmonic"``: amplitude * sin(2 pi frequency t + phase)."""
+
+    kind: Literal["harmonic"] = key("shape of the force in time")
+
+
+class MultiHarmonicLoad(_Load):
+    """``kind = "multi_harmonic"``: a sum of harmonics."""
+
+    kind: Literal["multi_harmonic"] = key("shape of the force in time")
+    components: Annotated[tuple[Component, ...], A_LIST] = key(
+        "list of tables { amplitude, frequency, phase } that are added", min_length=1
+    )
+
+    def to_amplitude(self) -> loads.MultiHarmonic:
+        """Force (N) as a function of time."""
+        return loads.MultiHarmonic(tuple(one.to_amplitude() for one in self.components))
+
+
+class PulseLoad(_Load):
+    """The kinds of load that rise to a peak, and fall as they rose or (``ramp_and_hold``) stay."""
+
+    kind: Literal["triangle", "half_sine", "versine", "ramp_and_hold"] = key(
+        "shape of the force in time"
+    )
+    peak: Number = key("largest force, N; a negative one pushes")
+    rise_time: Positive = key(
+        "time from start to peak, s: the length of a ramp, half the length of the others"
+    )
+    start: NotNegative = key("time at which the force sets in, s", 0.0)
+
+    def to_amplitude(self) -> loads.Amplitude:
+        """Force (N) as a function of time."""
+        shapes = {
+            "triangle": loads.Triangle,
+            "half_sine": loads.HalfSine,
+            "versine": loads.Versine,
+            "ramp_and_hold": loads.RampAndHold,
+        }
+        return shapes[self.kind](self.peak, self.rise_time, self.start)
+
+
+class RectangleLoad(_Load):
+    """``kind = "rectangle"``: a force that is constant for a while."""
+
+    kind: Literal["rectangle"] = key("shape of the force in time")
+    peak: Number = key("force, N; a negative one pushes")
+    duration: Positive = key("time that the force lasts, s")
+    start: NotNegative = key("time at which the force sets in, s", 0.0)
+
+    def to_amplitude(self) -> loads.Rectangle:
+        """Force (N) as a function of time."""
+        return loads.Rectangle(self.peak, self.duration, self.start)
+
+
+class TableLoad(_Load):
+    """``kind = "table"``: forces at points of time, linear between them, zero before and after."""
+
+    kind: Literal["table"] = key("shape of the force in time")
+    file: FileName = key("name of a CSV file, relative to the scene: time in s, force in N")
+    _table: loads.Table = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        folder: Path = (info.context or {}).get("folder", Path())
+        try:
+            self._table = loads.read_table(folder / self.file)
+        except InputError as error:
+            raise mistake("\n".join(error.problems), "file") from error
+        return self
+
+    def to_amplitude(self) -> loads.Table:
+        """Force (N) as a function of time."""
+        return self._table
+
+
+AnyLoad: TypeAlias = Annotated[
+    HarmonicLoad | MultiHarmonicLoad | PulseLoad | RectangleLoad | TableLoad,
+    Field(discriminator="kind"),
+]
+
+
+class Time(SceneTable):
+    """``[time]``: cycles and steps_per_cycle, or duration and step."""
+
+    cycles: Count | None = key("number of common periods of the loads", None)
+    steps_per_cycle: int = key("steps in a common period", 200, ge=PER_PERIOD, le=MOST)
+    duration: Positive | None = key("length of the run, s", None)
+    step: Positive | None = key("length of a step, s", None)
+    rho_infinity: float = key(
+        "spectral radius of the scheme at high frequency; 1 damps nothing", 1.0, ge=0, le=1
+    )
+
+    @model_validator(mode="after")
+    def _is_given_one_way(self) -> Self:
+        by_cycles = self.model_fields_set & {"cycles", "steps_per_cycle"}
+        by_duration = self.model_fields_set & {"duration", "step"}
+        choice = "must be either cycles (and steps_per_cycle), or duration and step"
+        if by_cycles and by_duration:
+            raise mistake(f"found {', '.join(sorted(by_cycles | by_duration))}; {choice}")
+        if by_duration:
+            if self.duration is None or self.step is None:
+                missing = "duration" if self.duration is None else "step"
+                raise mistake(f"missing beside {next(iter(by_duration))}; {choice}", missing)
+            if self.step > self.duration:
+                raise mistake(
+                    f"found {self.step:g}, must be <= duration, {self.duration:g}", "step"
+                )
+        elif self.cycles is None:
+            raise mistake(f"missing; {choice}", "cycles")
+        return self
+
+
+class Models(SceneTable):
+    """``[models]``: which models are integrated."""
+
+    run: Annotated[
+        tuple[Literal["full", "reduced"], ...], A_LIST, AfterValidator(has_no_repeats)
+    ] = key("list of models, run in this order", ("full",), min_length=1)
+
+
+class Reduction(SceneTable):
+    """``[reduction]``: how the reduced model is made."""
+
+    reference: Literal["self", "paper"] = key(
+        "origin of joint modes: the scene's own run, or the paper's joint, scaled", "self"
+    )
+    modes: Annotated[Auto | Annotated[Count, Tag(NUMBER)], one_of(WORD)] = key(
+        "number of joint modes; 'auto' is 12 of the scene's own, 5 of the paper's",
+        "auto",
+        allowed="'auto' or a whole number >= 1",
+    )
+    interface_modes: Annotated[
+        Auto | Annotated[int, Field(ge=0, le=MOST), Tag(NUMBER)], one_of(WORD)
+    ] = key(
+        "number of modes beside joint modes; 'auto' goes by the frequency of the loads",
+        "auto",
+        allowed="'auto' or a whole number >= 0",
+    )
+    beta: Annotated[Auto | Annotated[Positive, Tag(NUMBER)], one_of(WORD)] = key(
+        "steepness of the arctan law, s/m; 'auto' goes by the error of the modes",
+        "auto",
+        allowed="'auto' or a steepness in s/m > 0",
+    )
+    friction_points: Annotated[
+        Annotated[Literal["auto", "all"], Tag(WORD)] | Annotated[Count, Tag(NUMBER)], one_of(WORD)
+    ] = key(
+        "number of points with friction; 'auto' is four a mode, 'all' every contact point",
+        "auto",
+        allowed="'auto', 'all' or a whole number >= 1",
+    )
+    snapshots: Literal["both", "displacement", "rates"] = key(
+        "what modes span: displacement and velocity, the first (paper), or velocity and "
+        "acceleration",
+        "both",
+    )
+    inner_product: Literal["auto", "euclidean", "mass", "energy"] = key(
+        "weight of snapshots; 'auto' is energy for own modes, euclidean for the paper's", "auto"
+    )
+    active_length: Annotated[
+        Annotated[Literal["auto", "estimate"], Tag(WORD)]
+        | Annotated[Positive, Tag(NUMBER)]
+        | Annotated[dict[str, Positive], Tag(TABLE)],
+        one_of(WORD, TABLE),
+    ] = key(
+        "length that the paper's modes are scaled to, m; 'auto' by a quick run, 'estimate' by "
+        "Eqs. (17)-(20)",
+        "auto",
+        allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
+    )
+
+
+class Output(SceneTable):
+    """``[output]``: what is written and how often."""
+
+    vtk: bool = key("fields for ParaView", False)
+    plots: bool = key("pictures as PNG", False)
+    every: Count = key("stored are steps 0, every, 2 every, ...", 1)
+    points: Names = key("names of what is observed; all free points if none is named", ())
+    frames: Count = key("moments in the series for ParaView", 200)
+    history: bool = key("motion of what is observed, as history.npz", True)
+    shape: Literal["swept", "flat"] = key(
+        "bodies for ParaView with their cross-section, or as they are meshed", "swept"
+    )

@@ -1,0 +1,173 @@
+"""The order of unknowns in which a system is stepped, and the stepper that its matrices allow.
+
+Both are read off the matrices, never off the kind of structure: a line mesh whose nodes are
+numbered at random is put in a row, and slips that are differences of displacements become unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.stepping.recording import Recorder
+from skfem_joint.stepping.schemes import Scheme
+from skfem_joint.stepping.steppers import ContactStepper, LinearStepper, Stepper
+from skfem_joint.system import System
+from skfem_joint.unknowns import Arrangement, selection, slips_as_unknowns
+
+#: Most unknowns of a sparse system that is stepped as a dense one for want of anything better.
+MOST_DENSE = 500
+
+
+@dataclass(frozen=True)
+class Arranged:
+    """A system as it is stepped, and how its unknowns and those of the one that was given go over.
+
+    Attributes
+    ----------
+    system : System
+        With the same contact points, slip rows, loads and named points.
+    kind : str
+        "linear", "dense", "chain" or "contact": the stepper for it.
+    maps : tuple of Arrangement
+        Changes of unknowns that led to it, the first one first; none: it is the system given.
+    """
+
+    system: System
+    kind: str
+    maps: tuple[Arrangement, ...] = ()
+
+    def inner(self, u: FloatArray) -> FloatArray:
+        """Unknowns of the system stepped, (n,), from those of the system given."""
+        for arrangement in self.maps:
+            u = np.asarray(arrangement.inverse @ u)
+        return u
+
+    def force(self, f: FloatArray) -> FloatArray:
+        """Forces on the unknowns of the system stepped, (n,), from those on the system given."""
+        for arrangement in self.maps:
+            f = np.asarray(arrangement.forward.T @ f)
+        return f
+
+    def outer(self, u: FloatArray) -> FloatArray:
+        """Unknowns of the system given, (..., n), from those of the system stepped."""
+        for arrangement in reversed(self.maps):
+            u = np.ascontiguousarray((arrangement.forward @ u.T).T)
+        return u
+
+    def outer_number(self, unknown: int) -> int:
+        """Unknown of the system given that has most to do with one of the system stepped."""
+        for arrangement in reversed(self.maps):
+            column = sparse.csc_array(arrangement.forward)[:, [unknown]].tocoo()
+            unknown = int(column.coords[0][np.abs(column.data).argmax()])
+        return unknown
+
+
+def arranged(system: System) -> Arranged:
+    """System in unknowns of which each slip row picks one, in a row where that can be.
+
+    Left as they are: dense systems, those without friction, and small ones whose slip rows depend
+    on each other.
+
+    Raises
+    ------
+    InputError
+        If slip rows of a large system depend on each other.
+    """
+    if system.contact_points == 0:
+        return Arranged(system, "linear")
+    if system.is_dense:
+        return Arranged(system, "dense")
+    maps: tuple[Arrangement, ...] = ()
+    if not picks_unknowns(system.B):
+        try:
+            system, slips = slips_as_unknowns(system)
+        except InputError:
+            if system.n > MOST_DENSE:
+                raise
+            return Arranged(system, "dense")
+        maps = (slips,)
+    if is_chain(system):
+        return Arranged(system, "chain", maps)
+    path = _path(system)
+    if path is not None:
+        return Arranged(system.in_unknowns(path), "chain", (*maps, path))
+    return Arranged(system, "contact", maps)
+
+
+def _path(system: System) -> Arrangement | None:
+    """Order of unknowns in which the matrices are tridiagonal; None: there is none."""
+    n = system.n
+    pattern = sparse.csr_array(abs(system.M) + abs(system.C) + abs(system.K))
+    pattern.setdiag(0.0)
+    pattern.eliminate_zeros()
+    if np.any(system.directions != 1) or np.diff(pattern.indptr).max(initial=0) > 2:
+        return None
+    # Breadth first from an end: along each path, unless it is closed to a ring.
+    order = reverse_cuthill_mckee(sparse.csr_array(pattern), symmetric_mode=True).astype(np.intp)
+    rank = np.empty(n, dtype=np.intp)
+    rank[order] = np.arange(n)
+    row, column = pattern.tocoo().coords
+    if np.any(np.abs(rank[row] - rank[column]) > 1):
+        return None
+    picks = selection(order, n)
+    return Arrangement(sparse.csr_array(picks.T), picks, rank[sparse.csr_array(system.B).indices])
+
+
+def is_chain(system: System) -> bool:
+    """Whether a sparse system is tridiagonal, and each slip row picks an unknown of its own."""
+    for A in (system.M, system.C, system.K):
+        rows = _csr(A)
+        row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+        beyond = np.abs(row - rows.indices) > 1
+        if beyond.any() and rows.data[beyond].any():
+            return False
+    return bool(np.all(system.directions == 1)) and picks_unknowns(system.B)
+
+
+def picks_unknowns(B: Any) -> bool:
+    """Whether each row holds a single 1, in a column of its own."""
+    rows = _csr(B)
+    if not ((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all()):
+        return False
+    return rows.indices.size == 0 or bool(np.bincount(rows.indices).max() == 1)
+
+
+def _csr(A: Any) -> Any:
+    """Compressed rows; making them anew of what has them already takes longer than most steps."""
+    return A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
+
+
+def choose(
+    system: Arranged,
+    scheme: Scheme,
+    u: FloatArray,
+    v: FloatArray,
+    tolerance: float,
+    recorder: Recorder,
+) -> Stepper:
+    """Stepper for a system that is `arranged`, from displacement ``u`` and velocity ``v``.
+
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction in a dense system or on slips that depend on each other.
+    """
+    arguments = (system.system, scheme, u, v, tolerance, recorder)
+    if system.kind == "linear":
+        return LinearStepper(*arguments)
+    if system.kind == "contact":
+        return ContactStepper(*arguments)
+    if system.kind == "dense":
+        from skfem_joint.stepping.dense import DenseStepper
+
+        return DenseStepper(*arguments)
+    from skfem_joint.stepping.chain import ChainStepper
+
+    return ChainStepper(*arguments)

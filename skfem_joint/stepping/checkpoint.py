@@ -1,0 +1,189 @@
+"""Checkpoints: a run saved between its chunks, so that it can go on after it was killed.
+
+A checkpoint is one ``.npz`` of plain arrays. It takes its place only when it is whole, is never
+loaded by anything that can run code, and goes on only with the run that wrote it: it carries a
+fingerprint of the scene and its mesh, the version of the package, and of all that is integrated.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint import __version__
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_FORM = 2
+#: What readers of zip files and arrays let through on damaged ones.
+_DAMAGE = (
+    *(OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error),
+    *(ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError),
+)
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hexadecimal digest of numbers, texts, arrays, and dataclasses, mappings and lists of them.
+
+    Raises
+    ------
+    InputError
+        For anything else, such as plain functions of time, which nothing tells apart.
+    """
+    digest = sha256()
+
+    def add(part: Any) -> None:
+        digest.update(type(part).__name__.encode() + b"\0")
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype.str}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        elif sparse.issparse(part):
+            rows = sparse.csr_array(part)
+            add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
+            add(rows.data)
+        elif is_dataclass(part):
+            add({field.name: getattr(part, field.name) for field in fields(part)})
+        elif isinstance(part, Mapping):
+            add([len(part), *part.items()])
+        elif isinstance(part, Sequence) and not isinstance(part, str):
+            digest.update(f"{len(part)}".encode())
+            for item in part:
+                add(item)
+        elif part is None or isinstance(part, str | bool | int | float | np.number):
+            digest.update(repr(part).encode() + b"\0")
+        else:
+            raise InputError(
+                f"checkpoint: a {type(part).__name__} cannot be told from another one; give loads "
+                "of skfem_joint.loads instead of plain functions of time, or go without checkpoints"
+            )
+
+    add(parts)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where one run is saved and taken up again."""
+
+    path: Path  #: file, ``.npz``
+    origin: str  #: fingerprint of what the run comes from: its scene and mesh
+    every: int | None = (
+        None  #: steps after which to save, at the next end of a chunk; never if not given
+    )
+    resume: bool = False  #: whether to go on from the file if it is there
+
+    def due(self, done: int, saved: int, n_steps: int) -> bool:
+        """Whether to save after ``done`` of ``n_steps`` steps when ``saved`` of them are saved."""
+        return self.every is not None and (done - saved >= self.every or saved < done == n_steps)
+
+    def save(self, parts: Mapping[str, Arrays], run: str, done: int, elapsed: float) -> None:
+        """Save a run, ``run`` being the fingerprint of what is integrated.
+
+        Parameters
+        ----------
+        parts : mapping of str to mapping
+            What each part of the run has to keep, by the name of the part: arrays of two parts
+            that have the same name stay apart.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written; the one before it stays.
+        """
+        notes = {
+            "form": _FORM,
+            "version": __version__,
+            "origin": self.origin,
+            "run": run,
+            "done": done,
+            "elapsed": elapsed,
+        }
+        arrays: dict[str, Any] = {
+            f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
+        }
+        with replacing(self.path) as temporary, temporary.open("wb") as file:
+            np.savez(file, **arrays, notes=np.array(json.dumps(notes)))
+
+    def load(self, run: str) -> tuple[dict[str, dict[str, NDArray[Any]]], int, float] | None:
+        """Parts as they were saved, steps done and time taken (s); None: nothing to go on from.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or another scene, mesh, version or model has written it.
+        """
+        if not self.resume or not self.path.exists():
+            return None
+        try:
+            with self.path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                arrays = dict(stored)
+            notes = json.loads(str(arrays.pop("notes")))
+            parts: dict[str, dict[str, NDArray[Any]]] = {}
+            for key, array in arrays.items():
+                part, name = key.split("/", 1)
+                parts.setdefault(part, {})[name] = array
+            found = (notes["form"], notes["version"], notes["origin"])
+            same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
+        except _DAMAGE as error:
+            raise InputError(
+                f"{self.path}: cannot be read as a checkpoint ({error}); remove it and start the "
+                "run again"
+            ) from error
+        advice = "give that back, or remove the checkpoint and start the run again"
+        if found[:2] != (_FORM, __version__):
+            raise InputError(
+                f"{self.path}: was written by version {found[1]}, this is {__version__}; {advice}"
+            )
+        if found[2] != self.origin:
+            raise InputError(f"{self.path}: was written for another scene or mesh; {advice}")
+        if not same_run:
+            raise InputError(
+                f"{self.path}: the model made from the scene differs from the one that was saved, "
+                f"as on another machine or with other libraries; {advice}"
+            )
+        return parts, int(done), float(elapsed)
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """Checkpoints of all models of a study, in the folder of its results."""
+
+    folder: Path
+    every: int | None = None
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.every is not None and self.every < 1:
+            raise InputError(f"--checkpoint-every: found {self.every}, must be >= 1")
+        if not self.resume and self.files():
+            raise InputError(
+                f"--out {self.folder}: holds {', '.join(path.name for path in self.files())} of a "
+                "run that did not end; go on with --resume, or remove what is to be lost"
+            )
+
+    def files(self) -> list[Path]:
+        """Checkpoints in the folder."""
+        return sorted(self.folder.glob("checkpoint_*.npz"))
+
+    def of(self, model: str, origin: str) -> Checkpoint:
+        """Checkpoint of one model."""
+        path = self.folder / f"checkpoint_{model}.npz"
+        return Checkpoint(path, origin, self.every, self.resume)
+
+    def remove(self) -> None:
+        """Remove them, when the results are written."""
+        for path in self.files():
+            path.unlink(missing_ok=True)

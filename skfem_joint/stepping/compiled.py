@@ -1,0 +1,496 @@
+"""Compiled functions: their cache, the friction laws, and the one loop over steps.
+
+The loops over points hold no branches, so that the compiler turns them into vector instructions.
+That asks for an arctangent of its own: the argument is folded to |t| <= tan(pi/8), where
+arctan(t)/t is a polynomial of degree 12 in t^2 (interpolation at the Chebyshev nodes, computed with
+60 digits). Its relative error is below 4e-16.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+import warnings
+from hashlib import sha256
+from inspect import signature
+from math import atan, copysign, hypot, inf, pi, sqrt
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.friction import ARCTAN, COULOMB
+
+# The cache
+
+_SOURCES = sha256(
+    b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+).hexdigest()
+_told: list[str] = []
+
+
+def _tell(reason: object) -> None:
+    """Say once that compiled code cannot be kept."""
+    if not _told:
+        _told.append(str(reason))
+        warnings.warn(
+            f"compiled code cannot be kept ({reason}): every new process compiles it again, which "
+            "takes up to half a minute; set NUMBA_CACHE_DIR to a folder that can be written to",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+class _Cache:
+    """numba's cache of one function, renewed where a file is damaged, done without on a full disk.
+
+    numba takes compiled code for current as long as the function's own file is unchanged; here all
+    files of this folder count, because a function holds those that it calls.
+    """
+
+    def __init__(self, own: Any) -> None:
+        self._own = own
+        files = own._cache_file
+        files._source_stamp = (files._source_stamp, _SOURCES)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._own, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        try:
+            return self._own.load_overload(signature, context)
+        except Exception:  # noqa: BLE001 - whatever a damaged file makes of it: compile anew
+            try:
+                self._own.flush()
+            except OSError:
+                self._own.disable()
+            return None
+
+    def save_overload(self, signature: Any, compiled_code: Any) -> None:
+        try:
+            self._own.save_overload(signature, compiled_code)
+        except OSError as error:
+            self._own.disable()
+            _tell(error)
+
+
+#: No references to arrays are counted, which in loops of microseconds takes a quarter of the time:
+#: no function makes an array, and whoever calls them from Python holds those that it gives.
+_OPTIONS: Any = {"error_model": "numpy", "_nrt": False}
+
+
+def _decorator(**options: Any) -> Any:
+    """Decorator of functions to compile, with a cache where a folder for it can be written to."""
+    options |= _OPTIONS | {"no_cfunc_wrapper": True}
+
+    def decorate(function: Any) -> Any:
+        try:
+            dispatcher = njit(cache=True, **options)(function)
+        except RuntimeError as error:
+            _tell(error)
+            return njit(**options)(function)
+        if hasattr(dispatcher, "_cache"):  # not so where numba is told not to compile
+            dispatcher._cache = _Cache(dispatcher._cache)
+        return dispatcher
+
+    return decorate
+
+
+compiled = _decorator()
+#: For sums over many points: their order is left to the compiler, for vector instructions.
+sums_in_any_order = _decorator(fastmath={"reassoc", "contract"})
+
+
+def compiled_for(function: Any, kind: Any) -> Any:
+    """Decorator: what ``function`` is where its first argument is a named tuple of a kind."""
+
+    def decorate(own: Any) -> Any:
+        def chosen(*arguments: Any) -> Any:
+            return own if getattr(arguments[0], "instance_class", None) is kind else None
+
+        # The compiler asks for the names of the arguments.
+        chosen.__signature__ = signature(own)  # type: ignore[attr-defined]
+        overload(function, jit_options=_OPTIONS)(chosen)
+        return own
+
+    return decorate
+
+
+@compiled
+def largest_of(x):
+    """Largest magnitude; four at a time, because maxima of numbers wait for each other."""
+    n = x.size - x.size % 4
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, n, 4):
+        a = abs(x[i]) if abs(x[i]) > a else a
+        b = abs(x[i + 1]) if abs(x[i + 1]) > b else b
+        c = abs(x[i + 2]) if abs(x[i + 2]) > c else c
+        d = abs(x[i + 3]) if abs(x[i + 3]) > d else d
+    for i in range(n, x.size):
+        a = abs(x[i]) if abs(x[i]) > a else a
+    return max(a, b, c, d)
+
+
+# The friction laws
+
+_TAN_1 = float(np.tan(np.pi / 8.0))
+_TAN_3 = float(np.tan(3.0 * np.pi / 8.0))
+_TWO_OVER_PI = 2.0 / pi
+_C1 = -0.33333333333333326
+_C2 = 0.19999999999997015
+_C3 = -0.1428571428532971
+_C4 = 0.11111111085322109
+_C5 = -0.09090908059031191
+_C6 = 0.07692281099937744
+_C7 = -0.06666205259976526
+_C8 = 0.05876834004614161
+_C9 = -0.05217312574061591
+_C10 = 0.04499500728984032
+_C11 = -0.03338782450121195
+_C12 = 0.015113765096600925
+
+
+@compiled
+def arctangent(z):
+    """arctan(z) for z >= 0, without branches."""
+    steep = z > _TAN_3
+    middle = z > _TAN_1
+    numerator = -1.0 if steep else (z - 1.0 if middle else z)
+    denominator = z if steep else (z + 1.0 if middle else 1.0)
+    offset = 0.5 * pi if steep else (0.25 * pi if middle else 0.0)
+    t = numerator / denominator
+    q = t * t
+    p = _C12
+    p = p * q + _C11
+    p = p * q + _C10
+    p = p * q + _C9
+    p = p * q + _C8
+    p = p * q + _C7
+    p = p * q + _C6
+    p = p * q + _C5
+    p = p * q + _C4
+    p = p * q + _C3
+    p = p * q + _C2
+    p = p * q + _C1
+    return offset + (t + t * (q * p))
+
+
+@compiled
+def forces(beta, slip, sigma):
+    """Normalised friction force of regularised points."""
+    for i in range(slip.size):
+        z = beta[i] * slip[i]
+        sigma[i] = copysign(_TWO_OVER_PI * arctangent(abs(z)), z)
+
+
+@compiled
+def graph(kind, mixed, kappa, inverse_beta, s, v, sigma, dv, dsigma):
+    """Points of the laws' graphs that belong to the parameters ``s``, with derivatives in s.
+
+    ``kind`` is ARCTAN, COULOMB or FREE; ``mixed`` 0 if all points are ARCTAN, 1 if some are, 2 if
+    none is; ``kappa`` a positive scale, s/m; ``inverse_beta`` any positive number where the kind is
+    not ARCTAN.
+
+    For Coulomb v and sigma solve ``kappa v + sigma = s`` (Minty's parametrisation). For the
+    arctangent v solves this for the rational law z / (z + 1), z = beta v, which has a closed form,
+    and sigma is the arctangent's force at that v: the point lies on the law's graph to round-off,
+    with one square root and one arctangent. Both v(s) and sigma(s) have bounded slopes however
+    large beta is, which keeps a Newton iteration on s from degrading. Free points have
+    v = s / kappa.
+    """
+    if mixed < 2:
+        for i in range(s.size):
+            k = kappa * inverse_beta[i]
+            m = abs(s[i])
+            b = m - 1.0 - k
+            root = sqrt(b * b + 4.0 * k * m)
+            beyond = b > 0.0  # of the two forms of the root, the one without cancellation
+            z = (b + root if beyond else 2.0 * m) / (2.0 * k if beyond else root - b)
+            w = 1.0 + z * z
+            slope = (z + 1.0) / (root * w)
+            v[i] = copysign(z * inverse_beta[i], s[i])
+            sigma[i] = copysign(_TWO_OVER_PI * arctangent(z), s[i])
+            dv[i] = slope * w * inverse_beta[i]
+            dsigma[i] = _TWO_OVER_PI * slope
+    if mixed > 0:
+        inverse = 1.0 / kappa
+        for i in range(s.size):
+            if kind[i] != ARCTAN:
+                coulomb = kind[i] == COULOMB
+                inside = min(max(s[i], -1.0), 1.0) if coulomb else 0.0
+                sticks = coulomb and abs(s[i]) <= 1.0
+                v[i] = (s[i] - inside) * inverse
+                sigma[i] = inside
+                dv[i] = 0.0 if sticks else inverse
+                dsigma[i] = 1.0 if sticks else 0.0
+
+
+@compiled
+def resolvent(x, k, beta):
+    """Solve k v + sigma(v) = x for one point; returns v and sigma."""
+    if beta == inf:
+        if abs(x) <= 1.0:
+            return 0.0, x
+        v = (abs(x) - 1.0) / k
+        return (v, 1.0) if x > 0.0 else (-v, -1.0)
+    magnitude = abs(x)
+    k = k / beta
+    # Upper end of the root's bracket: the arctangent is at least z / (z + pi / 2). From there
+    # Newton may step below the root of the concave residual once and rises to it from then on.
+    c = 0.5 * pi
+    b = magnitude - 1.0 - k * c
+    root = sqrt(b * b + 4.0 * k * c * magnitude)
+    z = (b + root) / (2.0 * k) if b > 0.0 else 2.0 * c * magnitude / (root - b)
+    for _ in range(60):
+        step = (k * z + 2.0 / pi * atan(z) - magnitude) / (k + 2.0 / pi / (1.0 + z * z))
+        z_next = max(z - step, 0.0)
+        if abs(z_next - z) <= 4e-16 * z:
+            break
+        z = z_next
+    sigma = 2.0 / pi * atan(z)
+    return (z / beta, sigma) if x > 0.0 else (-z / beta, -sigma)
+
+
+# The loop over steps
+
+
+class Bands(NamedTuple):
+    """Diagonal and off-diagonal of a symmetric tridiagonal matrix."""
+
+    diagonal: FloatArray
+    off: FloatArray
+
+
+class Full(NamedTuple):
+    """A dense matrix."""
+
+    entries: FloatArray
+
+
+class Places(NamedTuple):
+    """Where a system's slip rows and contact points are among those of a compiled problem.
+
+    A problem has the first rows of all points before the second rows of those that have one, which
+    come first among the points.
+    """
+
+    row: NDArray[np.intp]
+    point: NDArray[np.intp]
+
+
+class Room(NamedTuple):
+    """Arrays that the loop over steps works in: by unknown, slip row, and at last by point."""
+
+    right: FloatArray
+    image: FloatArray
+    y: FloatArray
+    change: FloatArray
+    mean: FloatArray
+    drift: FloatArray
+    slip: FloatArray
+    rubbed: FloatArray
+    farthest: FloatArray
+
+
+def make_room(n: int, rows: int, m: int) -> Room:
+    """Make the arrays for ``n`` unknowns, some slip rows and ``m`` points."""
+    return Room(*(np.zeros(k) for k in (n, n, n, n, n, n, rows, m, m)))
+
+
+class Found(NamedTuple):
+    """What came of a step's problem: work done, and the largest residual (N) and its unknown.
+
+    The names of the counts are those of :class:`skfem_joint.stepping.recording.Counters`.
+    """
+
+    converged: bool
+    newton_iterations: int
+    nested_solves: int
+    descents: int
+    line_searches: int
+    friction_evaluations: int
+    residual: float
+    unknown: int
+
+
+class Outcome(NamedTuple):
+    """What `march` did: steps, stored rows of points and fields, work, the last solution."""
+
+    steps: int
+    rows: int
+    field_rows: int
+    newton_iterations: int
+    largest_iterations: int
+    nested_solves: int
+    descents: int
+    line_searches: int
+    friction_evaluations: int
+    residual: float
+    unknown: int
+
+
+def product(A, x, y):
+    """Compute y = A x, for `Bands` and `Full`."""
+    raise NotImplementedError
+
+
+def solve(problem, memory, right, v, tolerance):
+    """Solve a step's problem for the velocity at its end; returns `Found`.
+
+    Each kind of problem has its own. It leaves velocity and friction in ``memory.velocity`` and
+    ``memory.force``, and changes what else it remembers only if it converged.
+    """
+    raise NotImplementedError
+
+
+def slips(problem, x, room):
+    """Slip of all rows of a problem from displacements ``x``: in ``room``, or ``x`` itself."""
+    raise NotImplementedError
+
+
+@compiled_for(product, Bands)
+def _product_of_bands(A, x, y):
+    diagonal, off = A
+    for i in range(x.size):
+        y[i] = diagonal[i] * x[i]
+    for i in range(off.size):
+        y[i] += off[i] * x[i + 1]
+    for i in range(off.size):
+        y[i + 1] += off[i] * x[i]
+
+
+@compiled_for(product, Full)
+def _product_of_full(A, x, y):
+    for i in range(x.size):
+        t = 0.0
+        for j in range(x.size):
+            t += A.entries[i, j] * x[j]
+        y[i] = t
+
+
+@compiled
+def march(
+    n_steps, first_step, strides, c, matrices, problem, memory, w, places, tolerance,
+    loads, amplitude, observed, state, room, sums, stored,
+):  # fmt: skip
+    """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
+
+    ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
+    ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
+    of the problem, N; ``loads`` and ``observed`` load vectors and named points (`Compressed`);
+    ``amplitude`` (loads, n_steps + 1) is in N. With fewer than ``n_steps`` steps one did not
+    converge, and the state is that before it.
+    """
+    M, C, K = matrices
+    u, v, a, d, sigma = state
+    right, image, y, change, mean, drift, slip_room, rubbed, farthest = room
+    v_new, sigma_new = memory.velocity, memory.force
+    n, m = u.size, rubbed.size
+    for j in range(places.point.size):
+        rubbed[places.point[j]] = sums.friction_work[j]
+        farthest[places.point[j]] = sums.slip_peak[j]
+    steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
+    iterations, largest, nested, descents, searches, evaluations = 0, 0, 0, 0, 0, 0
+    for step in range(1, n_steps + 1):
+        for i in range(n):
+            u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
+            y[i] = c.c_M * v[i] + c.y_a * a[i] + c.y_d * d[i]
+        product(M, y, right)
+        product(K, u, image)
+        for i in range(n):
+            right[i] -= image[i]
+        for k in range(loads.start.size - 1):
+            for e in range(loads.start[k], loads.start[k + 1]):
+                right[loads.column[e]] += amplitude[k, step] * loads.value[e]
+        found = solve(problem, memory, right, v, tolerance)
+        iterations += found.newton_iterations
+        largest = max(largest, found.newton_iterations)
+        nested += found.nested_solves
+        descents += found.descents
+        searches += found.line_searches
+        evaluations += found.friction_evaluations
+        residual, unknown = found.residual, found.unknown
+        if not found.converged:
+            for i in range(n):
+                u[i] -= c.u_v * v[i] + c.u_a * a[i]
+            break
+        steps = step
+        # u holds the predictor: the step's change of displacement is what it adds to u.
+        for i in range(n):
+            change[i] = c.u_v * v[i] + c.u_a * a[i] + c.c_K * v_new[i]
+            mean[i] = 0.5 * (v[i] + v_new[i])
+        for i in range(n):
+            u[i] += c.c_K * v_new[i]
+        if not c.trapezoidal:
+            for i in range(n):
+                drift[i] = v[i] - v_new[i]
+                y[i] = 0.5 * d[i]
+        for i in range(n):
+            a_new = c.a_v * (v_new[i] - v[i]) + c.a_a * a[i]
+            d[i] = c.d_a * a_new + c.d_a0 * a[i] + c.d_d0 * d[i]
+            a[i] = a_new
+            v[i] = v_new[i]
+        product(C, mean, image)
+        viscous, numerical = 0.0, 0.0
+        for i in range(n):
+            viscous += image[i] * change[i]
+        if not c.trapezoidal:
+            for i in range(n):
+                y[i] += 0.5 * d[i]
+                drift[i] += c.h * y[i]
+            product(M, y, image)
+            for i in range(n):
+                numerical += (change[i] - c.h * mean[i]) * image[i]
+            product(M, drift, image)
+            for i in range(n):
+                numerical += mean[i] * image[i]
+        sums.dissipated[0] += viscous
+        sums.dissipated[1] += numerical
+        for k in range(loads.start.size - 1):
+            f = 0.5 * (amplitude[k, step - 1] + amplitude[k, step])
+            for e in range(loads.start[k], loads.start[k + 1]):
+                sums.input_work[k] += f * loads.value[e] * change[loads.column[e]]
+        moved = slips(problem, change, slip_room)
+        for p in range(m):
+            rubbed[p] += 0.5 * w[p] * (sigma[p] + sigma_new[p]) * moved[p]
+        for q in range(m, w.size):
+            rubbed[q - m] += 0.5 * w[q] * (sigma[q] + sigma_new[q]) * moved[q]
+        slip = slips(problem, u, slip_room)
+        for p in range(m):
+            farthest[p] = abs(slip[p]) if abs(slip[p]) > farthest[p] else farthest[p]
+            sigma[p] = sigma_new[p]
+        for q in range(m, w.size):
+            farthest[q - m] = max(farthest[q - m], hypot(slip[q - m], slip[q]))
+            sigma[q] = sigma_new[q]
+        store = stored.point_u.shape[0] > 0 and (first_step + step) % strides[0] == 0
+        for k in range(observed.start.size - 1):
+            x, rate = 0.0, 0.0
+            for e in range(observed.start[k], observed.start[k + 1]):
+                x += observed.value[e] * u[observed.column[e]]
+                rate += observed.value[e] * v[observed.column[e]]
+            sums.peak[k] = max(sums.peak[k], abs(x))
+            if store:
+                stored.point_u[rows, k] = x
+                stored.point_v[rows, k] = rate
+        rows += store
+        if stored.u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
+            for i in range(n):
+                stored.u[field_rows, i] = u[i]
+                stored.v[field_rows, i] = v[i]
+            for j in range(places.row.size):
+                stored.sigma[field_rows, j] = sigma[places.row[j]]
+            for j in range(places.point.size):
+                stored.work[field_rows, j] = rubbed[places.point[j]]
+            field_rows += 1
+    for j in range(places.point.size):
+        sums.friction_work[j] = rubbed[places.point[j]]
+        sums.slip_peak[j] = farthest[places.point[j]]
+    return Outcome(
+        steps, rows, field_rows, iterations, largest, nested, descents, searches, evaluations,
+        residual, unknown,
+    )  # fmt: skip

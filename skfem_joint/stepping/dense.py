@@ -1,0 +1,425 @@
+"""Steps of small dense systems, as Galerkin reduction makes them.
+
+A reduced model has more contact points than unknowns, so that they cannot all stick: Newton's
+iteration runs on the velocity itself, with an exact search along each direction of the strictly
+convex objective 1/2 q H q - g q + sum w psi(B q). The search uses the objective's derivative
+alone, so that it is not limited by the round-off of the objective. It never failed on reduced
+models and is globally convergent for a finite beta.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from math import inf, pi, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.stepping.compiled import (
+    Found,
+    Full,
+    Places,
+    compiled,
+    compiled_for,
+    forces,
+    make_room,
+    slips,
+    solve,
+    sums_in_any_order,
+)
+from skfem_joint.stepping.schemes import Coefficients, State, factorised
+from skfem_joint.stepping.steppers import CompiledStepper, Saved
+
+ITERATIONS = 200
+SEARCH = 60
+_TWO_OVER_PI = 2.0 / pi
+ROUND_OFF = 16 * np.finfo(np.float64).eps
+
+
+@compiled
+def _cholesky_solve(A, x):
+    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor).
+
+    The diagonal takes the reciprocals of the factor's, so that the loops need not divide.
+    """
+    n = x.size
+    for i in range(n):
+        for j in range(i + 1):
+            t = A[i, j]
+            for k in range(j):
+                t -= A[i, k] * A[j, k]
+            if i == j:
+                if not t > 0.0:
+                    return False
+                A[i, i] = 1.0 / sqrt(t)
+            else:
+                A[i, j] = t * A[j, j]
+    for i in range(n):
+        t = x[i]
+        for k in range(i):
+            t -= A[i, k] * x[k]
+        x[i] = t * A[i, i]
+    for i in range(n - 1, -1, -1):
+        t = x[i]
+        for k in range(i + 1, n):
+            t -= A[k, i] * x[k]
+        x[i] = t * A[i, i]
+    return True
+
+
+class Contact(NamedTuple):
+    """Contact points of a dense system, those with two slip directions first.
+
+    The loops run along the points, so that they become vector instructions: first come the first
+    rows of all points, then the second rows of those that have one.
+    """
+
+    B: Any  #: (n, rows) transposed slip operator
+    w: Any  #: (rows,) friction limit of each row's point, N
+    beta: Any  #: (m,) finite scaling constant of each point, s/m
+
+
+class Dense(NamedTuple):
+    """Problem of a step: its matrix H, N s/m, and the contact."""
+
+    H: Any
+    contact: Contact
+
+
+class Memory(NamedTuple):
+    """What the steps remember, ``old_velocity``, what the last one found, and room to work in.
+
+    ``size`` and ``ratio``, shape (m,), are the norm of the slip vectors and force over norm. They
+    are only kept where some points have two rows.
+    """
+
+    old_velocity: Any
+    velocity: Any
+    force: Any
+    slip: Any
+    r: Any
+    A: Any
+    direction: Any
+    d_slip: Any
+    trial: Any
+    weight: Any
+    scaled: Any
+    cross: Any
+    size: Any
+    ratio: Any
+
+
+def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> tuple[Contact, Places]:
+    """Contact points from the rows of a system, see :class:`skfem_joint.system.System`."""
+    pair = np.diff(first_row) == 2
+    point = np.concatenate([np.flatnonzero(pair), np.flatnonzero(~pair)])
+    row = np.concatenate([first_row[point], first_row[np.flatnonzero(pair)] + 1])
+    limits = np.concatenate([w[point], w[pair]])
+    contact = Contact(np.ascontiguousarray(B[row].T), limits, beta[point])
+    return contact, Places(np.argsort(row), np.argsort(point))
+
+
+def make_memory(n: int, rows: int, m: int) -> Memory:
+    """Make the arrays for n unknowns, some slip rows and m points."""
+    unknown, row, point = (np.zeros(k) for k in (n, rows, m if rows > m else 0))
+    return Memory(
+        old_velocity=unknown.copy(),
+        velocity=unknown.copy(),
+        force=row.copy(),
+        slip=row.copy(),
+        r=unknown.copy(),
+        A=np.zeros((n, n)),
+        direction=unknown.copy(),
+        d_slip=row.copy(),
+        trial=row.copy(),
+        weight=row.copy(),
+        scaled=row.copy(),
+        cross=np.zeros(rows - m),
+        size=point.copy(),
+        ratio=point.copy(),
+    )
+
+
+@sums_in_any_order
+def _dot(a, b):
+    t = 0.0
+    for i in range(a.size):
+        t += a[i] * b[i]
+    return t
+
+
+@sums_in_any_order
+def _work(w, sigma, d_slip):
+    """Work of the friction forces on the slip ``d_slip``."""
+    t = 0.0
+    for i in range(w.size):
+        t += w[i] * sigma[i] * d_slip[i]
+    return t
+
+
+@compiled
+def _slip(B, q, slip):
+    """Slip of all rows."""
+    for i in range(slip.size):
+        slip[i] = B[0, i] * q[0]
+    for j in range(1, q.size):
+        t = q[j]
+        row = B[j]
+        for i in range(slip.size):
+            slip[i] += t * row[i]
+
+
+@compiled
+def _evaluate(beta, slip, size, ratio, sigma):
+    """Normalised friction of all rows."""
+    m = beta.size
+    pairs = slip.size - m
+    if pairs == 0:
+        forces(beta, slip, sigma)
+        return
+    for p in range(pairs):
+        size[p] = sqrt(slip[p] * slip[p] + slip[m + p] * slip[m + p])
+    for p in range(pairs, m):
+        size[p] = abs(slip[p])
+    forces(beta, size, ratio)
+    for p in range(m):
+        ratio[p] = ratio[p] / size[p] if size[p] > 0.0 else _TWO_OVER_PI * beta[p]
+        sigma[p] = ratio[p] * slip[p]
+    for p in range(pairs):
+        sigma[m + p] = ratio[p] * slip[m + p]
+
+
+@compiled
+def _add_friction(contact, slip, sigma, room):
+    """Add the friction forces to the residual and their tangent to the lower triangle of A.
+
+    The tangent of a slip vector is the law's slope along it and force over norm across it.
+    """
+    B, w, beta = contact.B, contact.w, contact.beta
+    weight, cross, scaled = room.weight, room.cross, room.scaled
+    size, ratio = room.size, room.ratio
+    m = beta.size
+    pairs = slip.size - m
+    at = size if pairs > 0 else slip
+    for p in range(m):
+        z = beta[p] * at[p]
+        weight[p] = w[p] * (_TWO_OVER_PI * beta[p] / (1.0 + z * z))
+    for p in range(pairs):
+        moves = size[p] > 0.0
+        t = slip[p] / size[p] if moves else 1.0
+        n = slip[m + p] / size[p] if moves else 0.0
+        across = w[p] * ratio[p]
+        more = weight[p] - across
+        weight[p] = across + more * (t * t)
+        weight[m + p] = across + more * (n * n)
+        cross[p] = more * (t * n)
+    for j in range(room.r.size):
+        row, other = B[j], B[j, m:]
+        room.r[j] += _work(w, sigma, row)
+        for p in range(pairs):
+            scaled[p] = weight[p] * row[p] + cross[p] * other[p]
+        for p in range(pairs):
+            scaled[m + p] = weight[m + p] * other[p] + cross[p] * row[p]
+        for p in range(pairs, m):
+            scaled[p] = weight[p] * row[p]
+        for k in range(j + 1):
+            room.A[j, k] += _dot(scaled, B[k])
+
+
+@compiled
+def _round_off(H, contact, q, slip, sigma, room):
+    """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
+    B, w, beta = contact.B, contact.w, contact.beta
+    n = q.size
+    m = beta.size
+    pairs = slip.size - m
+    largest = 0.0
+    for j in range(n):
+        total = 0.0
+        for k in range(n):
+            total += abs(H[j, k] * q[k])
+        for i in range(slip.size):
+            magnitude = 0.0
+            for k in range(n):
+                magnitude += abs(B[k, i] * q[k])
+            if pairs > 0:
+                slope = room.ratio[i if i < m else i - m]  # the larger of the two
+            else:
+                z = beta[i] * slip[i]
+                slope = _TWO_OVER_PI * beta[i] / (1.0 + z * z)
+            total += abs(B[j, i]) * w[i] * (abs(sigma[i]) + slope * magnitude)
+        largest = max(largest, total)
+    return ROUND_OFF * largest
+
+
+@compiled_for(solve, Dense)
+def minimum(problem, memory, right, v, tolerance):
+    """Minimise the step's objective, from the velocity extrapolated over the last two steps.
+
+    The solution is left in ``memory.velocity``, its slip velocities in ``memory.slip`` and forces
+    in ``memory.force``, each with one entry for each row of the contact.
+    """
+    H, contact = problem
+    q, before, slip, sigma = memory.velocity, memory.old_velocity, memory.slip, memory.force
+    n = q.size
+    for i in range(n):
+        q[i] = 2.0 * v[i] - before[i]
+    B, w, beta = contact.B, contact.w, contact.beta
+    r, A, direction, d_slip, trial = (
+        memory.r,
+        memory.A,
+        memory.direction,
+        memory.d_slip,
+        memory.trial,
+    )
+    scale = 0.0
+    for i in range(n):
+        scale = max(scale, abs(right[i]))
+    evaluations, iteration, largest, converged = 0, 0, 0.0, False
+    known = False  # whether slip and sigma belong to q
+    for iteration in range(ITERATIONS + 1):
+        for i in range(n):
+            t = -right[i]
+            for j in range(n):
+                t += H[i, j] * q[j]
+                A[i, j] = H[i, j]
+            r[i] = t
+        if not known:
+            _slip(B, q, slip)
+            _evaluate(beta, slip, memory.size, memory.ratio, sigma)
+            evaluations += 1
+        _add_friction(contact, slip, sigma, memory)
+        largest = 0.0
+        for i in range(n):
+            if not abs(r[i]) <= largest and largest == largest:  # what is not a number stays
+                largest = abs(r[i])
+        converged = largest <= tolerance * scale or (
+            largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, memory)
+        )
+        if converged or not largest < inf or iteration == ITERATIONS or not _cholesky_solve(A, r):
+            break
+        # r is minus the direction; slopes of the objective along the direction at 0 and 1.
+        linear = 0.0
+        quadratic = 0.0
+        for i in range(n):
+            t = 0.0
+            for j in range(n):
+                t += H[i, j] * r[j]
+            linear -= t * q[i] - right[i] * r[i]
+            quadratic += t * r[i]
+            direction[i] = -r[i]
+        _slip(B, direction, d_slip)
+        slope_0 = linear + _work(w, sigma, d_slip)
+        low, slope_low = 0.0, slope_0
+        high, slope_high = 0.0, 0.0
+        length = 1.0
+        known = False
+        for _ in range(SEARCH):
+            if not slope_0 < 0.0:
+                break  # no descent left but round-off: the full step
+            for i in range(slip.size):
+                trial[i] = slip[i] + length * d_slip[i]
+            _evaluate(beta, trial, memory.size, memory.ratio, sigma)
+            evaluations += 1
+            slope = linear + length * quadratic + _work(w, sigma, d_slip)
+            # Accept a step short of the minimum along the line, or one just past it.
+            short = slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0)
+            if short or (length == 1.0 and 0.0 < slope <= -0.05 * slope_0):
+                known = True
+                break
+            if slope > 0.0:
+                high, slope_high = length, slope
+            else:
+                low, slope_low = length, slope
+            length = low - slope_low * (high - low) / (slope_high - slope_low)
+            length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
+        for i in range(n):
+            q[i] -= length * r[i]
+        if known:
+            for i in range(slip.size):
+                slip[i] = trial[i]
+    if converged:
+        for i in range(n):
+            before[i] = v[i]
+    searches = evaluations - iteration - 1
+    return Found(converged, iteration, 0, 0, searches, evaluations, largest, 0)
+
+
+@compiled_for(slips, Dense)
+def _slips_of_dense(problem, x, room):
+    _slip(problem.contact.B, x, room)
+    return room
+
+
+def _dense(A: Any) -> FloatArray:
+    return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
+
+
+class DenseStepper(CompiledStepper):
+    """Steps of a small dense system.
+
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction.
+    """
+
+    COUNTS = ("newton_iterations", "largest_iterations", "line_searches", "friction_evaluations")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        s = self.system
+        if np.any(np.isinf(s.beta[s.w > 0.0])):
+            raise InputError(
+                "set-valued Coulomb friction (beta = inf) needs one unknown for each contact "
+                "point, which a reduced or dense system has not; use System.with_beta with a "
+                "finite beta"
+            )
+        self.dynamics = (Full(_dense(s.M)), Full(_dense(s.C)), Full(_dense(s.K)))
+        beta = np.where(s.w > 0.0, s.beta, 1.0)
+        self.contact, self.places = contact_of(_dense(s.B), s.first_row, s.w, beta)
+        self.limits = self.contact.w
+        rows = self.limits.size
+        self.memory, self.room = make_memory(s.n, rows, s.w.size), make_room(s.n, rows, s.w.size)
+        self.memory.old_velocity[:] = self.now.v
+        self.first_chunk = max(1, 100_000_000 // (rows * s.n**2))
+        self._take_law()
+
+    def _take_law(self) -> None:
+        """Friction at the velocity now."""
+        room, sigma = self.memory, np.zeros(self.limits.size)
+        _slip(self.contact.B, self.now.v, room.slip)
+        _evaluate(self.contact.beta, room.slip, room.size, room.ratio, sigma)
+        self.now = self.now._replace(sigma=sigma)
+
+    def make(self, c: Coefficients) -> Dense:
+        """Step matrix."""
+        (M,), (C,), (K,) = self.dynamics
+        self.counts["factorizations"] += 1
+        return Dense(c.c_M * M + C + c.c_K * K, self.contact)
+
+    def restart(self, amplitudes: FloatArray) -> bool:
+        """Acceleration from the equation of motion."""
+        self._take_law()
+        right = self.elastic(amplitudes) - self.contact.B @ (self.limits * self.now.sigma)
+        self.memory.old_velocity[:] = self.now.v
+        self.started(factorised(self.dynamics[0].entries)(right), self.now.sigma)
+        return True
+
+    def state(self) -> State:
+        """State now, with friction by slip row of the system."""
+        return self.now._replace(sigma=self.now.sigma[self.places.row])
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """State and the velocity before it."""
+        return super().saved() | {"before": self.memory.old_velocity.copy()}
+
+    def restore(self, saved: Saved) -> None:
+        """Take up a saved state."""
+        super().restore(saved)
+        self.memory.old_velocity[:] = saved["before"]

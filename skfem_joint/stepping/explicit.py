@@ -1,0 +1,170 @@
+"""Explicit integration as in the paper: state-space form, classical Runge-Kutta, for comparison.
+
+Friction regularised by a steep arctangent makes the equations stiff: the stable step is set by the
+law's slope over the nodal mass and not by the mesh. The step is checked before the run.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+from scipy.sparse.linalg import eigsh
+
+from skfem_joint import friction
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.stepping.recording import Recorder, Run, Save
+from skfem_joint.stepping.schemes import State, factorised
+from skfem_joint.system import System
+
+#: Velocity beyond which a run counts as unstable, m/s.
+UNBOUNDED = 1e100
+#: Unknowns up to which all eigenvalues are computed.
+DENSE_LIMIT = 500
+#: Steps for which the loads are evaluated together.
+BLOCK = 10_000
+
+
+def _with_friction(system: System, slope: FloatArray) -> Any:
+    """Damping (N s/m) with that of friction of a given slope (s/m) at each contact point."""
+    B = sparse.csr_array(system.B)
+    added = B.T @ sparse.diags_array(system.on_rows(system.w * slope)) @ B
+    return system.C + (added.toarray() if system.is_dense else added)
+
+
+def state_matrix(system: System, slope: FloatArray | None = None) -> FloatArray:
+    """First-order matrix A of Eq. (13), shape (2 n, 2 n), 1/s.
+
+    ``slope`` (m,), s/m, is that of the normalised friction force at each contact point, added to
+    the damping (linearisation of Eq. (14)); none if not given.
+    """
+    C = _with_friction(system, np.zeros_like(system.w) if slope is None else slope)
+    M, C, K = (A if system.is_dense else A.toarray() for A in (system.M, C, system.K))
+    n = system.n
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-linalg.solve(M, K), -linalg.solve(M, C)]])
+
+
+def stable_step(system: System) -> float:
+    """Largest stable step of the classical Runge-Kutta method, s.
+
+    Every eigenvalue of the system, linearised about stick where the friction slope is largest and
+    about free slip where it vanishes, must stay in the method's stability region. Large sparse
+    systems use bounds from their extreme eigenvalues instead.
+
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction, whose slope is infinite.
+    """
+    slope = np.where(system.w > 0.0, friction.slope(0.0, system.beta), 0.0)
+    if np.any(np.isinf(slope)):
+        raise InputError(
+            "explicit integration: set-valued Coulomb friction has no stable step; use the "
+            "implicit integrator, or a finite beta"
+        )
+    if system.n <= DENSE_LIMIT:
+        parts = (slope, np.zeros_like(slope))
+        return min(_largest_step(linalg.eigvals(state_matrix(system, part))) for part in parts)
+    M, C, K = (sparse.csc_array(A) for A in (system.M, _with_friction(system, slope), system.K))
+    options = {"k": 1, "which": "LM", "return_eigenvectors": False, "v0": np.ones(system.n)}
+    rate, square = (float(eigsh(A, M=M, **options)[0]) for A in (C, K))
+    # The region holds the disc segment |z| <= 2.6 of the left half plane.
+    return 2.6 / max(rate, math.sqrt(square))
+
+
+def _largest_step(eigenvalues: NDArray[np.complex128]) -> float:
+    """Step up to which ``|1 + z + z^2/2 + z^3/6 + z^4/24| <= 1`` at every eigenvalue times it."""
+    values = eigenvalues[np.abs(eigenvalues) > 0.0]
+    if values.size == 0:
+        return math.inf
+    # Rounding may put undamped eigenvalues a hair to the right of the imaginary axis.
+    values = np.minimum(values.real, 0.0) + 1j * values.imag
+    low, high = 0.0, 4.0 / float(np.abs(values).max())
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        z = middle * values
+        growth = np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+        low, high = (middle, high) if np.all(growth <= 1.0 + 1e-12) else (low, middle)
+    return low
+
+
+def runge_kutta(
+    system: System,
+    *,
+    step: float,
+    n_steps: int,
+    save: Save | None = None,
+    cycle_steps: int | None = None,
+    check: bool = True,
+) -> Run:
+    """Integrate by the classical Runge-Kutta method from rest, Eqs. (10)-(16).
+
+    Parameters
+    ----------
+    step, n_steps, save, cycle_steps
+        As in :func:`skfem_joint.stepping.integrate.integrate`.
+    check : bool
+        Refuse a step beyond the stable one. Turn off only to find the edge by experiment.
+
+    Raises
+    ------
+    InputError
+        If the step is beyond the stable one; the message says which step would do.
+    ConvergenceError
+        If the solution grows without bound.
+    """
+    if not (step > 0.0 and math.isfinite(step)) or n_steps < 1:
+        raise InputError("explicit integration: step and n_steps must be > 0")
+    limit = stable_step(system) if check else math.inf
+    if step > limit:
+        raise InputError(
+            f"explicit integration: a step of {step:.4g} s is unstable; the largest stable step is "
+            f"{limit:.4g} s, {math.ceil(step * n_steps / limit)} steps for this run. Use that, a "
+            "smaller beta, or the implicit integrator."
+        )
+    recorder = Recorder(system, save or Save(), n_steps, step)
+    solve, rubs = factorised(system.M), bool(system.contact_points)
+    w = system.on_rows(system.w)
+
+    def law(v: FloatArray) -> FloatArray:
+        return friction.force_vectors(system.B @ v, system.beta, system.directions)
+
+    def acceleration(u: FloatArray, v: FloatArray, amplitudes: FloatArray) -> FloatArray:
+        right = recorder.vectors @ amplitudes - system.K @ u - system.C @ v
+        return np.asarray(solve(right - system.B.T @ (w * law(v)) if rubs else right))
+
+    begin = time.perf_counter()
+    u, v = np.zeros((2, system.n))
+    a = acceleration(u, v, system.load_amplitudes(np.zeros(1))[:, 0])
+    now = State(u, v, a, a, law(v))
+    recorder.store(0, now)
+    for k in range(n_steps):
+        if k % BLOCK == 0:
+            halves = 0.5 * np.arange(2 * min(BLOCK, n_steps - k) + 1, dtype=np.float64)
+            loads = system.load_amplitudes(step * (k + halves))
+        f0, f1, f2 = loads[:, 2 * (k % BLOCK) : 2 * (k % BLOCK) + 3].T
+        u, v1, a1 = now[:3]
+        v2 = v1 + 0.5 * step * a1
+        a2 = acceleration(u + 0.5 * step * v1, v2, f1)
+        v3 = v1 + 0.5 * step * a2
+        a3 = acceleration(u + 0.5 * step * v2, v3, f1)
+        v4 = v1 + step * a3
+        a4 = acceleration(u + step * v3, v4, f2)
+        u = u + step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+        v = v1 + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        if not np.abs(v).max() < UNBOUNDED:
+            told = f"explicit step {k} at t = {step * k:.6g} s: the solution grows without bound"
+            raise ConvergenceError(f"{told}, the step of {step:.4g} s is unstable")
+        a = acceleration(u, v, f2)
+        old, now = now, State(u, v, a, a, law(v))
+        recorder.add_step(step, (f0, f2), old, now)
+        recorder.store(k + 1, now)
+        if cycle_steps is not None and (k + 1) % cycle_steps == 0:
+            recorder.end_cycle()
+    wall_s, counts = time.perf_counter() - begin, {"friction_evaluations": rubs * (4 * n_steps + 1)}
+    return recorder.finish(0.0, now.u, now.v, steps=n_steps, wall_s=wall_s, counts=counts)

@@ -1,0 +1,414 @@
+"""Implicit time integration of any system: the driver around the steppers.
+
+The driver lays the steps out so that jumps and kinks of the loads fall on step ends, advances in
+chunks (progress, Ctrl-C), does a step that does not converge in halves, and raises
+:class:`ConvergenceError` when that does not help either. Where chunks end changes no bit of the
+result.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from bisect import bisect_left
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.loads import common_period
+from skfem_joint.stepping.arrangement import Arranged, arranged, choose
+from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
+from skfem_joint.stepping.recording import Recorder, Run, Save
+from skfem_joint.stepping.resolution import check_resolution
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.steppers import Stepper
+from skfem_joint.system import System
+
+#: Largest force residual of a step, relative to its largest force.
+TOLERANCE = 1e-11
+#: A step that does not converge is halved at most this often.
+HALVINGS = 8
+#: A chunk, between two chances to stop, save and show progress, takes about this long (s) or so
+#: many steps; the next one is at most so many times longer.
+CHUNK_S = 0.5
+MOST_STEPS_IN_A_CHUNK = 20_000
+GROWTH = 4
+#: Steps for which the loads are evaluated together, always the same ones.
+BLOCK = 16_384
+#: Kinks of a load are met exactly only if there are fewer than this; jumps always.
+MOST_KINKS = 64
+
+
+def integrate(
+    system: System,
+    *,
+    step: float | None = None,
+    n_steps: int | None = None,
+    duration: float | None = None,
+    cycles: int | None = None,
+    steps_per_cycle: int | None = None,
+    scheme: Scheme | None = None,
+    save: Save | None = None,
+    cycle_steps: int | None = None,
+    initial: tuple[FloatArray, FloatArray] | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[int, int], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Run:
+    """Integrate a system over equal steps: ``n_steps`` or a ``duration`` of them, or ``cycles``.
+
+    Parameters
+    ----------
+    system : System
+    step : float
+        Time step, s.
+    n_steps : int
+    duration : float
+        s; the last step ends at it or just beyond it.
+    cycles, steps_per_cycle : int
+        Cycles of the loads' common period, and steps in each.
+    scheme : Scheme, optional
+        Average acceleration if not given.
+    save : Save, optional
+        What to store; the named points at every step if not given. Peaks and works are
+        accumulated over every step in any case.
+    cycle_steps : int, optional
+        Steps of one cycle: works and peaks are also noted cycle by cycle. As ``steps_per_cycle``
+        says, if that is given.
+    initial : tuple of ndarray, shape (n,), optional
+        Displacement (m) and velocity (m/s) at the start; at rest if not given.
+    tolerance : float
+        Largest force residual of a step relative to its largest force.
+    progress : callable, optional
+        Called with (steps done, steps in all).
+    checkpoint : Checkpoint, optional
+        Where to save the run, and to take it up again; neither changes a bit of the result.
+
+    Returns
+    -------
+    Run
+        After a keyboard interrupt that of the steps finished, with ``interrupted`` set.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step does not converge, even in 256 parts.
+    InputError
+        If the steps are not given in one of the three ways, or are too long for a load, no stepper
+        fits the system, or the checkpoint cannot be written or is not one of this run.
+    """
+    if cycles is not None or steps_per_cycle is not None:
+        others = (step, n_steps, duration, cycle_steps)
+        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
+        cycle_steps = steps_per_cycle
+    step, n_steps = _steps(step, n_steps, duration)
+    if cycle_steps is not None and cycle_steps < 1:
+        raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
+    start = _start(system, initial)
+    check_resolution(system, step, n_steps)
+    save, scheme = save or Save(), scheme or generalized_alpha()
+    asked = (system, step, n_steps, scheme, save, cycle_steps, *start, tolerance)
+    identity = fingerprint(*asked) if checkpoint else ""
+    saved = checkpoint.load(identity) if checkpoint else None
+    driver = _Driver.of(arranged(system), save, step, n_steps, scheme, start, float(tolerance))
+    preparation, driver.elapsed = driver.elapsed, 0.0
+    if saved is not None:
+        driver.take_up(*saved)
+    elif initial is not None:
+        driver.recorder.observe(driver.stepper.state().u)
+    energy = 0.0 if initial is None else system.stored_energy(*start)
+    interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
+    return driver.finish(system, energy, preparation, interrupted)
+
+
+def _by_cycles(
+    system: System, cycles: int | None, steps_per_cycle: int | None, others: tuple[Any, ...]
+) -> tuple[float, int]:
+    """Step and number of steps of a run in cycles."""
+    if cycles is None or steps_per_cycle is None or others != (None,) * len(others):
+        raise InputError(
+            "cycles: must come with steps_per_cycle, and without step, n_steps, duration and "
+            "cycle_steps"
+        )
+    for name, count in (("cycles", cycles), ("steps_per_cycle", steps_per_cycle)):
+        if count < 1:
+            raise InputError(f"{name}: found {count}, must be >= 1")
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None:
+        raise InputError(
+            "cycles: the loads have no common period that is known (only harmonics of commensurate "
+            "frequencies have); give step and n_steps, or duration and step"
+        )
+    return period / steps_per_cycle, cycles * steps_per_cycle
+
+
+def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
+    """Step and number of steps, checked."""
+    if step is None or (n_steps is None) == (duration is None):
+        raise InputError(
+            "integrate: needs step and n_steps, or duration and step, or cycles and steps_per_cycle"
+        )
+    if not (step > 0.0 and math.isfinite(step)):
+        raise InputError(f"step: found {step}, must be > 0")
+    if duration is not None:
+        if not (duration > 0.0 and math.isfinite(duration)):
+            raise InputError(f"duration: found {duration}, must be > 0")
+        n_steps = math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9))
+    if n_steps is None or n_steps < 1:
+        raise InputError(f"n_steps: found {n_steps}, must be >= 1")
+    return float(step), int(n_steps)
+
+
+def _start(
+    system: System, initial: tuple[FloatArray, FloatArray] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity at the start, checked."""
+    if initial is None:
+        return np.zeros(system.n), np.zeros(system.n)
+    u, v = (np.array(x, dtype=float) for x in initial)
+    if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+        raise InputError("initial: must be finite")
+    if u.shape != (system.n,) or v.shape != (system.n,):
+        raise InputError(f"initial: shapes must be ({system.n},)")
+    return u, v
+
+
+def _run(
+    driver: _Driver,
+    cycle_steps: int | None,
+    progress: Callable[[int, int], None] | None,
+    checkpoint: Checkpoint | None,
+    identity: str,
+) -> bool:
+    """Advance to the end, chunk by chunk; whether that was interrupted."""
+    recorder, stepper, n_steps = driver.recorder, driver.stepper, driver.n_steps
+    last_saved = driver.done
+    chunk = min(stepper.first_chunk, MOST_STEPS_IN_A_CHUNK)
+    mark = driver.mark()
+    try:
+        while driver.done < n_steps:
+            first = driver.done
+            end = min(first + chunk, n_steps, (first // BLOCK + 1) * BLOCK)
+            if cycle_steps is not None:
+                end = min(end, (first // cycle_steps + 1) * cycle_steps)
+            begin = time.perf_counter()
+            driver.advance(end)
+            took = time.perf_counter() - begin
+            if cycle_steps is not None and end % cycle_steps == 0:
+                recorder.end_cycle()
+            driver.elapsed += took
+            mark = driver.mark()
+            fitting = int(CHUNK_S * (end - first) / took) if took > 0.0 else MOST_STEPS_IN_A_CHUNK
+            chunk = max(1, min(GROWTH * chunk, fitting, MOST_STEPS_IN_A_CHUNK))
+            if checkpoint is not None and checkpoint.due(end, last_saved, n_steps):
+                parts = {"recorder": recorder.saved(), "stepper": stepper.saved()}
+                checkpoint.save(parts, identity, end, driver.elapsed)
+                last_saved = end
+            if progress is not None:
+                progress(end, n_steps)
+    except KeyboardInterrupt:
+        driver.back_to(mark)
+        return True
+    return False
+
+
+@dataclass
+class _Driver:
+    """Advances a stepper along a run whose steps are cut where loads jump or kink.
+
+    Attributes
+    ----------
+    cuts : dict
+        By step index: the times at which the step is cut (none if it only has to stand alone).
+    jumps : dict
+        By end of a step or part: the times of the loads' first and last jump there.
+    block : tuple
+        Number and load amplitudes of the block of steps that was evaluated last.
+    """
+
+    to: Arranged
+    stepper: Stepper
+    recorder: Recorder
+    h: float
+    n_steps: int
+    done: int = 0
+    elapsed: float = 0.0
+    cuts: dict[int, list[float]] = field(default_factory=dict)
+    jumps: dict[float, tuple[float, float]] = field(default_factory=dict)
+    block: tuple[int, FloatArray] = (-1, np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        self.system = self.to.system
+        self.cuts[0] = []  # the first step, and each after a jump, stand alone
+        for load in self.system.loads:
+            jumps = set(load.amplitude.jumps)
+            corners = [t for t in load.amplitude.corners if 0.0 <= t <= self._end(self.n_steps)]
+            for t in corners:
+                if t in jumps or len(corners) <= MOST_KINKS:
+                    self._lay(t, t in jumps)
+        self.order = sorted(self.cuts)
+
+    @classmethod
+    def of(
+        cls,
+        to: Arranged,
+        save: Save,
+        step: float,
+        n_steps: int,
+        scheme: Scheme,
+        start: tuple[FloatArray, FloatArray],
+        tolerance: float,
+    ) -> _Driver:
+        """Driver at the start, with its first row stored; ``elapsed`` is what preparing took."""
+        recorder = Recorder(to.system, save, n_steps, step)
+        u, v = map(to.inner, start)
+        driver = cls(to, choose(to, scheme, u, v, tolerance, recorder), recorder, step, n_steps)
+        begin = time.perf_counter()
+        driver.restart(0.0)
+        driver.stepper.prepare(step)
+        driver.elapsed = time.perf_counter() - begin
+        recorder.store(0, driver.stepper.state())
+        return driver
+
+    def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
+        """Go on from a checkpoint."""
+        self.done, self.elapsed = done, elapsed
+        self.recorder.restore(parts["recorder"])
+        self.stepper.restore(parts["stepper"])
+
+    def finish(self, system: System, energy: float, preparation: float, interrupted: bool) -> Run:
+        """Run of the steps done, in the unknowns of the system that was given."""
+        state, to = self.stepper.state(), self.to
+        run = self.recorder.finish(
+            energy,
+            state.u,
+            state.v,
+            steps=self.done,
+            wall_s=self.elapsed,
+            preparation_s=preparation,
+            interrupted=interrupted,
+            counts=self.stepper.counts,
+        )
+        if not to.maps:
+            return run
+        final = to.outer(run.final[0]), to.outer(run.final[1])
+        return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
+
+    def _end(self, k: int) -> float:
+        """Latest time that still counts as the end of step ``k - 1``."""
+        return (k + 1e-9) * self.h
+
+    def _lay(self, t: float, jump: bool) -> None:
+        """Cut the step in which a load jumps or kinks."""
+        h = self.h
+        k = round(t / h)
+        on_grid = abs(t - k * h) <= 1e-9 * h
+        if jump:
+            at = k * h if on_grid else t
+            first, last = self.jumps.get(at, (t, t))
+            self.jumps[at] = min(first, t), max(last, t)
+            if on_grid and 0 < k < self.n_steps:
+                self.cuts.setdefault(k - 1, [])  # a step that ends at a jump stands alone
+                self.cuts.setdefault(k, [])
+        if not on_grid:
+            cuts = self.cuts.setdefault(int(t // h), [])
+            if t not in cuts:
+                cuts.append(t)
+
+    def mark(self) -> tuple[int, float, Arrays, Arrays] | None:
+        """All that the next chunk may change; none at the end."""
+        if self.done == self.n_steps:
+            return None
+        return self.done, self.elapsed, self.recorder.mark(), self.stepper.saved()
+
+    def back_to(self, mark: tuple[int, float, Arrays, Arrays] | None) -> None:
+        """Forget an unfinished chunk, which may have stopped anywhere."""
+        if mark is not None:
+            self.done, self.elapsed = mark[:2]
+            self.recorder.restore(mark[2])
+            self.stepper.restore(mark[3])
+
+    def restart(self, t: float) -> None:
+        """Make the acceleration consistent with the loads just after ``t``."""
+        if not self.stepper.restart(self._amplitudes(np.array([t]))[:, 0]):
+            unknown = self.to.outer_number(self.stepper.failure.unknown)
+            raise InputError(
+                f"no consistent acceleration found at t = {t:.6g} s near unknown {unknown}; let "
+                "the load rise in a ramp"
+            )
+
+    def advance(self, end: int) -> None:
+        """Advance to the end of step ``end - 1``."""
+        h, first = self.h, self.done
+        while first < end:
+            place = bisect_left(self.order, first)
+            cut = min(self.order[place], end) if place < len(self.order) else end
+            if cut > first:
+                first += self.stepper.advance(h, self._block(first, cut), first, True)
+                if first < cut:
+                    self._halves(first, h * first, h * (first + 1), True, 1)
+                    first += 1
+                continue
+            ends = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
+            for a, b in pairwise(ends):
+                self._part(first, a, b, b == ends[-1], 0)
+            first += 1
+        self.done = end
+
+    def _block(self, first: int, end: int) -> FloatArray:
+        """Load amplitudes at the ends of the steps from ``first`` to ``end``, within one block."""
+        number = first // BLOCK
+        begin = number * BLOCK
+        if self.block[0] != number:
+            last = min(begin + BLOCK, self.n_steps)
+            times = self.h * np.arange(begin, last + 1, dtype=np.float64)
+            self.block = number, self.system.load_amplitudes(times)
+        amplitudes = self.block[1][:, first - begin : end - begin + 1].copy()
+        return self._limits(amplitudes, self.h * first, self.h * end)
+
+    def _amplitudes(self, times: FloatArray) -> FloatArray:
+        """Load amplitudes at the start and the end of a step, or at its start alone."""
+        return self._limits(self.system.load_amplitudes(times), times[0], times[-1])
+
+    def _limits(self, amplitudes: FloatArray, first: float, last: float) -> FloatArray:
+        """Put in the limits from inside where loads jump at the first and the last time."""
+        if last in self.jumps and last > first:
+            before = np.nextafter(self.jumps[last][0], -np.inf)
+            amplitudes[:, -1] = self.system.load_amplitudes(np.array([before]))[:, 0]
+        if first in self.jumps:
+            after = np.nextafter(self.jumps[first][1], np.inf)
+            amplitudes[:, 0] = self.system.load_amplitudes(np.array([after]))[:, 0]
+        return amplitudes
+
+    def _part(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge.
+
+        ``last`` tells whether step ``index`` ends with it, so that rows may be stored.
+        """
+        amplitudes = self._amplitudes(np.array([a, b]))
+        whole = abs((b - a) / self.h - 1.0) < 1e-9
+        if self.stepper.advance(self.h if whole else b - a, amplitudes, index, last) == 0:
+            self._halves(index, a, b, last, depth + 1)
+        if b in self.jumps and b < self.h * self.n_steps:
+            self.restart(b)
+
+    def _halves(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        if depth > HALVINGS:
+            failure = self.stepper.failure
+            unknown = self.to.outer_number(failure.unknown)
+            raise ConvergenceError(
+                f"step {index} at t = {a:.6g} s did not converge, even with a step of "
+                f"{b - a:.3g} s: force residual {failure.residual:.3g} N, largest at unknown "
+                f"{unknown}. Nothing was returned. Try more steps per cycle, a smaller "
+                "beta, or rho_infinity below 1.",
+                unknown,
+            )
+        self.recorder.halved_steps += depth == 1
+        middle = 0.5 * (a + b)
+        self._part(index, a, middle, False, depth)
+        self._part(index, middle, b, last, depth)

@@ -1,0 +1,358 @@
+"""What a run keeps: stored rows, accumulated works, peaks and counters.
+
+Works of a step use the trapezoidal means of the forces at its ends times the change of
+displacement. With the equation of motion holding at both ends this closes the energy balance to
+round-off for any one-step scheme:
+
+    change of stored energy = input - viscous - friction - scheme,
+    scheme = (du - h vm) M am + vm M (h am - dv),
+
+with vm and am the mean velocity and acceleration: what the scheme's own kinematics dissipates,
+zero for the trapezoidal rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.stepping.schemes import State
+from skfem_joint.system import System
+
+# What a recorder holds, by kind: rows of fields, rows of named points, sums and numbers.
+_FIELDS = ("u", "v", "sigma", "work")
+_POINTS = ("point_u", "point_v")
+_SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
+_NUMBERS = ("rows", "field_rows", "halved_steps")
+
+
+@dataclass(frozen=True)
+class Save:
+    """What to store of a run."""
+
+    every: int = 1  #: stride in steps of the named points, from the start on
+    fields: bool = False  #: displacement, velocity and friction of all unknowns too
+    points: bool = True  #: displacement and velocity of the named points
+    fields_every: int | None = None  #: stride of the fields; ``every`` if not given
+
+    def __post_init__(self) -> None:
+        for name in ("every", "fields_every"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"{name}: found {value}, must be >= 1")
+
+    @property
+    def strides(self) -> tuple[int, int]:
+        """Strides of points and fields."""
+        return self.every, self.fields_every or self.every
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Work that a run took."""
+
+    steps: int = 0  #: asked for (without the parts of halved ones)
+    newton_iterations: int = 0  #: linear solves of Newton's iteration in all
+    largest_iterations: int = 0  #: most of them in one step
+    nested_solves: int = 0  #: steps that needed the second tier on a chain
+    descents: int = 0  #: steps that needed the third
+    line_searches: int = 0  #: evaluations beyond the full Newton step in the dense solver
+    friction_evaluations: int = 0  #: evaluations of the law on all contact points
+    linear_solves: int = 0  #: solves with the factor of a large sparse step matrix
+    factorizations: int = 0  #: step matrices prepared (one for each step size)
+    halved_steps: int = 0  #: steps that were done in parts because they did not converge whole
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Works of each complete cycle, J; ``input`` has shape (cycles, loads), others (cycles,).
+
+    ``peak`` is the largest displacement of each named point in the cycle, m, (cycles, points).
+    """
+
+    input: FloatArray
+    viscous: FloatArray
+    scheme: FloatArray
+    friction: FloatArray
+    peak: FloatArray
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of a time integration.
+
+    Rows are stored as asked for by `Save`; works and peaks are those of every step. After an
+    interruption it holds the steps that were finished.
+    """
+
+    system: System  #: the one given, in whose unknowns and contact points all is told
+    times: FloatArray  #: (rows,) of the stored rows, s
+    point_u: FloatArray  #: (rows, points) displacement of the named points, m
+    point_v: FloatArray  #: (rows, points) their velocity, m/s
+    amplitudes: FloatArray  #: (rows, loads) load amplitudes, N
+    field_times: FloatArray  #: (frames,) of the stored fields, s; empty if none were asked for
+    u: FloatArray  #: (frames, n) unknowns
+    v: FloatArray  #: (frames, n) their rates
+    sigma: FloatArray  #: (frames, rows of B) friction force over its limit
+    friction_work_rows: FloatArray  #: (frames, m) dissipation of each point up to the frame, J
+    input_work: FloatArray  #: (loads,) work of each load over the run, J
+    viscous_work: float  #: dissipation of C, J
+    scheme_work: float  #: dissipation of the scheme itself, J
+    friction_work: FloatArray  #: (m,) dissipation of each contact point, J
+    stored_energy: tuple[float, float]  #: kinetic plus strain at start and end, J
+    cycles: Cycles
+    peak: FloatArray  #: (points,) largest displacement over the run, m
+    slip_peak: FloatArray  #: (m,) largest slip displacement (norm) of each contact point, m
+    final: tuple[FloatArray, FloatArray]  #: displacement and velocity at the end
+    counters: Counters
+    wall_s: float  #: time of the integration, s
+    preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
+    interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
+
+    @property
+    def energy_residual(self) -> float:
+        """Energy left over in the balance, relative to the energy that was in play."""
+        start, end = self.stored_energy
+        friction = float(self.friction_work.sum())
+        dissipated = self.viscous_work + friction + self.scheme_work
+        balance = float(self.input_work.sum()) - dissipated - (end - start)
+        in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
+        return abs(balance) / in_play if in_play > 0.0 else 0.0
+
+    def point(self, name: str) -> FloatArray:
+        """Displacement history of a named point, shape (rows,), m."""
+        return np.asarray(self.point_u[:, self._number(name)])
+
+    def peak_of(self, name: str) -> float:
+        """Largest displacement of a named point over every step of the run, m."""
+        return float(self.peak[self._number(name)])
+
+    def _number(self, name: str) -> int:
+        points = self.system.points
+        if name not in points:
+            raise InputError(f"point: found {name!r}, must be one of {', '.join(points) or 'none'}")
+        return points.index(name)
+
+
+class Compressed(NamedTuple):
+    """Rows of a sparse matrix: row k has ``start[k]:start[k + 1]`` of the others."""
+
+    start: NDArray[np.int64]
+    column: NDArray[np.int64]
+    value: FloatArray
+
+
+def compressed(A: Any) -> Compressed:
+    """Compressed rows of an array or sparse array."""
+    if isinstance(A, np.ndarray):
+        row, column = np.nonzero(A)
+        start = np.searchsorted(row, np.arange(A.shape[0] + 1))
+        return Compressed(start, column, A[row, column])
+    A = A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
+    return Compressed(A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data.astype(float))
+
+
+class Sums(NamedTuple):
+    """What steps add up in place; see `Run` for what each is."""
+
+    input_work: FloatArray
+    dissipated: FloatArray  #: viscous and scheme dissipation, J
+    friction_work: FloatArray
+    peak: FloatArray
+    slip_peak: FloatArray
+
+
+class Rows(NamedTuple):
+    """Where rows are stored: fields, and displacement and velocity of the named points.
+
+    ``work`` is the friction work of each contact point up to the row, J.
+    """
+
+    u: FloatArray
+    v: FloatArray
+    sigma: FloatArray
+    work: FloatArray
+    point_u: FloatArray
+    point_v: FloatArray
+
+
+@dataclass
+class Recorder:
+    """Arrays that steppers fill in place while a run of ``n_steps`` steps of ``h`` goes on."""
+
+    system: System
+    save: Save
+    n_steps: int
+    h: float
+    rows: int = 0
+    field_rows: int = 0
+    halved_steps: int = 0
+    dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
+    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        n, m, p = self.system.n, self.system.w.size, len(self.system.points)
+        every, fields_every = self.save.strides
+        fields = self.n_steps // fields_every + 1 if self.save.fields else 0
+        points = self.n_steps // every + 1 if self.save.points else 0
+        self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
+        self.sigma = np.zeros((fields, self.system.B.shape[0]))
+        self.work = np.zeros((fields, m))
+        self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
+        self.input_work = np.zeros(len(self.system.loads))
+        self.friction_work = np.zeros(m)
+        self.peak, self.run_peak = np.zeros(p), np.zeros(p)
+        self.slip_peak = np.zeros(m)
+        self.vectors = self.system.load_vectors()
+
+    def sums(self) -> Sums:
+        """What the compiled steps add up."""
+        return Sums(self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak)
+
+    def free_rows(self) -> Rows:
+        """Views of the stored rows from the next free one on."""
+        k, f = self.rows, self.field_rows
+        fields = self.u[f:], self.v[f:], self.sigma[f:], self.work[f:]
+        return Rows(*fields, self.point_u[k:], self.point_v[k:])
+
+    def store(self, step: int, state: State) -> None:
+        """Store what is due after ``step`` steps."""
+        every, fields_every = self.save.strides
+        if self.save.points and step % every == 0:
+            k = self.rows
+            self.point_u[k], self.point_v[k] = self.system.P @ state.u, self.system.P @ state.v
+            self.rows += 1
+        if self.save.fields and step % fields_every == 0:
+            k = self.field_rows
+            self.u[k], self.v[k], self.sigma[k] = state.u, state.v, state.sigma
+            self.work[k] = self.friction_work
+            self.field_rows += 1
+
+    def observe(self, u: FloatArray) -> None:
+        """Update the peaks."""
+        np.maximum(self.peak, np.abs(self.system.P @ u), out=self.peak)
+        if self.slip_peak.size:
+            slip = self.system.slip_norm(self.system.B @ u)
+            np.maximum(self.slip_peak, slip, out=self.slip_peak)
+
+    def add_step(
+        self,
+        h: float,
+        amplitudes: tuple[FloatArray, FloatArray],
+        old: State,
+        new: State,
+        trapezoidal: bool = False,
+    ) -> None:
+        """Add the works of a step of ``h`` done in Python; `compiled.march` does it for its own.
+
+        ``amplitudes`` are those of the loads at both ends, N. A ``trapezoidal`` scheme dissipates
+        nothing by itself.
+        """
+        system = self.system
+        du = new.u - old.u
+        v_mean, a_mean = 0.5 * (old.v + new.v), 0.5 * (old.d + new.d)
+        self.input_work += 0.5 * (amplitudes[0] + amplitudes[1]) * (self.vectors.T @ du)
+        self.dissipated[0] += v_mean @ (system.C @ du)
+        if not trapezoidal:
+            drift = h * a_mean - (new.v - old.v)
+            self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
+            self.dissipated[1] += v_mean @ (system.M @ drift)
+        if self.friction_work.size:
+            work = 0.5 * (old.sigma + new.sigma) * (system.B @ du)
+            self.friction_work += system.w * system.by_point(work)
+        self.observe(new.u)
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """All that was filled in so far, for a checkpoint."""
+        arrays = {name: getattr(self, name)[: self.field_rows] for name in _FIELDS}
+        arrays |= {name: getattr(self, name)[: self.rows] for name in _POINTS}
+        marks = self.boundaries
+        arrays |= {f"cycle_{k}": np.array([mark[k] for mark in marks]) for k in range(4)}
+        return arrays | self.mark()
+
+    def mark(self) -> dict[str, NDArray[Any]]:
+        """Copies of all but stored rows and finished cycles, which are only ever added to."""
+        arrays = {name: np.array(getattr(self, name)) for name in (*_SUMS, *_NUMBERS)}
+        return arrays | {"cycles": np.array(len(self.boundaries))}
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
+        for name in (*_FIELDS, *_POINTS):
+            if name in saved:
+                getattr(self, name)[: len(saved[name])] = saved[name]
+        for name in _SUMS:
+            getattr(self, name)[...] = saved[name]
+        for name in _NUMBERS:
+            setattr(self, name, int(saved[name]))
+        if "cycle_0" in saved:
+            marks = zip(*(saved[f"cycle_{k}"] for k in range(4)), strict=True)
+            self.boundaries = [(a, b, float(c), d) for a, b, c, d in marks]
+        del self.boundaries[int(saved["cycles"]) :]
+
+    def end_cycle(self) -> None:
+        """Note the accumulated works and this cycle's peaks at the end of a cycle."""
+        works = self.input_work.copy(), self.dissipated.copy(), float(self.friction_work.sum())
+        self.boundaries.append((*works, self.peak.copy()))
+        np.maximum(self.run_peak, self.peak, out=self.run_peak)
+        self.peak[:] = 0.0
+
+    def _cycles(self) -> Cycles:
+        zero = np.zeros(len(self.system.loads)), np.zeros(2), 0.0, np.zeros(self.peak.size)
+        marks: list[Any] = [zero, *self.boundaries]
+        dissipated = np.diff(np.array([mark[1] for mark in marks]), axis=0)
+        return Cycles(
+            input=np.diff(np.array([mark[0] for mark in marks]), axis=0),
+            viscous=dissipated[:, 0],
+            scheme=dissipated[:, 1],
+            friction=np.diff([mark[2] for mark in marks]),
+            peak=np.array([mark[3] for mark in marks[1:]]).reshape(-1, self.peak.size),
+        )
+
+    def finish(
+        self,
+        start_energy: float,
+        u: FloatArray,
+        v: FloatArray,
+        *,
+        steps: int,
+        wall_s: float,
+        preparation_s: float = 0.0,
+        interrupted: bool = False,
+        counts: Mapping[str, int] | None = None,
+    ) -> Run:
+        """Close the run; ``counts`` are those of the stepper, by the names of `Counters`."""
+        k, f = self.rows, self.field_rows
+        every, fields_every = self.save.strides
+        times = self.h * every * np.arange(k, dtype=np.float64)
+        return Run(
+            system=self.system,
+            times=times,
+            point_u=self.point_u[:k],
+            point_v=self.point_v[:k],
+            amplitudes=self.system.load_amplitudes(times).T,
+            field_times=self.h * fields_every * np.arange(f, dtype=np.float64),
+            u=self.u[:f],
+            v=self.v[:f],
+            sigma=self.sigma[:f],
+            friction_work_rows=self.work[:f],
+            input_work=self.input_work,
+            viscous_work=float(self.dissipated[0]),
+            scheme_work=float(self.dissipated[1]),
+            friction_work=self.friction_work,
+            stored_energy=(start_energy, self.system.stored_energy(u, v)),
+            cycles=self._cycles(),
+            peak=np.maximum(self.run_peak, self.peak),
+            slip_peak=self.slip_peak,
+            final=(u.copy(), v.copy()),
+            counters=Counters(steps=steps, halved_steps=self.halved_steps, **(counts or {})),
+            wall_s=wall_s,
+            preparation_s=preparation_s,
+            interrupted=interrupted,
+        )

@@ -1,0 +1,146 @@
+"""Whether a time step is short enough for what a load does, before anything is integrated.
+
+A step that is too long gives a smooth, energetically sound, wrong answer: sampled too seldom a
+harmonic load is another load, a pulse may fall between two steps, and a load that jumps sets off a
+vibration that the steps cannot follow. All three can be told in advance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Amplitude
+from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.steppers import contact_unknowns
+from skfem_joint.system import System
+
+#: Steps that a period of the load needs. At 8 the displacement may be off by more than a fifth.
+PER_PERIOD = 8
+#: Steps in the rise time of a pulse, or in the duration of a rectangle.
+PER_RISE = 2
+#: Steps in a period of the free vibration that a jump of the load sets off.
+PER_VIBRATION = 10
+#: Times at which a load whose largest force is not known is sampled.
+SAMPLES = 1001
+
+
+def check_resolution(system: System, step: float, n_steps: int) -> None:
+    """See that the step follows each load and what it sets off, as far as that can be known.
+
+    Pulses shorter than PER_RISE steps are allowed where the vibration of the loaded unknowns
+    themselves is resolved: the driver ends steps at the pulse's corners, so that its momentum is
+    right, and nothing is fast enough to need more. Smooth pulses, whose corners do not show their
+    shape, are not. Of a plain function of time only a jump at the start is seen.
+
+    Raises
+    ------
+    InputError
+        Naming the load, what is too fast, and the step that would do.
+    """
+    problems = [
+        f"{where}: a step of {step:.4g} s {why}; use a step of at most {most:.4g} s{else_}"
+        for where, most, why, else_ in _bounds(system, step * n_steps)
+        if step > most * (1.0 + 1e-9)
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def longest_step(system: System, duration: float) -> float:
+    """Longest step, s, that :func:`check_resolution` takes for a run of ``duration``, s."""
+    return min((most for _, most, _, _ in _bounds(system, duration)), default=np.inf)
+
+
+def _bounds(system: System, duration: float) -> Iterator[tuple[str, float, str, str]]:
+    """Load, longest step for it (s), what a longer one does wrong, and what else to try."""
+    for load in system.loads:
+        amplitude = load.amplitude
+        peak = _peak(amplitude, duration)
+        if peak == 0.0 or not np.any(load.vector):
+            continue
+        where = f"load on {load.on!r}" if load.on else "load"
+        frequency = amplitude.highest_frequency
+        if frequency is not None and amplitude.period is not None:
+            why = f"is longer than 1/{PER_PERIOD} of its fastest period"
+            yield where, 1.0 / frequency / PER_PERIOD, why, ""
+        elif frequency is not None:
+            rise = 0.5 / frequency
+            most = rise / PER_RISE
+            if not _round_pulse(amplitude, peak):
+                most = max(most, _period(system, load.vector) / PER_VIBRATION)
+            yield where, most, f"is too long for a pulse that rises in {rise:.4g} s", ""
+        if abs(float(amplitude(0.0))) > 1e-6 * peak or any(
+            0.0 <= t < duration * (1.0 - 1e-9) for t in amplitude.jumps
+        ):
+            period = _period(system, _static_shape(system, peak * load.vector))
+            why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
+            yield where, period / PER_VIBRATION, why, ", or let the load rise in a ramp"
+
+
+def _peak(amplitude: Amplitude, duration: float) -> float:
+    """Largest force, N: sampled where it is not known."""
+    if amplitude.peak_value is not None:
+        return amplitude.peak_value
+    return float(np.abs(amplitude(np.linspace(0.0, duration, SAMPLES))).max())
+
+
+def _round_pulse(amplitude: Amplitude, peak: float) -> bool:
+    """Whether a pulse is not made of straight lines between its corners."""
+    corners = sorted(amplitude.corners)
+    for a, b in pairwise(corners):
+        inside = np.array([np.nextafter(a, b), 0.5 * (a + b), np.nextafter(b, a)])
+        first, middle, last = amplitude(inside)
+        if abs(middle - 0.5 * (first + last)) > 1e-6 * peak:
+            return True
+    return not corners
+
+
+def _period(system: System, u: FloatArray) -> float:
+    """Period of a free vibration in the shape ``u`` by Rayleigh's quotient, s.
+
+    The load's own vector is the shape of the loaded unknowns with all others held: the fastest that
+    the load can set off. Zero: nothing moves.
+    """
+    stiffness, mass = float(u @ (system.K @ u)), float(u @ (system.M @ u))
+    return float(2.0 * np.pi * np.sqrt(mass / stiffness)) if stiffness > 0.0 else np.inf
+
+
+def _static_shape(system: System, f: FloatArray) -> FloatArray:
+    """Displacement under forces ``f`` (N), m, with joints that hold what they can.
+
+    A load below the friction limit moves a part of the joint only, which vibrates the faster the
+    smaller it is. In dense systems points share their unknowns: there friction is left out.
+    """
+    acting = system.w > 0.0
+    to = arranged(system)
+    inner = to.system
+    if not inner.is_dense and acting.any() and picks_unknowns(inner.B):
+        from skfem_joint.stepping.contact_problem import ContactProblem
+
+        K, M = (sparse.csr_array(A) for A in (inner.K, inner.M))
+        # Bodies that friction alone holds have no stiffness of their own.
+        small = 1e-9 * K.diagonal().sum() / M.diagonal().sum()
+        first, second = contact_unknowns(inner)
+        coulomb = np.full(int(acting.sum()), np.inf)
+        problem = ContactProblem(
+            sparse.csr_array(K + small * M), first[acting], second[acting], inner.w[acting], coulomb
+        )
+        found = problem.solve(to.force(f), np.zeros(inner.n), 1e-6)
+        # Where all sticks nothing moves under Coulomb; a regularised law lets it creep.
+        if found.converged and (np.any(found.v) or np.isinf(inner.beta[acting]).all()):
+            return to.outer(found.v)
+    try:
+        return np.asarray(
+            linalg.solve(system.K, f, assume_a="sym")
+            if isinstance(system.K, np.ndarray)
+            else splu(sparse.csc_array(system.K)).solve(f)
+        )
+    except (linalg.LinAlgError, RuntimeError):
+        return np.zeros_like(f)  # nothing holds it: it does not vibrate but moves away

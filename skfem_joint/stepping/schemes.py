@@ -1,0 +1,229 @@
+"""Implicit one-step schemes: generalised-alpha and its special cases, velocity as the unknown.
+
+The equation of motion holds exactly at every step's end; the weighting of the generalised-alpha
+method acts on an auxiliary acceleration a (Bruels and Arnold, J. Comput. Nonlinear Dynam. 3, 2008):
+
+    (1 - alpha_m) a1 + alpha_m a0 = (1 - alpha_f) d1 + alpha_f d0,        d = acceleration
+    u1 = u0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1)
+    v1 = v0 + h ((1 - gamma) a0 + gamma a1)
+
+With rho_infinity = 1 this is the average acceleration (trapezoidal) method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.linalg import lapack
+from scipy.sparse.linalg import splu
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.system import System
+
+#: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
+FOLLOWED = 0.3
+
+
+class Coefficients(NamedTuple):
+    """One step of size ``h`` written for the unknown velocity v1.
+
+    ``(c_M M + C + c_K K) v1 + friction = f1 - K (u0 + u_v v0 + u_a a0) + M (c_M v0 + y_a a0
+    + y_d d0)``, then ``u1 = u0 + u_v v0 + u_a a0 + c_K v1``, ``a1 = a_v (v1 - v0) + a_a a0`` and
+    ``d1 = d_a a1 + d_a0 a0 + d_d0 d0``. ``trapezoidal`` tells that the scheme itself dissipates
+    nothing.
+    """
+
+    h: float
+    c_M: float
+    c_K: float
+    u_v: float
+    u_a: float
+    y_a: float
+    y_d: float
+    a_v: float
+    a_a: float
+    d_a: float
+    d_a0: float
+    d_d0: float
+    trapezoidal: bool
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Parameters of a generalised-alpha scheme (Chung and Hulbert, J. Appl. Mech. 60, 1993)."""
+
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+
+    def coefficients(self, h: float) -> Coefficients:
+        """Coefficients of one step of ``h`` seconds."""
+        am, af, gamma, beta = self.alpha_m, self.alpha_f, self.gamma, self.beta
+        return Coefficients(
+            h=h,
+            c_M=(1.0 - am) / ((1.0 - af) * gamma * h),
+            c_K=h * beta / gamma,
+            u_v=h * (1.0 - beta / gamma),
+            u_a=h * h * (0.5 - beta / gamma),
+            y_a=((1.0 - am) * (1.0 - gamma) / gamma - am) / (1.0 - af),
+            y_d=af / (1.0 - af),
+            a_v=1.0 / (h * gamma),
+            a_a=-(1.0 - gamma) / gamma,
+            d_a=(1.0 - am) / (1.0 - af),
+            d_a0=am / (1.0 - af),
+            d_d0=-af / (1.0 - af),
+            trapezoidal=(am == af and gamma == 0.5 and beta == 0.25),
+        )
+
+
+def backward_euler(h: float) -> Coefficients:
+    """One implicit Euler step of ``h`` seconds: it uses no acceleration of the step's start."""
+    return Coefficients(
+        h=h, c_M=1.0 / h, c_K=h, u_v=0.0, u_a=0.0, y_a=0.0, y_d=0.0, a_v=1.0 / h, a_a=0.0,
+        d_a=1.0, d_a0=0.0, d_d0=0.0, trapezoidal=False,
+    )  # fmt: skip
+
+
+def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
+    """Second-order scheme with spectral radius ``rho_infinity`` at infinite frequency.
+
+    Parameters
+    ----------
+    rho_infinity : float
+        From 0 (highest frequencies vanish in one step) to 1 (average acceleration, no numerical
+        dissipation).
+
+    Raises
+    ------
+    InputError
+        If ``rho_infinity`` is outside [0, 1].
+    """
+    if not 0.0 <= rho_infinity <= 1.0:
+        raise InputError(f"rho_infinity: found {rho_infinity}, must be from 0 to 1")
+    alpha_m = (2.0 * rho_infinity - 1.0) / (rho_infinity + 1.0)
+    alpha_f = rho_infinity / (rho_infinity + 1.0)
+    gamma = 0.5 - alpha_m + alpha_f
+    return Scheme(alpha_m, alpha_f, gamma, 0.25 * (1.0 - alpha_m + alpha_f) ** 2)
+
+
+def average_acceleration() -> Scheme:
+    """Average acceleration method, i.e. the trapezoidal rule (Newmark, 1959)."""
+    return Scheme(0.0, 0.0, 0.5, 0.25)
+
+
+def hht(alpha: float) -> Scheme:
+    """Hilber-Hughes-Taylor scheme with ``alpha`` in [0, 1/3] (Earthq. Eng. Struct. Dyn. 5, 1977).
+
+    Raises
+    ------
+    InputError
+        If ``alpha`` is outside [0, 1/3].
+    """
+    if not 0.0 <= alpha <= 1.0 / 3.0:
+        raise InputError(f"alpha: found {alpha}, must be from 0 to 1/3")
+    return Scheme(0.0, alpha, 0.5 + alpha, 0.25 * (1.0 + alpha) ** 2)
+
+
+class State(NamedTuple):
+    """State of a run between two steps."""
+
+    u: FloatArray  #: (n,) displacement, m
+    v: FloatArray  #: (n,) velocity, m/s
+    a: FloatArray  #: (n,) auxiliary acceleration of the scheme, m/s2
+    d: FloatArray  #: (n,) acceleration, m/s2
+    sigma: FloatArray  #: friction over its limit of each slip row, in the stepper's order
+
+
+@dataclass
+class Start:
+    """How the first step after a jump of the acceleration is done, the same in all steppers.
+
+    Schemes that dissipate overshoot there, the more the longer the step is beside the periods that
+    the jump sets off: they carry on the acceleration of the start. One implicit Euler step does
+    not use it, and one step of first order leaves the run of second order (Rannacher, Numer.
+    Math. 43, 1984). The trapezoidal rule needs no such help, and would lose its energy.
+    """
+
+    scheme: Scheme
+    frequency: float = 0.0
+
+    def after_jump(self, system: System, acceleration: FloatArray) -> None:
+        """Note the frequency (rad/s) of the vibration that an acceleration from rest sets off."""
+        stiffness = float(acceleration @ (system.K @ acceleration))
+        mass = float(acceleration @ (system.M @ acceleration))
+        self.frequency = float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
+
+    def coefficients(self, h: float) -> Coefficients:
+        """Coefficients of the next step of ``h`` seconds."""
+        c = self.scheme.coefficients(h)
+        return backward_euler(h) if self.frequency * h > FOLLOWED and not c.trapezoidal else c
+
+    def done(self, steps: int) -> None:
+        """Go on with the scheme once a step has been done."""
+        if steps > 0:
+            self.frequency = 0.0
+
+
+def prediction(
+    system: System, c: Coefficients, force: FloatArray, state: State
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (m) at the end of a step but for its velocity, and the step's right side (N).
+
+    ``force`` is that of the loads at the end, N; ``state`` is that at the start.
+    """
+    u, v, a, d, _ = state
+    predictor = u + c.u_v * v + c.u_a * a
+    right = force - system.K @ predictor
+    right += system.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+    return predictor, right
+
+
+def end_of_step(
+    c: Coefficients, predictor: FloatArray, velocity: FloatArray, sigma: FloatArray, state: State
+) -> State:
+    """State at the end of a step from velocity and friction there and the state at its start."""
+    a = c.a_v * (velocity - state.v) + c.a_a * state.a
+    d = c.d_a * a + c.d_a0 * state.a + c.d_d0 * state.d
+    return State(predictor + c.c_K * velocity, velocity, a, d, sigma)
+
+
+def factorised(A: Any) -> Any:
+    """Solver of A x = b for a symmetric positive definite A, factorised once.
+
+    Raises
+    ------
+    InputError
+        If a dense A is not positive definite.
+    """
+    if isinstance(A, np.ndarray):
+        try:
+            factor = linalg.cho_factor(A)
+        except linalg.LinAlgError as error:
+            raise InputError(
+                "the mass or step matrix is not positive definite: modes that depend on each "
+                "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
+            ) from error
+        return lambda right: linalg.cho_solve(factor, right)
+    # Symmetric positive definite: order A + A^T, take the pivots from the diagonal.
+    return splu(
+        sparse.csc_array(A),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    ).solve
+
+
+def inverse(A: FloatArray) -> FloatArray:
+    """Inverse of a symmetric positive definite matrix: a product is faster than two solves."""
+    factor, failed = lapack.dpotrf(A, lower=1)
+    if not failed:
+        inverse, failed = lapack.dpotri(factor, lower=1)
+    if failed:
+        raise InputError("the condensed step matrix is not positive definite: is the step tiny?")
+    lower = np.tril(inverse)
+    return np.asarray(lower + np.tril(lower, -1).T)

@@ -1,0 +1,466 @@
+"""Steppers: each advances one system by equal implicit steps, as its matrices allow.
+
+Here is what all of them share, and those whose steps are done in Python: for linear systems (no
+friction is loaded or evaluated), and for large sparse systems with contact points. The compiled
+ones are in :mod:`skfem_joint.stepping.chain` and :mod:`skfem_joint.stepping.dense`.
+
+Of a sparse system only the contact is nonlinear. Where it is small, everything else is condensed
+once for each step size (exactly: a Schur complement of the step matrix), and the iteration runs on
+the contact alone; where contact is nearly everywhere it runs on all unknowns.
+"""
+
+from __future__ import annotations
+
+import operator
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint import friction
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.stepping.recording import Recorder, compressed
+from skfem_joint.stepping.schemes import (
+    Coefficients,
+    Scheme,
+    Start,
+    State,
+    end_of_step,
+    factorised,
+    prediction,
+)
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+
+Saved = Mapping[str, NDArray[Any]]
+
+#: Stride of rows that are never stored.
+NEVER = 2**62
+#: Largest contact, in unknowns, that is condensed, and the most that its square may be for each
+#: unknown of the system: beyond it dense products cost more than sparse ones.
+CONDENSED, CONDENSED_SQUARE = 1200, 50
+#: Right sides solved at once while condensing.
+BLOCK = 64
+
+
+@dataclass
+class Failure:
+    """Why the last step did not converge: its largest force residual, N, and where it is."""
+
+    residual: float = 0.0
+    unknown: int = 0
+
+
+class Stepper(ABC):
+    """What the driver needs of a stepper, and what all of them do alike.
+
+    Attributes
+    ----------
+    now : State
+        ``sigma`` may have an order of its own, see :meth:`state`.
+    counts : dict
+        Work done so far, by those names of :class:`skfem_joint.stepping.recording.Counters` that
+        the stepper counts.
+    prepared : dict
+        What each step size needs, by its coefficients.
+    first_chunk : int
+        Steps that surely take less than about a second.
+    """
+
+    COUNTS: ClassVar[tuple[str, ...]] = ()
+    first_chunk = 1
+
+    def __init__(
+        self,
+        system: System,
+        scheme: Scheme,
+        u: FloatArray,
+        v: FloatArray,
+        tolerance: float,
+        recorder: Recorder,
+    ) -> None:
+        self.system, self.tolerance, self.recorder = system, tolerance, recorder
+        self.start = Start(scheme)
+        self.failure = Failure()
+        self.counts = dict.fromkeys((*self.COUNTS, "factorizations"), 0)
+        self.prepared: dict[Coefficients, Any] = {}
+        zero = np.zeros((2, system.n))
+        sigma = np.zeros(system.B.shape[0])
+        self.now = State(np.array(u), np.array(v), zero[0], zero[1], sigma)
+
+    @abstractmethod
+    def make(self, c: Coefficients) -> Any:
+        """What a step with these coefficients needs, such as the factor of its matrix.
+
+        Counts a factorization if it does one.
+        """
+
+    @abstractmethod
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged.
+
+        ``first_step`` is the index of the first one in the run; ``store`` tells whether rows may
+        be stored (not inside a step that is done in parts).
+        """
+
+    @abstractmethod
+    def restart(self, amplitudes: FloatArray) -> bool:
+        """Make the acceleration consistent with the loads now (start, or after a jump).
+
+        Points at rest stick under Coulomb as long as they can. False: not found.
+        """
+
+    def prepare(self, h: float) -> None:
+        """Do all that the first step of ``h`` would have to do beside itself: compile, factorise.
+
+        After :meth:`restart`.
+        """
+        self.matrices(self.start.coefficients(h))
+
+    def matrices(self, c: Coefficients) -> Any:
+        """What :meth:`make` gives, made once."""
+        if c not in self.prepared:
+            self.prepared[c] = self.make(c)
+        return self.prepared[c]
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from an acceleration and friction that are consistent with the loads."""
+        a, d = acceleration.copy(), acceleration.copy()
+        self.now = self.now._replace(a=a, d=d, sigma=sigma)
+        self.start.after_jump(self.system, acceleration)
+
+    def elastic(self, amplitudes: FloatArray) -> FloatArray:
+        """Forces now but for friction and inertia, N."""
+        s = self.system
+        right = self.recorder.vectors @ amplitudes - s.C @ self.now.v - s.K @ self.now.u
+        return np.asarray(right)
+
+    def state(self) -> State:
+        """State now, with friction by slip row of the system."""
+        return self.now
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
+        return {
+            "state": np.array(self.now[:4]),
+            "sigma": np.array(self.now.sigma),
+            "start": np.array(self.start.frequency),
+            "steps": np.array(list(self.prepared), dtype=float),
+            "counts": np.array(list(self.counts.values())),
+        }
+
+    def restore(self, saved: Saved) -> None:
+        """Take up what :meth:`saved` gave, whatever was done before."""
+        self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
+        self.start.frequency = float(saved["start"])
+        for row in saved["steps"].tolist():
+            self.matrices(coefficients_of(row))
+        self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
+
+
+def coefficients_of(row: list[float]) -> Coefficients:
+    """Coefficients from the row of numbers that a checkpoint holds."""
+    return Coefficients._make([*row[:-1], bool(row[-1])])
+
+
+class CompiledStepper(Stepper):
+    """Steps of which a compiled loop does many at a time, in place.
+
+    A subclass sets what :func:`skfem_joint.stepping.compiled.march` takes: ``dynamics`` (mass,
+    damping and stiffness), ``memory``, ``room``, the friction ``limits`` of its slip rows, and the
+    ``places`` of the system's among them; its problem is what it makes.
+    """
+
+    dynamics: tuple[Any, Any, Any]
+    memory: Any
+    room: Any
+    limits: FloatArray
+    places: Any
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.loads = compressed(self.recorder.vectors.T)
+        self.observed = compressed(self.system.P)
+
+    def prepare(self, h: float) -> None:
+        """Compile the loop and prepare a step of ``h``."""
+        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do the steps in the compiled loop."""
+        from skfem_joint.stepping import compiled
+
+        c, r = self.start.coefficients(h), self.recorder
+        problem = self.problem(c)
+        outcome = compiled.march(
+            amplitudes.shape[1] - 1,
+            first_step,
+            r.save.strides if store else (NEVER, NEVER),
+            c,
+            self.dynamics,
+            problem,
+            self.memory,
+            self.limits,
+            self.places,
+            self.tolerance,
+            self.loads,
+            np.ascontiguousarray(amplitudes),
+            self.observed,
+            self.now,
+            self.room,
+            r.sums(),
+            r.free_rows(),
+        )
+        r.rows += outcome.rows
+        r.field_rows += outcome.field_rows
+        for name in self.COUNTS:
+            add = max if name == "largest_iterations" else operator.add
+            self.counts[name] = add(self.counts[name], getattr(outcome, name))
+        self.failure = Failure(outcome.residual, outcome.unknown)
+        self.start.done(outcome.steps)
+        return int(outcome.steps)
+
+    def problem(self, c: Coefficients) -> Any:
+        """Problem of the next step."""
+        return self.matrices(c)
+
+
+class PlainStepper(Stepper):
+    """Steps done one by one in Python."""
+
+    @abstractmethod
+    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Velocity and friction at a step's end; None, and the failure noted: not found."""
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do the steps."""
+        s, c, recorder = self.system, self.start.coefficients(h), self.recorder
+        matrices = self.matrices(c)
+        n_steps = int(amplitudes.shape[1]) - 1
+        done = 0
+        for k in range(n_steps):
+            before = self.now
+            force = recorder.vectors @ amplitudes[:, k + 1]
+            predictor, right = prediction(s, c, force, before)
+            found = self.solve(matrices, right)
+            if found is None:
+                break
+            self.now = end_of_step(c, predictor, *found, before)
+            ends = amplitudes[:, k], amplitudes[:, k + 1]
+            recorder.add_step(h, ends, before, self.now, c.trapezoidal)
+            done += 1
+            if store:
+                recorder.store(first_step + done, self.now)
+        self.start.done(done)
+        return done
+
+
+class LinearStepper(PlainStepper):
+    """Steps of a system without friction: one factorization, one solve a step."""
+
+    def make(self, c: Coefficients) -> Any:
+        """Factor of the step matrix."""
+        s = self.system
+        self.counts["factorizations"] += 1
+        return factorised(c.c_M * s.M + s.C + c.c_K * s.K)
+
+    def restart(self, amplitudes: FloatArray) -> bool:
+        """Acceleration from the equation of motion."""
+        self.started(factorised(self.system.M)(self.elastic(amplitudes)), self.now.sigma)
+        return True
+
+    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Velocity at a step's end."""
+        v = np.asarray(matrices(right))
+        if not np.all(np.isfinite(v)):
+            self.failure = Failure(float("nan"), int(np.flatnonzero(~np.isfinite(v))[0]))
+            return None
+        return v, self.now.sigma
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Contact points that carry friction, by unknown; ``second`` is -1 where it is not there."""
+
+    first: IntArray
+    second: IntArray
+    w: FloatArray
+    beta: FloatArray
+
+    def unknowns(self) -> IntArray:
+        """All unknowns in contact, sorted."""
+        return np.unique(np.concatenate([self.first, self.second[self.second >= 0]]))
+
+    def chosen(self, which: NDArray[Any]) -> _Points:
+        """Some of the points."""
+        return _Points(self.first[which], self.second[which], self.w[which], self.beta[which])
+
+    def problem(self, A: Any) -> ContactProblem:
+        """Contact problem of a matrix at these points."""
+        from skfem_joint.stepping.contact_problem import ContactProblem
+
+        return ContactProblem(A, self.first, self.second, self.w, self.beta)
+
+    def numbered(self, unknowns: IntArray) -> _Points:
+        """Same points where the given unknowns are all that there are."""
+        second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
+        return _Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
+
+
+class _Condensed:
+    """Step matrix condensed to its contact unknowns."""
+
+    def __init__(self, H: Any, points: _Points) -> None:
+        n = H.shape[0]
+        self.n = n
+        self.contact = points.unknowns()
+        self.rest = np.setdiff1d(np.arange(n), self.contact)
+        self.H_rc = sparse.csr_array(H[self.rest][:, self.contact])
+        self.H_cr = sparse.csr_array(self.H_rc.T)
+        self.factor = factorised(sparse.csc_array(H[self.rest][:, self.rest]))
+        S = H[self.contact][:, self.contact].toarray()
+        columns = sparse.csc_array(self.H_rc)
+        for k in range(0, self.contact.size, BLOCK):
+            S[:, k : k + BLOCK] -= self.H_cr @ self.factor(columns[:, k : k + BLOCK].toarray())
+        S = np.ascontiguousarray(0.5 * (S + S.T))
+        self.problem = points.numbered(self.contact).problem(S)
+
+    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
+        """As `ContactProblem.solve`, on all unknowns."""
+        g_rest = g[self.rest]
+        right = g[self.contact] - self.H_cr @ self.factor(g_rest)
+        found = self.problem.solve(
+            right, start[self.contact], tolerance, force=float(np.abs(g).max())
+        )
+        v, sigma = np.zeros(self.n), np.zeros(self.n)
+        v[self.contact], sigma[self.contact] = found.v, found.sigma
+        v[self.rest] = self.factor(g_rest - self.H_rc @ found.v)
+        return replace(
+            found,
+            v=v,
+            sigma=sigma,
+            converged=found.converged and bool(np.all(np.isfinite(v))),
+            linear_solves=found.linear_solves + 2,
+            where=int(self.contact[found.where]),
+        )
+
+
+class ContactStepper(PlainStepper):
+    """Steps of a sparse system whose slip rows each pick an unknown of their own."""
+
+    COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        s = self.system
+        self.unknown = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
+        self.points = _Points(*contact_unknowns(s), s.w, s.beta).chosen(s.w > 0.0)
+        self.w_rows = s.on_rows(s.w)
+        self.v_before = self.now.v
+        self.now = self.now._replace(sigma=self._law())
+
+    def _law(self) -> FloatArray:
+        """Normalised friction at the velocity now, by slip row; 0 for Coulomb points at rest."""
+        s = self.system
+        sigma = friction.force_vectors(self.now.v[self.unknown], s.beta, s.directions)
+        return np.where(self.w_rows > 0.0, sigma, 0.0)
+
+    def restart(self, amplitudes: FloatArray) -> bool:
+        """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
+        s, p = self.system, self.points
+        right = self.elastic(amplitudes)
+        sigma = self._law()
+        right[self.unknown] -= self.w_rows * sigma
+        speed = s.slip_norm(self.now.v[self.unknown])[s.w > 0.0]
+        at_rest = np.isinf(p.beta) & (speed == 0.0)
+        acceleration = np.zeros_like(right)
+        if np.any(right) and np.any(at_rest):
+            # The acceleration of points at rest obeys the law that their velocity will.
+            held = p.chosen(at_rest).problem(sparse.csr_array(s.M))
+            found = held.solve(right, np.zeros_like(right), self.tolerance)
+            if not found.converged:
+                self.failure = Failure(found.residual, found.where)
+                return False
+            acceleration = found.v
+            sigma = sigma + found.sigma[self.unknown]
+        elif np.any(right):
+            acceleration = factorised(s.M)(right)
+        self.v_before = self.now.v
+        self.started(acceleration, sigma)
+        return True
+
+    def prepare(self, h: float) -> None:
+        """Condense or factorise a step of ``h``, and compile what steps and restarts need."""
+        super().prepare(h)
+        for problem in self._problems():
+            problem.compile()
+        if np.any(np.isinf(self.points.beta)):
+            self.points.problem(sparse.csr_array(self.system.M)).compile()
+
+    def make(self, c: Coefficients) -> Any:
+        """Step matrix as a contact problem, condensed where that is cheaper."""
+        s = self.system
+        H = sparse.csr_array(c.c_M * s.M + s.C + c.c_K * s.K)
+        H.sort_indices()
+        contact = self.points.unknowns().size
+        if contact <= CONDENSED and contact**2 <= CONDENSED_SQUARE * s.n:
+            self.counts["factorizations"] += 1
+            return _Condensed(H, self.points)
+        return self.points.problem(H)
+
+    def _problems(self) -> list[ContactProblem]:
+        return [getattr(matrices, "problem", matrices) for matrices in self.prepared.values()]
+
+    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Velocity and friction at a step's end, from those of the steps before."""
+        # On the line through the last two velocities, at rest where it was.
+        v = 2.0 * self.now.v - self.v_before
+        at_rest = self.system.slip_norm(self.now.v[self.unknown]) == 0.0
+        v[self.unknown[self.system.on_rows(at_rest)]] = 0.0
+        found = matrices.solve(right, v, self.tolerance)
+        counts = self.counts
+        counts["newton_iterations"] += found.iterations
+        counts["friction_evaluations"] += found.evaluations
+        counts["largest_iterations"] = max(counts["largest_iterations"], found.iterations)
+        counts["linear_solves"] += found.linear_solves
+        counts["factorizations"] += found.factorizations
+        if not found.converged:
+            self.failure = Failure(found.residual, found.where)
+            return None
+        self.v_before = self.now.v
+        return found.v, found.sigma[self.unknown]
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """State, the velocity before it, and the tangents whose factors are kept."""
+        kept: dict[str, NDArray[Any]] = {"before": np.array(self.v_before)}
+        for k, problem in enumerate(self._problems()):
+            if problem.kept is not None:
+                kept[f"tangents_{k}"], kept[f"held_{k}"] = problem.kept
+        return super().saved() | kept
+
+    def restore(self, saved: Saved) -> None:
+        """Take up a saved state and factorise the tangents again."""
+        super().restore(saved)
+        self.v_before = np.array(saved["before"])
+        for k, problem in enumerate(self._problems()):
+            if f"tangents_{k}" in saved:
+                problem.keep(saved[f"tangents_{k}"], saved[f"held_{k}"])
+
+
+def contact_unknowns(system: System) -> tuple[IntArray, IntArray]:
+    """Unknowns that each contact point slips by, -1 for a second direction that it has not.
+
+    For systems whose slip rows each pick an unknown of their own.
+    """
+    unknown = np.asarray(sparse.csr_array(system.B).indices, dtype=np.int64)
+    row = system.first_row[:-1]
+    second = np.full(row.size, -1)
+    two = system.directions == 2
+    second[two] = unknown[row[two] + 1]
+    return unknown[row], second

@@ -1,0 +1,322 @@
+"""What only the mesh can tell of a structure: mistakes to refuse, and doubts to say."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.mesh import NamedMesh
+from skfem_joint.structure.bolts import Bolts
+from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
+from skfem_joint.structure.pressure import PressureTable
+
+if TYPE_CHECKING:
+    from skfem_joint.structure.structure import Load, Structure
+    from skfem_joint.system import System
+
+_KINDS = ("region", "boundary", "point")
+#: Sizes across a mesh of each dimension.
+SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
+#: What may be pressed in a mesh of each dimension.
+PRESSED = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}
+#: A body so many times longer than thick was probably drawn in other units; so was one as short.
+_LONGEST, _SHORTEST = 2000.0, 0.1
+#: A bolt's ring on fewer contact points is poorly resolved.
+_FEWEST_POINTS = 12
+#: Share of a bolt's ring that lies on the joint, below which to say so.
+_WHOLE_RING = 0.99
+
+
+def problems_of(structure: Structure) -> list[str]:
+    """Mistakes in values, names and joints, as far as they can be told without the nodes."""
+    found = [*_values(structure), *_overrides(structure)]
+    for key in ("fixed", "fixed_x", "fixed_y", "fixed_z"):
+        names = getattr(structure, key)
+        for name in names:
+            found += wrong_name(structure.mesh, name, _KINDS, f"support.{key}")
+        if names and key[-1] in "xyz"[structure.dim :]:
+            found.append(f"support.{key}: this mesh has no {key[-1]} direction")
+    return [*found, *_joints(structure)]
+
+
+def _positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
+    """What is wrong with a value that must be positive, or not negative (``">= 0"``)."""
+    if not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
+        yield f"{where}: found {value}, must be {least}"
+
+
+def _one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
+    if value not in allowed:
+        yield f"{where}: found {value!r}, must be one of {', '.join(allowed)}"
+
+
+def _values(structure: Structure) -> Iterator[str]:
+    needed = SECTION[structure.dim]
+    what = {1: "a bar", 2: "a plate", 3: "a solid"}[structure.dim]
+    for name in ("width", "thickness"):
+        value = getattr(structure, name)
+        if value is None and name in needed:
+            yield f"section.{name}: missing, {what} needs it, in m"
+        elif value is not None and name not in needed:
+            yield f"section.{name}: found {value}, but {what} has none; leave it out"
+        elif value is not None:
+            yield from _positive(f"section.{name}", value)
+    material = structure.material
+    yield from _positive("material.E", material.E)
+    yield from _positive("material.density", material.density)
+    if structure.dim > 1 and material.poisson is None:
+        yield f"material.poisson: missing, {what} needs Poisson's ratio"
+    if material.poisson is not None:
+        yield from _poisson("material.poisson", material.poisson)
+    yield from _one_of("plane", structure.plane, ("stress", "strain"))
+    yield from _one_of("mass", structure.mass, ("consistent", "lumped"))
+    if structure.mass == "lumped" and structure.mesh.order > 1:
+        yield (
+            "material.mass_matrix: found 'lumped' beside elements of second order, whose row sums "
+            "are zero or negative at some nodes; use 'consistent'"
+        )
+    yield from _positive("damping.stiffness", structure.stiffness_damping, ">= 0")
+    yield from _positive("damping.mass", structure.mass_damping, ">= 0")
+
+
+def _poisson(where: str, value: float) -> Iterator[str]:
+    if not -1.0 < value < 0.5:
+        yield f"{where}: found {value}, must be between -1 and 0.5"
+
+
+def _overrides(structure: Structure) -> Iterator[str]:
+    known = ("E", "density", "poisson", *SECTION[structure.dim])
+    regions = structure.mesh.regions
+    for region, values in structure.regions.items():
+        where = f"regions.{region}"
+        yield from wrong_name(structure.mesh, region, ("region",), where)
+        for name, value in values.items():
+            yield from _one_of(f"{where}: property", name, known)
+            check = _poisson if name == "poisson" else _positive
+            yield from check(f"{where}.{name}", value)
+    for (one, first), (two, second) in combinations(structure.regions.items(), 2):
+        both = sorted(set(first) & set(second))
+        if both and _share(regions.get(one, ()), regions.get(two, ())):
+            yield (
+                f"regions.{two}: found {' and '.join(both)}, which region {one!r} also sets; the "
+                "two regions share elements, so only one may"
+            )
+
+
+def _share(one: ArrayLike, two: ArrayLike) -> int:
+    return int(np.intersect1d(one, two).size)
+
+
+def _tables(mesh: NamedMesh) -> dict[str, Mapping[str, Any]]:
+    return {"region": mesh.regions, "boundary": mesh.boundaries, "point": mesh.points}
+
+
+def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> list[str]:
+    """What is wrong with a name that must be of one of the kinds, if anything is."""
+    tables = _tables(mesh)
+    found = [kind for kind in _KINDS if name in tables[kind]]
+    right = [kind for kind in found if kind in kinds]
+    if right:
+        empty = right[0] != "point" and len(tables[right[0]][name]) == 0
+        return [f"{where}: found {name!r}, a {right[0]} that is empty"] if empty else []
+    has = [f"{kind}: {', '.join(map(repr, sorted(tables[kind]))) or '-'}" for kind in kinds]
+    close = difflib.get_close_matches(name, [n for kind in kinds for n in tables[kind]], n=1)
+    hint = f", did you mean {close[0]!r}?" if close else ""
+    wrong = f"which is a {found[0]}" if found else f"no such name in the mesh{hint}"
+    return [
+        f"{where}: found {name!r}, {wrong}; a {' or '.join(kinds)} is needed; the mesh has "
+        f"{'; '.join(has)}"
+    ]
+
+
+def _joints(structure: Structure) -> Iterator[str]:
+    """What is wrong with joints, as far as it can be told without their nodes."""
+    mesh = structure.mesh
+    outer = mesh.mesh.boundary_facets()
+    taken: dict[str, list[Joint]] = {"region": [], "boundary": []}
+    for joint in structure.joints:
+        where = joint.label
+        yield from joint_values(joint)
+        if problems := wrong_names_of(mesh, joint):
+            yield from problems
+            continue
+        kind = "region" if joint.on in mesh.regions else "boundary"
+        table = _tables(mesh)[kind]
+        parts = [table[name] for name in (joint.on, joint.against) if name is not None]
+        if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
+            yield f"{where}: it runs inside a body; a joint must be on its border"
+        elements = [part if kind == "region" else mesh.mesh.f2t[0, part] for part in parts]
+        if len(parts) == 2 and _share(*(mesh.body[some] for some in elements)):
+            yield (
+                f"{where}: {joint.on!r} and {joint.against!r} belong to the same body; a joint "
+                "presses two bodies on each other, meshed apart from each other"
+            )
+        others = sorted({repr(one.on) for one in taken[kind] if _share(table[one.on], parts[0])})
+        if others:
+            yield f"{where} overlaps joint {', '.join(others)}; joints must not overlap"
+        taken[kind].append(joint)
+        yield from _table_covers(structure, joint, table[joint.on], kind)
+
+
+def wrong_names_of(mesh: NamedMesh, joint: Joint) -> list[str]:
+    """What is wrong with the names of a joint; both must be of one kind."""
+    kinds = PRESSED[mesh.dim]
+    problems = wrong_name(mesh, joint.on, kinds, f"{joint.label}.on")
+    if problems or joint.against is None:
+        return problems
+    kind = "region" if joint.on in mesh.regions else "boundary"
+    return wrong_name(mesh, joint.against, (kind,), f"{joint.label}.against")
+
+
+def joint_values(joint: Joint) -> Iterator[str]:
+    """What is wrong with the values of a joint."""
+    yield from _positive(f"{joint.label}: friction", joint.friction, ">= 0")
+    if not joint.beta > 0.0:
+        yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
+    yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
+    if isinstance(joint.pressure, int | float):
+        yield from _positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
+
+
+def _table_covers(structure: Structure, joint: Joint, part: IntArray, kind: str) -> Iterator[str]:
+    """Whether a table of pressures reaches over the whole joint."""
+    table, mesh = joint.pressure, structure.mesh.mesh
+    if not isinstance(table, PressureTable):
+        return
+    vertices = np.unique((mesh.t if kind == "region" else mesh.facets)[:, part])
+    if table.axis is not None and len(table.axis) != structure.dim:
+        yield f"{joint.label}: pressure.axis: found {table.axis}, must be {structure.dim} numbers"
+        return
+    s = table.along(mesh.p[:, vertices].T)
+    first, last = table.positions[0], table.positions[-1]
+    tolerance = 1e-9 * structure.mesh.size
+    if first > s.min() + tolerance or last < s.max() - tolerance:
+        yield (
+            f"{joint.label}: pressure.positions: found {first:g} to {last:g} m, must cover the "
+            f"joint, which reaches from {s.min():g} to {s.max():g} m along the axis"
+        )
+
+
+def problems_of_places(
+    structure: Structure, loads: Sequence[Load], points: Sequence[str] | None
+) -> list[str]:
+    """Mistakes in the names of loads and observed points, and in the loads' directions."""
+    dim = structure.dim
+    places = [(f"load on {load.on!r}", load.on) for load in loads]
+    places += [("points", name) for name in points or ()]
+    found = [p for where, on in places for p in wrong_name(structure.mesh, on, _KINDS, where)]
+    for load in loads:
+        vector = np.ravel(() if load.direction is None else load.direction)
+        if load.direction is None and dim > 1:
+            found.append(
+                f"load on {load.on!r}: direction: missing, must be given as {dim} numbers, "
+                f"e.g. {[1.0, *[0.0] * (dim - 1)]}"
+            )
+        elif load.direction is not None and not (
+            vector.shape == (dim,) and np.all(np.isfinite(vector)) and np.any(vector)
+        ):
+            found.append(
+                f"load on {load.on!r}: direction: found {list(load.direction)}, must be {dim} "
+                "finite numbers, not all zero"
+            )
+    return found
+
+
+def _rigid_motions(structure: Structure) -> FloatArray:
+    """Rigid motions of each body, (N, dim, motions): translations, then turns."""
+    d, bodies = structure.dim, int(structure.mesh.body.max()) + 1
+    turns = list(combinations(range(d), 2))
+    each = d + len(turns)
+    position = structure.nodes - structure.nodes.mean(axis=0)
+    position /= np.abs(position).max()
+    motions = np.zeros((structure.n_nodes, d, each * bodies))
+    node, first = np.arange(structure.n_nodes), each * structure.body
+    for c in range(d):
+        motions[node, c, first + c] = 1.0
+    for k, (i, j) in enumerate(turns):
+        motions[node, i, first + d + k] = -position[:, j]
+        motions[node, j, first + d + k] = position[:, i]
+    return motions
+
+
+def loose_bodies(structure: Structure) -> list[str]:
+    """Bodies left with a rigid motion by supports, closed contact and friction, in words."""
+    motions = _rigid_motions(structure)
+    count = motions.shape[2]
+    rows = [motions[structure.held]]
+    for patch in structure.patches:
+        relative = np.moveaxis(patch.relative(np.moveaxis(motions, 2, 0)), 0, -1)
+        if patch.normal is not None:
+            rows.append(np.einsum("kc,kcm->km", patch.normal, relative))
+        if patch.joint.friction > 0.0:
+            held = np.einsum("kdc,kcm->kdm", patch.directions, relative)
+            rows.append(held.reshape(-1, count))
+    gram = sum(row.T @ row for row in rows)
+    squares, vectors = np.linalg.eigh(gram / structure.n_nodes)
+    loose = np.abs(vectors[:, squares < SMALL**2 + 1e-13 * squares.max(initial=0.0)])
+    bodies = int(structure.mesh.body.max()) + 1
+    moving = loose.reshape(bodies, -1).max(axis=1, initial=0.0) > 1e-6
+    return [
+        f"{_body_label(structure.mesh, body)} is left unsupported: it can move or turn freely; "
+        "hold it by a support, or by a joint with friction on a body that is held"
+        for body in np.flatnonzero(moving).tolist()
+    ]
+
+
+def _body_label(mesh: NamedMesh, body: int) -> str:
+    """A body in words, after its regions if it has any."""
+    own = [
+        repr(name)
+        for name, elements in sorted(mesh.regions.items())
+        if len(elements) and np.all(mesh.body[elements] == body)
+    ]
+    if own:
+        return f"the body with the region{'s' if len(own) > 1 else ''} {', '.join(own)}"
+    middle = mesh.mesh.p[:, mesh.mesh.t[:, mesh.body == body]].mean(axis=(1, 2))
+    return "the body around (" + ", ".join(f"{x:.6g}" for x in middle) + ")"
+
+
+def doubts(structure: Structure, system: System) -> list[str]:
+    """Sentences about size, loads, and joints: what is allowed but looks like a slip."""
+    found = []
+    size = float(np.ptp(structure.nodes, axis=0).max())
+    thickness = structure.properties["thickness"].min() if structure.thickness else None
+    if thickness is not None and not _SHORTEST < size / thickness < _LONGEST:
+        found.append(
+            f"The structure is {size:.4g} m long and {thickness:.4g} m thick: is the mesh in "
+            "metres? mesh.scale = 1e-3 reads one in millimetres."
+        )
+    limit = float(system.w.sum())
+    for load in system.loads:
+        peak = load.amplitude.peak_value
+        if peak is not None and 0.0 < limit < abs(peak):
+            found.append(
+                f"The load on {load.on} reaches {abs(peak):.4g} N, more than all joints can hold "
+                f"by friction, {limit:.4g} N: they may slip as a whole."
+            )
+    for patch in structure.patches:
+        name = patch.joint.name
+        if not np.any(system.w[patch.points] > 0.0):
+            found.append(f"Joint '{name}' carries no friction: its pressure or friction is zero.")
+        if isinstance(patch.joint.pressure, Bolts):
+            found += _bolt_doubts(structure, patch, patch.joint.pressure)
+    return found
+
+
+def _bolt_doubts(structure: Structure, patch: Patch, bolts: Bolts) -> Iterator[str]:
+    for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
+        at = ", ".join(f"{x:.4g}" for x in bolt.at)
+        where = f"The bolt at ({at}) m in joint '{patch.joint.name}'"
+        if share < _WHOLE_RING:
+            yield f"{where} has {100 * share:.3g} % of its ring on the joint, and its whole force."
+        centre = np.asarray(bolt.at[: structure.dim])
+        distance = np.linalg.norm(structure.nodes[patch.nodes] - centre, axis=1)
+        points = int(np.count_nonzero(distance <= bolts.outer_radius(bolt)))
+        if points < _FEWEST_POINTS:
+            yield f"{where} presses only {points} nodes within its ring: refine the mesh around it."

@@ -1,0 +1,174 @@
+"""Slip rows of contact: for structures, and for matrices assembled on any basis of scikit-fem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import named
+from skfem_joint.mesh.cells import cell_of
+from skfem_joint.structure.checks import joint_values, wrong_names_of
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.patch import SMALL, Joint, Patch, make_patch, unit_vectors
+from skfem_joint.structure.pressure import Pressure
+from skfem_joint.unknowns import Contact, dof_numbers, selection, stacked
+
+
+def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
+    """Slip rows of all patches on the degrees of freedom ``dim * node + component``.
+
+    ``held`` (N, dim) are the displacements that supports hold.
+    """
+    count, dim = held.shape
+    m = max((int(patch.points.max(initial=-1)) for patch in patches), default=-1) + 1
+    w, beta = np.zeros(m), np.ones(m)
+    node = np.zeros(m, dtype=np.intp)
+    directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
+    R = sparse.csr_array((m, count))
+    entered = np.zeros(m, dtype=bool)
+    for patch in patches:
+        w[patch.points] += patch.joint.friction * patch.normal_force
+        beta[patch.points] = patch.joint.beta
+        node[patch.points] = patch.nodes
+        directions[patch.points, : patch.directions.shape[1]] = patch.directions
+        if patch.normal is not None:
+            normal[patch.points] = patch.normal
+        if patch.other is not None:
+            new = ~entered[patch.points]
+            R = R + selection(patch.points[new], m).T @ patch.other[new]
+        entered[patch.points] = True
+    slips = np.count_nonzero(np.any(directions != 0.0, axis=2), axis=1)
+    point, which = np.nonzero(np.arange(dim) < slips[:, None])
+    dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free ones first
+    relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
+    # What is left of a node's freedom beside its slips is held by the contact that stays closed.
+    closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
+    # So are nodes pressed by a border that supports keep from slipping, where they are free.
+    outwards = np.zeros((count, dim))
+    for patch in patches:
+        if patch.held_normal is not None:
+            outwards[patch.held_nodes] = patch.held_normal
+    outwards[node] = 0.0
+    outwards[held] = 0.0
+    still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)
+    H = [
+        _along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
+        _along(still, outwards[still], count),
+    ]
+    lone = dim * still + np.argmax(np.abs(outwards[still]), axis=1)
+    return Contact(
+        B=_along(point, directions[point, which], m) @ relative,
+        w=w,
+        beta=beta,
+        directions=slips.astype(np.int64),
+        held=stacked(H, dim * count),
+        pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
+    )
+
+
+def _along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
+    """Rows that take the component along vectors of the displacements of ``m`` points."""
+    k, dim = vectors.shape
+    rows = np.repeat(np.arange(k), dim)
+    columns = (dim * point[:, None] + np.arange(dim)).ravel()
+    picked = sparse.csr_array((unit_vectors(vectors).ravel(), (rows, columns)), shape=(k, dim * m))
+    picked.eliminate_zeros()
+    return picked
+
+
+def contact(
+    basis: Any,
+    on: str,
+    *,
+    pressure: Pressure,
+    friction: float,
+    beta: float = 1e5,
+    against: str | None = None,
+    width: float = 1.0,
+    thickness: float = 1.0,
+    normal_force: str = "consistent",
+    fixed: Any = (),
+) -> Contact:
+    """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
+
+    Parameters
+    ----------
+    basis : skfem.Basis
+        Of `ElementVector` of first or second order, or of a line element.
+    on, pressure, friction, beta, against, normal_force
+        As those of a `Joint`, regions being subdomains of the basis' mesh.
+    width, thickness : float
+        Extent of the contact across lines and edges, m.
+    fixed : array_like of int, optional
+        Supported degrees of freedom; needed for equal forces next to a support only.
+
+    Returns
+    -------
+    Contact
+        For :meth:`skfem_joint.System.from_matrices`. Motion across facets is held: contact stays
+        closed.
+
+    Raises
+    ------
+    InputError
+        For elements without nodal tangents (use `point_friction`), names that are not there, and
+        all that a joint of a `Structure` would be refused for.
+    """
+    scalar = type(getattr(basis.elem, "elem", basis.elem))
+    known_elements = cell_of(basis.mesh)[0].elements
+    if scalar not in known_elements:
+        raise InputError(
+            f"contact: no slip direction is known for {type(basis.elem).__name__}; use "
+            "ElementVector of a first- or second-order element, a linear line element, or "
+            "point_friction(row, limit) for slip rows of your own"
+        )
+    grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
+    joint = Joint(on, pressure, friction, against, beta, normal_force)
+    if problems := [*joint_values(joint), *wrong_names_of(grid.mesh, joint)]:
+        raise InputError(problems)
+    dim = grid.mesh.dim
+    table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
+    for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
+        table[grid.of_element[i // dim], i % dim] = row
+    held = np.isin(table, dof_numbers(fixed))
+    widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
+    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1))
+    rows = contact_rows([patch], held)
+    order = selection(table.ravel(), basis.N)
+    pivots = table.ravel()[rows.pivots]
+    return Contact(rows.B @ order, rows.w, rows.beta, rows.directions, rows.held @ order, pivots)
+
+
+def point_friction(row: Any, limit: float, beta: float = np.inf) -> Contact:
+    """Friction of one point whose slip is a row of one's own times the displacements.
+
+    Parameters
+    ----------
+    row : array_like, shape (N,) or (2, N)
+        Slip from the degrees of freedom, in one direction or two: a beam's transverse slip, the
+        motion of one body against another.
+    limit : float
+        Friction limit, N.
+    beta : float
+        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+    """
+    rows = np.atleast_2d(np.asarray(row, dtype=float))
+    if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
+        raise InputError(
+            f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
+            "and not zero"
+        )
+    if not (limit >= 0.0 and np.isfinite(limit)) or not beta > 0.0:
+        raise InputError(f"point_friction: found limit {limit}, beta {beta}; must be >= 0 and > 0")
+    return Contact(
+        sparse.csr_array(rows),
+        np.array([float(limit)]),
+        np.array([float(beta)]),
+        np.array([len(rows)], dtype=np.int64),
+        sparse.csr_array((0, rows.shape[1])),
+    )

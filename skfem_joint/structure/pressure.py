@@ -1,0 +1,232 @@
+"""Pressure on a contact, and the nodal normal forces that it gives.
+
+Normal forces are integrals of the pressure times the linear hat functions of the sub-cells between
+the displacement nodes, times the depth of the contact across them (width of a strut, thickness at
+an edge). Those are positive for every element, where second-order shape functions give zero or
+negative forces. A quadrilateral counts as four triangles around the mean of its corners, so that
+all integrals run over segments or triangles and are exact, kinks of a table inside a cell included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.structure.bolts import Bolts, bolt_forces
+
+
+@dataclass(frozen=True)
+class PressureTable:
+    """Pressure that varies linearly between positions along an axis.
+
+    Attributes
+    ----------
+    positions : tuple of float
+        Increasing positions x . axis, m; along the bar in one dimension.
+    values : tuple of float
+        Pressures there, Pa; constant beyond the ends.
+    axis : tuple of float, optional
+        Direction of the axis; its length does not count. The first coordinate if not given.
+    """
+
+    positions: tuple[float, ...]
+    values: tuple[float, ...]
+    axis: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        positions, values = np.asarray(self.positions), np.asarray(self.values)
+        if positions.size != values.size or positions.size < 2:
+            raise InputError(
+                f"pressure: found {positions.size} positions and {values.size} values, "
+                "must be as many of each and at least two"
+            )
+        if np.any(np.diff(positions) <= 0.0) or not np.all(np.isfinite(positions)):
+            raise InputError("pressure.positions: must be finite and increasing")
+        if np.any(values < 0.0) or not np.all(np.isfinite(values)):
+            raise InputError("pressure.values: must be finite and not negative")
+        axis = np.ravel((1.0,) if self.axis is None else self.axis)
+        if not np.all(np.isfinite(axis)) or not np.any(axis):
+            raise InputError(f"pressure.axis: found {self.axis}, must be finite, not all zero")
+
+    def along(self, x: FloatArray) -> FloatArray:
+        """Position along the axis (m) of the points ``x`` (..., dim)."""
+        axis = np.eye(x.shape[-1])[0] if self.axis is None else np.asarray(self.axis, dtype=float)
+        if axis.size != x.shape[-1]:
+            raise InputError(
+                f"pressure.axis: found {self.axis}, must be {x.shape[-1]} numbers as the mesh has "
+                "coordinates"
+            )
+        return np.asarray(x @ (axis / np.linalg.norm(axis)))
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Pressure (Pa) at the points ``x`` (..., dim)."""
+        return np.interp(self.along(x), self.positions, self.values)
+
+
+Pressure: TypeAlias = float | PressureTable | Bolts
+
+
+def nodal_pressure(
+    nodes: FloatArray, cells: IntArray, depth: FloatArray, pressure: Pressure, where: str
+) -> tuple[FloatArray, FloatArray, tuple[float, ...]]:
+    """Nodal normal forces (N,), N, and areas (N,), m2, and share of each bolt's ring on a contact.
+
+    The forces sum to the integral of the pressure, or the bolts' force. ``cells`` (c, 2, 3 or 4)
+    are linear sub-cells on the nodes (N, dim), ``depth`` (c,) the extent of the contact across
+    them, m, or 1 for areas. ``where`` names the joint in messages.
+    """
+    corners, gather, parent = _hat_simplices(nodes, cells)
+    deep = depth[parent]
+    area = gather @ (deep[:, np.newaxis] * pressure_integrals(corners, 1.0)).ravel()
+    shares: tuple[float, ...] = ()
+    if isinstance(pressure, Bolts):
+        integrals, shares = _bolted(pressure, corners, deep, where)
+    else:
+        integrals = deep[:, np.newaxis] * pressure_integrals(corners, pressure)
+    force = gather @ integrals.ravel()
+    # Where a pressure ends at the edge of a cell, nodes beyond it must not come into contact.
+    return np.where(force > 1e-12 * force.max(initial=0.0), force, 0.0), area, shares
+
+
+def _hat_simplices(
+    nodes: FloatArray, cells: IntArray
+) -> tuple[FloatArray, sparse.csr_array, IntArray]:
+    """Segments or triangles (n, 2 or 3, dim) on which the hats of linear cells are linear.
+
+    Also the matrix (N, simplices * corners) that sums integrals of their own hats to those of the
+    nodes, and the cell of each.
+    """
+    n, count = cells.shape
+    first = 3 * np.arange(cells.size)
+    if count < 4:
+        corners, parent = nodes[cells], np.arange(n)
+        rows, columns, values = cells.ravel(), np.arange(cells.size), np.ones(cells.size)
+    else:
+        after = np.roll(cells, -1, axis=1)
+        middle = np.repeat(nodes[cells].mean(axis=1)[:, None], 4, axis=1)
+        corners = np.stack([nodes[cells], nodes[after], middle], axis=2)
+        corners, parent = corners.reshape(-1, 3, nodes.shape[1]), np.repeat(np.arange(n), 4)
+        rows = np.concatenate([cells.ravel(), after.ravel(), np.repeat(cells, 4, axis=0).ravel()])
+        columns = np.concatenate([first, first + 1, np.repeat(first + 2, 4)])
+        values = np.concatenate([np.ones(2 * cells.size), np.full(4 * cells.size, 0.25)])
+    shape = (len(nodes), corners.shape[0] * corners.shape[1])
+    return corners, sparse.csr_array((values, (rows, columns)), shape=shape), parent
+
+
+def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> FloatArray:
+    """Integrals of pressure times hat function over segments or triangles, exactly.
+
+    ``corners`` (n, 2 or 3, dim) are in m. Gives N/m on segments, N on triangles, (n, 2 or 3). Where
+    a table has a kink, segments and triangles are cut.
+    """
+    size = _measure(corners)
+    count = corners.shape[1]
+    if not isinstance(pressure, PressureTable):
+        return np.repeat(pressure * size[:, None] / count, count, axis=1)
+    position = pressure.along(corners)
+    pieces = np.repeat(np.eye(count)[None], len(corners), axis=0)
+    parent = np.arange(len(corners))
+    for kink in pressure.positions:
+        pieces, parent = _cut(pieces, parent, position, kink)
+    values = np.interp(
+        np.einsum("nij,nj->ni", pieces, position[parent]), pressure.positions, pressure.values
+    )
+    # Products of two linear functions on a simplex.
+    products = values.sum(axis=1)[:, None] * pieces.sum(axis=1)
+    products += np.einsum("ni,nik->nk", values, pieces)
+    share = np.abs(np.linalg.det(pieces)) * size[parent] / (count * (count + 1))
+    result = np.zeros((len(corners), count))
+    np.add.at(result, parent, share[:, None] * products)
+    return result
+
+
+def _measure(corners: FloatArray) -> FloatArray:
+    """Length of segments, area of triangles, in space of any dimension."""
+    sides = corners[:, 1:] - corners[:, :1]
+    if corners.shape[1] == 2:
+        return np.asarray(np.linalg.norm(sides[:, 0], axis=-1))
+    if corners.shape[2] == 2:
+        return np.asarray(0.5 * np.abs(np.linalg.det(sides)))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1))
+
+
+def _cut(
+    pieces: FloatArray, parent: IntArray, position: FloatArray, level: float
+) -> tuple[FloatArray, IntArray]:
+    """Cut simplices where a linear function, given at their parents' corners, has a value.
+
+    ``pieces`` holds the corners of each simplex in the barycentric coordinates of its parent.
+    """
+    values = np.einsum("nij,nj->ni", pieces, position[parent])
+    crossed = (values.min(axis=1) < level) & (level < values.max(axis=1))
+    order = np.argsort(values[crossed], axis=1)
+    values = np.take_along_axis(values[crossed], order, axis=1)
+    corner = np.moveaxis(np.take_along_axis(pieces[crossed], order[..., None], axis=1), 1, 0)
+
+    def between(i: int, j: int) -> FloatArray:
+        gap = values[:, j] - values[:, i]
+        t = ((level - values[:, i]) / np.where(gap > 0.0, gap, 1.0))[:, None]
+        return np.asarray((1.0 - t) * corner[i] + t * corner[j])
+
+    if pieces.shape[1] == 2:
+        middle = between(0, 1)
+        new = [[corner[0], middle], [middle, corner[1]]]
+    else:
+        long = between(0, 2)
+        low = (level <= values[:, 1])[:, None]
+        short = np.where(low, between(0, 1), between(1, 2))
+        new = [
+            [corner[0], np.where(low, short, corner[1]), long],
+            [np.where(low, short, corner[1]), np.where(low, corner[1], short), long],
+            [np.where(low, corner[1], short), corner[2], long],
+        ]
+    stacked = np.concatenate([np.stack(piece, axis=1) for piece in new])
+    return (
+        np.concatenate([pieces[~crossed], stacked]),
+        np.concatenate([parent[~crossed], np.tile(parent[crossed], len(new))]),
+    )
+
+
+def _bolted(
+    bolts: Bolts, corners: FloatArray, depth: FloatArray, where: str
+) -> tuple[FloatArray, tuple[float, ...]]:
+    """Forces (n, 2 or 3) of bolts on the hats of segments or triangles, and shares of their rings.
+
+    A segment of a bar becomes the strip of its width, two triangles whose corners on one end
+    belong to the node there.
+    """
+    n, count, dim = corners.shape
+    wrong = [bolt.at for bolt in bolts.bolts if len(bolt.at) != max(dim, 2)]
+    if wrong:
+        raise InputError(f"{where}: bolt.at: found {wrong[0]}, must be {max(dim, 2)} numbers")
+    if count == 2 and dim > 1:
+        raise InputError(
+            f"{where}: bolts press areas; an edge needs a pressure in Pa, constant or as positions "
+            "and values"
+        )
+    centres = np.array([bolt.at for bolt in bolts.bolts], dtype=float)
+    if count == 3:
+        plane = np.eye(2) if dim == 2 else _frame(corners)
+        return bolt_forces(bolts, corners @ plane.T, centres @ plane.T, where)
+    end = np.array([[0, 1, 1], [0, 1, 0]])  # of the segment, for each corner of both triangles
+    side = np.array([[-0.5, -0.5, 0.5], [-0.5, 0.5, 0.5]])
+    strips = np.stack([corners[:, end, 0], depth[:, None, None] * side], axis=-1)
+    forces, shares = bolt_forces(bolts, strips.reshape(-1, 3, 2), centres, where)
+    forces = forces.reshape(n, -1)
+    return np.stack([forces[:, end.ravel() == i].sum(axis=1) for i in (0, 1)], axis=1), shares
+
+
+def _frame(corners: FloatArray) -> FloatArray:
+    """Two unit vectors (2, 3) in the plane of triangles in space, perpendicular to each other."""
+    sides = corners[:, 1:] - corners[:, :1]
+    normal = np.cross(sides[:, 0], sides[:, 1]).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    first = np.eye(3)[np.argmin(np.abs(normal))]
+    first = first - (first @ normal) * normal
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first)])

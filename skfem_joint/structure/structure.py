@@ -1,0 +1,357 @@
+"""A jointed structure of any dimension: bodies, supports and joints, assembled to a system.
+
+A body of dimension 1, 2 or 3 has the strain energy ``across (lambda tr(eps)^2 / 2 + mu eps : eps)``
+and the mass ``across rho``. ``across`` is the area of a bar's section, the thickness of a plate, or
+1. Plane stress takes lambda' = 2 lambda mu / (lambda + 2 mu); a bar has lambda + 2 mu = E.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Amplitude, as_amplitude
+from skfem_joint.mesh import NamedMesh, named
+from skfem_joint.mesh.named import bar_axis
+from skfem_joint.structure import checks
+from skfem_joint.structure.contact import contact_rows
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
+from skfem_joint.system import AppliedLoad, System
+from skfem_joint.unknowns import (
+    Arrangement,
+    Contact,
+    change_of_unknowns,
+    congruent,
+    expanded,
+    selection,
+    stacked,
+)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Linear elastic, isotropic: Young's modulus (Pa), density (kg/m3), Poisson's ratio.
+
+    Bars do without Poisson's ratio.
+    """
+
+    E: float
+    density: float
+    poisson: float | None = None
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on a named point, boundary or region, spread evenly over it.
+
+    ``amplitude`` is the whole force (N) as a function of time (s): one of :mod:`skfem_joint.loads`,
+    or a plain function. The length of ``direction`` does not count; bars do without.
+    """
+
+    on: str
+    amplitude: Amplitude
+    direction: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
+
+
+@dataclass(frozen=True)
+class Structure(Nodes):
+    """Bodies with joints.
+
+    Attributes
+    ----------
+    mesh : NamedMesh or skfem.Mesh
+        Of dimension 1, 2 or 3, with named regions, boundaries and points.
+    material : Material
+    width : float, optional
+        Of a bar, m; it lies on its base with it.
+    thickness : float, optional
+        Of a bar or a plate, m.
+    plane : {"stress", "strain"}
+        Of plates: thin in their plane, or slices of bodies long across it.
+    fixed, fixed_x, fixed_y, fixed_z : sequence of str
+        Regions, boundaries and points that are held in all directions or in one.
+    joints : sequence of Joint
+    stiffness_damping, mass_damping : float
+        C = stiffness_damping K + mass_damping M, in s and 1/s.
+    mass : {"consistent", "lumped"}
+        Integrals of shape functions, or their row sums on the diagonal.
+    regions : mapping
+        ``{region: {"E": ..., "thickness": ...}}``: values that differ in a region.
+    free : bool
+        Bodies may float; otherwise one that nothing holds is an error.
+
+    Raises
+    ------
+    InputError
+        For values out of range, names that the mesh does not have or that are of another kind,
+        joints that overlap or whose bodies do not, and bodies that nothing holds.
+    """
+
+    material: Material
+    width: float | None = None
+    thickness: float | None = None
+    plane: str = "stress"
+    fixed: Sequence[str] = ()
+    fixed_x: Sequence[str] = ()
+    fixed_y: Sequence[str] = ()
+    fixed_z: Sequence[str] = ()
+    joints: Sequence[Joint] = ()
+    stiffness_damping: float = 0.0
+    mass_damping: float = 0.0
+    mass: str = "consistent"
+    regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    free: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, NamedMesh):
+            object.__setattr__(self, "mesh", named(self.mesh))
+        for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if problems := checks.problems_of(self):
+            raise InputError(problems)
+        if not self.free and (problems := checks.loose_bodies(self)):
+            raise InputError(problems)
+
+    @property
+    def grid(self) -> Nodes:
+        """The displacement nodes and what lies between them."""
+        return self
+
+    @cached_property
+    def properties(self) -> dict[str, FloatArray]:
+        """E, density, poisson, width and thickness, one value an element."""
+        values = {**vars(self.material), "width": self.width, "thickness": self.thickness}
+        absent = {"poisson": 0.0, "width": 1.0, "thickness": 1.0}
+        fields = {
+            name: np.full(self.mesh.n_elements, float(absent[name] if value is None else value))
+            for name, value in values.items()
+        }
+        for region, overrides in self.regions.items():
+            for name, value in overrides.items():
+                fields[name][self.mesh.regions[region]] = value
+        return fields
+
+    @property
+    def across(self) -> FloatArray:
+        """Extent across the mesh: area of the section (m2), thickness (m) or 1, (elements,)."""
+        p = self.properties  # what a mesh has not is 1
+        return p["width"] * p["thickness"]
+
+    def _lame(self) -> tuple[FloatArray, FloatArray]:
+        """Constants lambda and mu of the form of this dimension, Pa, (elements,) each."""
+        E, nu = self.properties["E"], self.properties["poisson"]
+        if self.dim == 1:
+            return E, np.zeros_like(E)
+        mu = E / (2.0 * (1.0 + nu))
+        stress = self.dim == 2 and self.plane == "stress"
+        # Plane stress has no stress across the plane, else lambda is Lame's.
+        return 2.0 * mu * nu / (1.0 - nu if stress else 1.0 - 2.0 * nu), mu
+
+    @property
+    def supports(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        """What is held, and the components held there."""
+        ways = [(self.fixed, tuple(range(self.dim)))]
+        ways += [(self.fixed_x, (0,)), (self.fixed_y, (1,)), (self.fixed_z, (2,))]
+        return tuple((name, held) for names, held in ways for name in names)
+
+    @cached_property
+    def held(self) -> BoolArray:
+        """Whether a support holds each displacement, (N, dim)."""
+        held = np.zeros((self.n_nodes, self.dim), dtype=bool)
+        for name, components in self.supports:
+            held[np.ix_(self.nodes_of(name), np.array(components))] = True
+        return held
+
+    @cached_property
+    def patches(self) -> tuple[Patch, ...]:
+        """Contact points of each joint."""
+        problems: list[str] = []
+        patches: list[Patch] = []
+        numbering = np.full(self.n_nodes, -1, dtype=np.intp)
+        p = self.properties
+        for joint in self.joints:
+            try:
+                patch = make_patch(self, joint, self.held, p["width"], p["thickness"], numbering)
+                check_shared(self, patches, patch)
+                patches.append(patch)
+            except InputError as error:
+                problems += error.problems
+        if problems:
+            raise InputError(problems)
+        return tuple(patches)
+
+    @cached_property
+    def _contact(self) -> Contact:
+        return contact_rows(self.patches, self.held)
+
+    @cached_property
+    def arrangement(self) -> Arrangement:
+        """Unknowns from the displacements of all nodes, ``dim * node + component``, and back."""
+        rows, fixed = self._contact, np.flatnonzero(self.held)
+        return change_of_unknowns(self.held.size, fixed, rows.held, rows.B, rows.pivots)
+
+    @property
+    def T(self) -> sparse.csr_array:
+        """Displacement of all nodes from the unknowns, (dim N, n)."""
+        return self.arrangement.forward
+
+    def expand(self, u: FloatArray) -> FloatArray:
+        """Displacement of all nodes, (..., N, dim), from that of the unknowns, (..., n)."""
+        return self.unpacked(expanded(self.T, u))
+
+    def unpacked(self, x: FloatArray) -> FloatArray:
+        """Vectors of all nodes, (..., N, dim), from what `System.expand` gives, (..., dim N)."""
+        return x.reshape(*x.shape[:-1], self.n_nodes, self.dim)
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Directions in space of the mesh's coordinates, (dim, 3); a bar may be inclined."""
+        if self.dim > 1:
+            return np.eye(3)[: self.dim]
+        _, along = bar_axis(self.mesh)
+        return np.asarray(along / np.linalg.norm(along))[np.newaxis]
+
+    def in_space(self, vectors: FloatArray) -> FloatArray:
+        """Vectors in space, (..., 3), from those in the mesh's coordinates, (..., dim)."""
+        return np.asarray(vectors @ self.axes)
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Positions of the nodes in space, (N, 3), m."""
+        if self.dim == 1:
+            return self.mesh.coordinates
+        return np.pad(self.nodes, ((0, 0), (0, 3 - self.dim)))
+
+    def matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Mass and stiffness of all nodes before supports and contact, (dim N, dim N), kg and N/m.
+
+        Assembled by scalar blocks ``integral of d_k phi d_l psi``.
+        """
+        first, second = (constant * self.across for constant in self._lame())
+        dims = range(self.dim)
+        mass = self._block(self.properties["density"] * self.across)
+        if self.mass == "lumped":
+            mass = sparse.csr_array(sparse.diags_array(np.asarray(mass.sum(axis=1)).ravel()))
+        M = _interleaved({(i, i): mass for i in dims}, self.dim)
+        K = self._gradients(first)
+        if self.dim > 1:
+            shear = self._gradients(second)
+            laplacian = sum(shear[i, i] for i in dims)
+            K = {(i, j): A + shear[j, i] for (i, j), A in K.items()}
+            K |= {(i, i): K[i, i] + laplacian for i in dims}
+        return M, _interleaved(K, self.dim)
+
+    def _gradients(self, value: FloatArray) -> dict[tuple[int, int], Any]:
+        """Integrals of ``value d_i phi d_j psi`` for all i and j."""
+        dims = range(self.dim)
+        blocks = {(i, j): self._block(value, i, j) for i in dims for j in dims if i <= j}
+        return blocks | {(j, i): A.T for (i, j), A in blocks.items()}
+
+    def _block(self, value: FloatArray, i: int | None = None, j: int | None = None) -> Any:
+        """Integrals of ``value phi psi``, or of ``value d_i phi d_j psi``, (N, N)."""
+        from skfem import BilinearForm, asm
+
+        weight = np.broadcast_to(value[:, np.newaxis], self.basis.dx.shape)
+        form = BilinearForm(
+            lambda u, v, p: p.weight * (u * v if i is None else v.grad[i] * u.grad[j])
+        )
+        return sparse.csr_array(asm(form, self.basis, weight=weight))
+
+    def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
+        """System of equations, sparse; every row of ``B`` picks one unknown.
+
+        Observed are ``points``, boundaries or regions, the latter two by their mean, and all points
+        that can move if none are given. Rows of ``P``: one named as each load, the displacement
+        that it works on (another direction at the same place gets ".2" and so on), then what is
+        observed: "name" in one dimension, else "name.x" and so on.
+
+        Raises
+        ------
+        InputError
+            For unknown names, directions that do not fit, and loads on what cannot move.
+        """
+        problems = checks.problems_of_places(self, loads, points)
+        if problems:
+            raise InputError(problems)
+        T = self.T
+        rows: dict[str, FloatArray] = {}
+        applied: list[AppliedLoad] = []
+        for load in loads:
+            unit = np.ravel((1.0,) if load.direction is None else load.direction)
+            unit = unit / np.linalg.norm(unit)
+            vector = T.T @ np.outer(self.even_shares(load.on), unit).ravel()
+            if not np.any(vector):
+                problems.append(
+                    f"load on {load.on!r}: a support holds it along {unit.tolist()}, a force there "
+                    "does nothing; load a free part"
+                )
+            name = _free_name(load.on, vector, rows)
+            rows[name] = vector
+            applied.append(AppliedLoad(vector, load.amplitude, name))
+        for name in self.free_points if points is None else dict.fromkeys(points):
+            shares = self.even_shares(name)
+            parts = [T.T @ np.outer(shares, axis).ravel() for axis in np.eye(self.dim)]
+            if not np.any(parts):
+                problems.append(f"points: {name!r} is supported and does not move")
+            labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
+            rows |= dict(zip(labels, parts, strict=True))
+        if problems:
+            raise InputError(problems)
+        return self._assembled(tuple(applied), rows)
+
+    @property
+    def free_points(self) -> tuple[str, ...]:
+        """Named points that can move."""
+        moves = np.diff(self.T.indptr[:: self.dim]) > 0
+        return tuple(name for name, node in self.mesh.points.items() if moves[node])
+
+    def _assembled(self, loads: tuple[AppliedLoad, ...], rows: dict[str, FloatArray]) -> System:
+        contact, new = self._contact, self.arrangement
+        M, K = (congruent(A, new.forward) for A in self.matrices())
+        n = K.shape[0]
+        return System(
+            M=M,
+            C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
+            K=K,
+            B=selection(new.slips, n),
+            w=contact.w,
+            beta=contact.beta,
+            loads=loads,
+            P=stacked([row[np.newaxis] for row in rows.values()], n),
+            points=tuple(rows),
+            directions=contact.directions,
+            T=new.forward,
+        )
+
+
+def _interleaved(blocks: Mapping[tuple[int, int], Any], dim: int) -> sparse.csr_array:
+    """Matrix on ``dim * node + component`` from blocks by component, made symmetric."""
+    parts = [(i, j, A.tocoo()) for (i, j), A in blocks.items()]
+    n = dim * parts[0][2].shape[0]
+    rows = np.concatenate([dim * A.coords[0] + i for i, _, A in parts])
+    columns = np.concatenate([dim * A.coords[1] + j for _, j, A in parts])
+    values = np.concatenate([A.data for _, _, A in parts])
+    A = sparse.csr_array((values, (rows, columns)), shape=(n, n))
+    symmetric = sparse.csr_array(0.5 * (A + A.T))
+    symmetric.eliminate_zeros()
+    return symmetric
+
+
+def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:
+    """Name of a load's row: ``on``, or with a number where another direction has that."""
+    name, count = on, 1
+    while name in rows and not np.array_equal(rows[name], vector):
+        count += 1
+        name = f"{on}.{count}"
+    return name

@@ -1,0 +1,185 @@
+"""Memory stays within what is estimated, and a run that needs too much is refused beforehand."""
+
+from __future__ import annotations
+
+import re
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from joint_scenes import LENGTH, WIDTH, bar_scene, plate, plate_scene
+
+from skfem_joint.analysis import memory
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar
+from skfem_joint.output import write
+from skfem_joint.scene import Scene
+
+MIB = 2**20
+BOTH = ("full", "reduced")
+
+
+def bar(
+    *run: str,
+    elements: int = 20,
+    cycles: int = 20,
+    steps: int = 200,
+    reference: str = "paper",
+    **output: Any,
+) -> Scene:
+    mesh = build_bar(
+        [("joint", 0.1, elements), ("linear", 0.5, elements)],
+        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
+    )
+    return bar_scene(
+        *(run or ("full",)),
+        bar=mesh,
+        time={"cycles": cycles, "steps_per_cycle": steps},
+        reduction={"reference": reference},
+        output=output,
+    )
+
+
+def in_plan(
+    *run: str, elements: int = 20, cycles: int = 1, steps: int = 150, **output: Any
+) -> Scene:
+    corners = {f"at {k}": (LENGTH, WIDTH * (k % 3) / 2) for k in range(9)}
+    return plate_scene(
+        *(run or ("full",)),
+        mesh=plate(elements, points=corners),
+        time={"cycles": cycles, "steps_per_cycle": steps},
+        reduction={"modes": 8},
+        output=output,
+    )
+
+
+CASES: dict[str, Callable[[], Scene]] = {
+    "points": lambda: bar(cycles=600),
+    "two models": lambda: bar(*BOTH, cycles=300),
+    "fields": lambda: bar(elements=500, cycles=5, steps=100, vtk=True, frames=500),
+    "training": lambda: bar(
+        *BOTH, elements=200, cycles=3, steps=600, reference="self", history=False
+    ),
+    "nodes": lambda: bar(elements=6000, cycles=1, steps=10, history=False),
+    "cycles": lambda: bar(cycles=3000, steps=10, history=False),
+    "plate, points": lambda: in_plan(
+        elements=2, cycles=8, steps=100, points=["right", "top", *(f"at {k}" for k in range(9))]
+    ),
+    "plate, fields": lambda: in_plan(vtk=True, frames=150, history=False),
+    "plate, training": lambda: in_plan(*BOTH, history=False),
+    "plate, nodes": lambda: in_plan(elements=200, steps=10, history=False),
+}
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compile, and load what solves and writes, which takes memory of its own."""
+    folder = tmp_path_factory.mktemp("out")
+    for make in (bar, in_plan):
+        small: Any = {"elements": 4, "cycles": 1, "steps": 50, "vtk": True, "frames": 2}
+        write(run_scene(make(*BOTH, **small)), folder)
+
+
+@pytest.mark.usefixtures("loaded")
+@pytest.mark.parametrize("case", CASES)
+def test_the_estimate_bounds_what_a_run_takes_and_is_not_far_above(
+    case: str, tmp_path: Path
+) -> None:
+    tracemalloc.start()
+    try:
+        scene = CASES[case]()
+        write(run_scene(scene), tmp_path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak <= memory.needed(scene).total <= (4 if "plate" in case else 3) * peak
+
+
+@pytest.mark.parametrize(
+    ("scene", "named", "not_named"),
+    [
+        (
+            lambda: bar(cycles=10_000),
+            ["output.every", "output.history = false"],
+            ["vtk", "frames", "reference"],
+        ),
+        (
+            lambda: bar(*BOTH, cycles=10_000),
+            ["output.every"],
+            ["output.history", "reference"],
+        ),
+        (
+            lambda: bar(elements=2000, cycles=10, vtk=True, frames=2000),
+            ["output.frames", "output.vtk = false"],
+            ["output.every", "output.history"],
+        ),
+        (
+            lambda: bar(*BOTH, elements=500, cycles=3, steps=4000, reference="self"),
+            ['reduction.reference = "paper"'],
+            ["output.frames"],
+        ),
+        (lambda: bar(elements=100_000, cycles=1, steps=10), ["coarser mesh"], ["output."]),
+    ],
+)
+def test_the_options_named_are_those_that_store_less(
+    scene: Callable[[], Scene], named: list[str], not_named: list[str]
+) -> None:
+    dear = scene()
+    with pytest.raises(InputError) as caught:
+        memory.check(dear, 0.5 * memory.needed(dear).total)
+    text = str(caught.value)
+    assert all(word in text for word in named)
+    assert not any(word in text for word in not_named)
+
+
+def test_a_long_run_is_refused_with_a_stride_that_fits() -> None:
+    limit = 20 * MIB
+    dear = bar(cycles=5_000_000)
+    with pytest.raises(InputError) as caught:
+        memory.check(dear, limit)
+    (text,) = caught.value.problems
+    assert f"would need {memory.size(memory.needed(dear).total)}" in text
+    assert "more than the 20 MiB" in text
+    assert "histories of points" in text
+    dear = bar(cycles=10_000)
+    with pytest.raises(InputError) as caught:
+        memory.check(dear, limit)
+    every = re.search(r"output\.every = (\d+)", str(caught.value))
+    assert every is not None
+    fitting = dear.changed(output={"every": int(every[1])})
+    assert memory.check(fitting, limit).total <= limit
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match=r"--memory-limit: found .* must be > 0"):
+            memory.check(fitting, wrong)
+
+
+def test_the_bound_is_a_share_of_what_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available", lambda: 10 * memory.GIB)
+    assert memory.default_limit() == 8 * memory.GIB
+    monkeypatch.setattr(memory, "available", lambda: None)
+    assert memory.default_limit() == 4 * memory.GIB
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("MemTotal: 9 kB\nMemAvailable:   2048 kB\nSwapFree: 0 kB\n", 2 * MIB),
+        ("MemTotal: 9 kB\n", None),
+        ("MemAvailable: much kB\n", None),
+        ("nothing of the kind", None),
+        (None, None),
+    ],
+)
+def test_available_memory_as_the_system_says(
+    text: str | None, expected: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(*_: object, **__: object) -> str:
+        if text is None:
+            raise FileNotFoundError
+        return text
+
+    monkeypatch.setattr(Path, "read_text", read)
+    assert memory.available() == expected

@@ -1,0 +1,511 @@
+"""Scenes to results: full and reduced models of every dimension, active parts, warnings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_scenes import (
+    ELEMENTS,
+    LENGTH,
+    MU,
+    THICKNESS,
+    WIDTH,
+    bar_scene,
+    harmonic,
+    joint,
+    plate,
+    plate_scene,
+    two_plates,
+)
+
+from skfem_joint.analysis import study as study_module
+from skfem_joint.analysis.history import Errors
+from skfem_joint.analysis.study import (
+    Study,
+    friction_energy_by_joint,
+    friction_work,
+    run_scene,
+    shared_work,
+)
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.mesh import build_bar, build_box
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.recording import Run
+
+GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
+MULTI_HARMONIC = {
+    "on": "free_end",
+    "kind": "multi_harmonic",
+    "components": [
+        {"amplitude": 60e3, "frequency": 300.0},
+        {"amplitude": 20e3, "frequency": 900.0, "phase": 0.5},
+    ],
+}
+
+
+def run_bar(*run: str, **changes: Any) -> Study:
+    return run_scene(bar_scene(*run, **changes))
+
+
+def paper(**options: Any) -> dict[str, Any]:
+    return {"reference": "paper"} | options
+
+
+@pytest.fixture(scope="module")
+def structure_study() -> Study:
+    return run_bar(output={"vtk": True, "frames": 50})
+
+
+@pytest.fixture(scope="module")
+def plates_study() -> Study:
+    return run_scene(two_plates(output={"vtk": True, "frames": 10}, reduction={"modes": 10}))
+
+
+def errors_of(results: Study) -> Errors:
+    errors = results.models["reduced"].errors
+    assert errors is not None
+    return errors
+
+
+def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float = 1.0) -> None:
+    errors = errors_of(results)
+    assert abs(errors.peak_displacement or 0.0) <= peak
+    assert abs(errors.friction_energy_per_cycle or 0.0) <= energy
+    assert errors.displacement_rms <= rms
+
+
+def test_case_i_full_and_reduced() -> None:
+    long = build_bar([("joint", 0.5, 100)], {"fixed": 0.0, "free_end": 0.5})
+    results = run_bar(bar=long, load=[harmonic(amplitude=437.5e3, frequency=2000.0)])
+    full = results.models["full"].run
+    assert full.cycles.peak[-1] == pytest.approx([7.14e-4], rel=3e-3)
+    assert full.cycles.input[-1, 0] == pytest.approx(681.0, rel=3e-3)
+    assert results.models["reduced"].modes == results.models["reduced"].run.system.n == 5
+    errors = errors_of(results)
+    assert errors.loop_energy_per_cycle is not None
+    assert abs(errors.loop_energy_per_cycle) <= 0.012
+    check_errors(results, 0.01, 1.0, 0.015)
+    assert results.models["reduced"].active_length["joint"] == pytest.approx(0.306, abs=0.005)
+
+
+def test_structure_full_and_reduced(structure_study: Study) -> None:
+    reduced = structure_study.models["reduced"]
+    assert reduced.run.system.n == 8
+    assert reduced.run.system.contact_points == 20
+    check_errors(structure_study, 2e-3)
+    assert errors_of(structure_study).by_point["free_end"][0] <= 2e-3
+    assert reduced.basis is not None
+    (zone,) = reduced.basis.zones
+    assert (zone.joint, zone.source) == ("joint", "probe")
+    assert structure_study.models["full"].modes is None
+    said = " ".join(structure_study.warnings)
+    assert not any(words in said for words in ("slip as a whole", "steady", GROSS, LARGE))
+
+
+@pytest.mark.parametrize("what", ["structure_study", "plates_study"])
+def test_energy_balances_close_and_joints_add_up(what: str, request: pytest.FixtureRequest) -> None:
+    results: Study = request.getfixturevalue(what)
+    for model in results.models.values():
+        assert model.run.energy_residual < 1e-9
+        friction = model.run.friction_work.sum()
+        assert 0.0 < friction < model.run.input_work.sum()
+        by_joint = friction_energy_by_joint(results, model)
+        assert sum(by_joint.values()) == pytest.approx(friction, rel=1e-9)
+        work = friction_work(results, model)
+        assert work.shape[1] == results.system.w.size
+        joints = work @ shared_work(results).T
+        assert np.all(np.diff(joints, axis=0) >= -1e-9 * friction)
+        assert joints[-1].tolist() == pytest.approx(list(by_joint.values()), rel=1e-9)
+
+
+def test_full_model_matches_the_paper_with_a_steep_law() -> None:
+    results = run_bar("full", joint=[joint(beta=1e7)])
+    assert results.models["full"].run.cycles.friction[-1] == pytest.approx(3.09, rel=0.01)
+
+
+#: Scenes of bars whose reduced models err by no more than: peak, friction energy, history.
+SOUND: dict[str, tuple[dict[str, Any], tuple[float, float, float]]] = {
+    "friction at every node": ({"reduction": paper(friction_points="all")}, (2e-3, 0.05, 0.05)),
+    "load spread along a region": ({"load": [harmonic("linear")]}, (5e-3, 0.05, 0.05)),
+    "several harmonics": (
+        {"load": [MULTI_HARMONIC], "time": {"cycles": 6}},
+        (5e-3, 0.05, 0.03),
+    ),
+    "joint pulled at both ends": (
+        {
+            "bar": "inner_joint",
+            "load": [harmonic("mouth", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)],
+            "time": {"cycles": 6},
+        },
+        (5e-3, 0.05, 0.05),
+    ),
+    "joint pulled at one end": (
+        {
+            "bar": "inner_joint",
+            "load": [harmonic(frequency=300.0)],
+            "time": {"cycles": 6},
+            "output": {"every": 10},
+        },
+        (5e-3, 0.05, 0.03),
+    ),
+    # 0.3 mm of slip, while elements are 1 mm or 25 mm long.
+    "little slip": ({"load": [harmonic(amplitude=500.0)], "time": {"cycles": 3}}, (0.01, 1.0, 1.0)),
+    "little slip on few elements": (
+        {"bar": "coarse", "load": [harmonic(amplitude=500.0)], "time": {"cycles": 3}},
+        (0.01, 1.0, 1.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_reduced_models_follow_the_full_ones(name: str) -> None:
+    changes, allowed = SOUND[name]
+    check_errors(run_bar(**changes), *allowed)
+
+
+def test_more_modes_err_less(structure_study: Study) -> None:
+    five, fifteen = errors_of(structure_study), errors_of(run_bar(reduction=paper(modes=15)))
+    for name in ("friction_energy_per_cycle", "peak_displacement", "displacement_rms"):
+        assert abs(getattr(fifteen, name)) < 0.4 * abs(getattr(five, name))
+    assert abs(fifteen.friction_energy_per_cycle or 1.0) < 0.015
+
+
+def test_full_rank_basis_is_the_full_model() -> None:
+    options = {"reference": "self", "modes": 14, "friction_points": "all", "beta": 1e5}
+    results = run_bar(bar="coarse", time={"cycles": 3}, reduction=options)
+    assert results.models["reduced"].run.system.n == results.system.n == 14
+    errors = errors_of(results)
+    assert errors.displacement_max < 1e-7
+    assert errors.friction_energy is not None
+    assert abs(errors.friction_energy) < 1e-7
+
+
+def test_full_model_alone_is_integrated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise AssertionError("a scene with the full model alone must not come here")
+
+    monkeypatch.setattr(study_module, "make_basis", refuse)
+    calls = []
+    real = study_module.integrate
+    monkeypatch.setattr(
+        study_module, "integrate", lambda *args, **kw: (calls.append(1), real(*args, **kw))[1]
+    )
+    results = run_bar("full", time={"cycles": 2})
+    assert list(results.models) == ["full"]
+    assert len(calls) == 1
+
+
+def test_reduced_model_alone_is_not_compared(structure_study: Study) -> None:
+    results = run_bar("reduced")
+    model = results.models["reduced"]
+    assert list(results.models) == ["reduced"]
+    assert model.errors is None
+    assert model.run.peak == pytest.approx(structure_study.models["reduced"].run.peak, rel=1e-12)
+    assert set(model.active_area_fraction) == {"joint"}
+
+
+@pytest.mark.parametrize(
+    ("limit", "pressure", "bar"), [(175e3, 50e6, "structure"), (70e3, 8e6, "lap_joint")]
+)
+@pytest.mark.parametrize("frequency", [100.0, 0.1])
+def test_gross_slip_of_a_bar_warns_at_every_frequency(
+    limit: float, pressure: float, bar: str, frequency: float
+) -> None:
+    def said(share: float) -> bool:
+        results = run_bar(
+            "full",
+            bar=bar,
+            load=[harmonic(amplitude=share * limit, frequency=frequency)],
+            joint=[joint(pressure=pressure, law="coulomb")],
+            time={"cycles": 2},
+        )
+        return any(one.startswith("Every point of joint 'joint'") for one in results.warnings)
+
+    assert not said(0.8)
+    assert said(1.2)
+
+
+def sliding_plate(amplitude: float, frequency: float = 1000.0, *run: str) -> Scene:
+    """Plate that friction alone holds in x."""
+    return plate_scene(
+        *(run or ("full",)),
+        mesh=plate(5),
+        load=[harmonic("right", amplitude, frequency) | {"direction": [1.0, 0.0]}],
+        support={"fixed_y": ["joint"]},
+    )
+
+
+def test_gross_slip_of_a_plate_warns_at_every_frequency() -> None:
+    limit = MU * 8e6 * WIDTH * LENGTH
+    said = run_scene(sliding_plate(1.2 * limit)).warnings
+    assert any(GROSS in one for one in said)
+    assert not any(LARGE in one for one in said)
+    slow = run_scene(sliding_plate(1.2 * limit, 0.01)).warnings
+    assert any(GROSS in one for one in slow)
+    (large,) = [one for one in slow if LARGE in one]
+    assert "more than a tenth of the structure's 0.25 m" in large
+    assert not any(GROSS in one for one in run_scene(sliding_plate(20e3)).warnings)
+
+
+def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told() -> None:
+    note = "Edges were made straight."
+    results = run_scene(
+        plate_scene(
+            mesh=replace(plate(4), notes=(note,)),
+            time={"cycles": 1, "steps_per_cycle": 40},
+            reduction={"active_length": 0.1, "modes": 4},
+        )
+    )
+    assert note in results.warnings
+    unsteady = " ".join(run_bar(time={"cycles": 2}).warnings)
+    assert len(re.findall("has not reached a steady state", unsteady)) == 2
+    assert any("reduction.active_length has no effect" in one for one in results.warnings)
+
+
+def test_two_joints_each_have_their_active_length_and_energy() -> None:
+    results = run_bar(
+        bar="two_joints",
+        joint=[joint("left"), joint("right")],
+        load=[harmonic("centre", 150e3)],
+        time={"cycles": 6},
+    )
+    # The far end of a joint, at rest, does not count.
+    check_errors(results, 5e-3, 0.05, 0.03)
+    model = results.models["reduced"]
+    # Symmetric but for the fixed node.
+    assert model.active_length["left"] == pytest.approx(model.active_length["right"], rel=0.02)
+    assert model.active_length["left"] == pytest.approx(0.5 * 150e3 / 1.75e6, rel=0.1)
+    for one in results.models.values():
+        energy = friction_energy_by_joint(results, one)
+        assert energy["left"] == pytest.approx(energy["right"], rel=0.03)
+        assert sum(energy.values()) == pytest.approx(one.run.friction_work.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"load": [harmonic(amplitude=0.0)]}, r"nothing moves|no force|loads are zero"),
+        (
+            {"load": [harmonic(amplitude=0.0)], "reduction": {"reference": "self"}},
+            "nothing moves",
+        ),
+        ({"joint": [joint(pressure=0.0)]}, r"needs friction in a joint|no force enters any joint"),
+        ({"reduction": paper(modes=10**6)}, r"reduction\.modes: found 1000000, must be"),
+        ({"load": [harmonic("joint")]}, "a load acts inside it"),
+    ],
+)
+def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
+    changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        run_bar(bar="coarse", **({"time": {"cycles": 1}} | changes))
+    results = caught.value.results
+    assert list(results.models) == ["full"]
+    assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
+
+
+def test_impulse_stays_below_the_errors_of_the_paper() -> None:
+    pulse = {"on": "free_end", "kind": "triangle", "peak": 87.5e3, "rise_time": 4e-5}
+    results = run_bar(load=[pulse], time={"duration": 3e-3, "step": 2e-6})
+    errors = errors_of(results)
+    assert errors.friction_energy_per_cycle is None
+    assert errors.by_point["free_end"][1] <= 0.023  # section 7.4
+    assert errors.by_point["junction"][1] <= 0.015
+    assert errors.friction_energy is not None
+    assert abs(errors.friction_energy) <= 0.03
+    assert results.models["full"].run.cycles.friction.size == 0
+
+
+def test_points_are_stored_as_asked_and_nothing_that_nobody_asked_for(
+    structure_study: Study,
+) -> None:
+    results = run_bar(output={"every": 10}, time={"cycles": 2})
+    for name, model in results.models.items():
+        stored, every = model.run, structure_study.models[name].run
+        assert stored.times == pytest.approx(every.times[:401:10], rel=1e-12)
+        assert np.allclose(stored.point_u, every.point_u[:401:10], rtol=0.0, atol=1e-12)
+    alone = run_bar("full", output={"history": False}, time={"cycles": 2}).models["full"].run
+    assert alone.point_u.size == alone.u.size == alone.sigma.size == 0
+    assert alone.peak.max() > 0.0
+
+
+@pytest.mark.parametrize("what", ["structure_study", "plates_study"])
+def test_fields_of_the_reduced_model_are_those_of_the_mesh(
+    what: str, request: pytest.FixtureRequest
+) -> None:
+    results: Study = request.getfixturevalue(what)
+    full, reduced = (results.models[name].fields() for name in ("full", "reduced"))
+    assert full[0].shape == reduced[0].shape
+    assert full[0].shape[1] == results.structure.n_nodes * results.structure.dim
+    assert np.abs(full[0] - reduced[0]).max() < 0.02 * np.abs(full[0]).max()
+    # Slips are the relative displacements of the nodes in contact, in their directions.
+    for model in results.models.values():
+        displacement = results.structure.unpacked(model.fields()[0])
+        slip = model.slips(results.system)[0]
+        for patch in results.structure.patches:
+            relative = patch.relative(displacement)
+            rows = results.system.first_row[patch.points]
+            along = np.einsum("fkx,kx->fk", relative, patch.directions[:, 0])
+            np.testing.assert_allclose(slip[:, rows], along, atol=1e-12 * np.abs(along).max())
+        assert np.abs(model.normalised_friction(results.system)).max() <= 1.0 + 1e-12
+
+
+def test_reduced_beta_follows_the_slip_velocity_and_is_told() -> None:
+    told = run_bar("reduced", time={"cycles": 2})
+    assert any("uses beta = " in warning for warning in told.warnings)
+    assert np.all(told.models["reduced"].run.system.beta < 1e5)
+    asked = run_bar("reduced", time={"cycles": 2}, reduction=paper(beta=2e4))
+    assert np.all(asked.models["reduced"].run.system.beta == 2e4)
+    assert not any("uses beta" in warning for warning in asked.warnings)
+
+
+@pytest.mark.parametrize("law", [{}, {"law": "coulomb"}], ids=["arctan", "coulomb"])
+def test_plate_without_poisson_effect_is_the_bar(law: dict[str, Any]) -> None:
+    contact = {"on": "joint", "pressure": 8e6, "friction": MU} | law
+    results = run_scene(plate_scene(joint=[contact]))
+    strut = run_bar(
+        "full",
+        bar=build_bar([("joint", LENGTH, ELEMENTS)], {"fixed": 0.0, "right": LENGTH}),
+        joint=[contact],
+        load=[harmonic("right", 63e3, 1000.0)],
+        time={"cycles": 3, "steps_per_cycle": 100},
+    )
+    full, bar = results.models["full"], strut.models["full"]
+
+    def energies(run: Run) -> list[float]:
+        return [run.cycles.friction[-1], run.cycles.input[-1, 0], run.friction_work.sum()]
+
+    assert energies(full.run) == pytest.approx(energies(bar.run), rel=1e-6)
+    peak = bar.run.peak_of("right")
+    assert full.run.peak_of("right") == pytest.approx(peak, rel=1e-6)
+    assert bar.active_length["joint"] / LENGTH == pytest.approx(
+        full.active_area_fraction["joint"], abs=1.5 / ELEMENTS
+    )
+    assert bar.active_area_fraction["joint"] == pytest.approx(
+        full.active_area_fraction["joint"], rel=1e-9
+    )
+    assert full.active_length == {}
+    assert results.models["reduced"].modes == 12
+    check_errors(results, 0.01, 0.02)
+
+
+def test_reduced_plates_follow_the_full_ones(plates_study: Study) -> None:
+    check_errors(plates_study, 0.02, 0.1, 0.02)
+    assert 0.0 < plates_study.models["full"].active_area_fraction["upper_joint"] <= 1.0
+
+
+def test_modes_of_the_paper_laid_along_the_axis_of_a_joint() -> None:
+    contact = {"on": "joint", "pressure": 8e6, "friction": MU, "axis": [-1.0, 0.0]}
+    load = [harmonic("right", 30e3, 1000.0) | {"direction": [1.0, 0.0]}]
+    active = []
+    for length in ({}, {"active_length": 0.15}, {"active_length": {"joint": 0.15}}):
+        options = paper(modes=5, **length)
+        results = run_scene(plate_scene(joint=[contact], load=load, reduction=options))
+        check_errors(results, 0.05, 1.0)
+        active.append(results.models["reduced"].active_length["joint"])
+    assert active[1:] == [0.15, 0.15]
+    # 30 kN over the friction limit per length, 0.7 * 8 MPa * 0.05 m, is 0.107 m.
+    expected = 30e3 / (MU * 8e6 * WIDTH)
+    assert active[0] == pytest.approx(expected, rel=0.3)
+    # The full model's, of the last run, is measured along the same axis.
+    assert results.models["full"].active_length["joint"] == pytest.approx(expected, rel=0.3)
+
+
+class StopAt:
+    """Progress that interrupts a model at its n-th call, as Ctrl-C does."""
+
+    def __init__(self, label: str, call: int) -> None:
+        self.label, self.left = label, call
+
+    def __call__(self, label: str, done: int, total: int) -> None:
+        self.left -= label == self.label
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("output", [{}, {"history": False}])
+def test_interrupted_study_holds_what_was_done(output: dict[str, Any]) -> None:
+    run = ("full", "reduced") if not output else ("full",)
+    scene = bar_scene(*run, time={"cycles": 60}, output=output)
+    results = run_scene(scene, StopAt("full model", 2))
+    assert results.interrupted
+    assert list(results.models) == ["full"]
+    stopped = results.models["full"].run
+    assert stopped.interrupted
+    done = stopped.counters.steps
+    assert 0 < done < scene.n_steps
+    assert stopped.times.size == (done + 1 if not output else 0)
+    assert stopped.cycles.friction.size == done // 200
+    assert f"full model at t = {done * scene.time_step:.6g} s" in results.warnings[-1]
+
+
+def test_study_interrupted_in_its_second_model_keeps_the_first() -> None:
+    results = run_scene(bar_scene(time={"cycles": 60}), StopAt("reduced model", 2))
+    assert results.interrupted
+    full, reduced = results.models.values()
+    assert full.run.counters.steps == 60 * 200 > reduced.run.counters.steps > 0
+    assert reduced.errors is None
+
+
+def test_interruption_while_the_modes_are_made_is_not_swallowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_module, "make_basis", stop)
+    results = run_bar(time={"cycles": 2})
+    assert results.interrupted
+    assert list(results.models) == ["full"]
+    monkeypatch.setattr(study_module, "make_basis", stop)
+    with pytest.raises(KeyboardInterrupt):
+        run_bar("reduced", time={"cycles": 2})
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (bar_scene("full"), r"step 7 .* node 200, at \(0\.6\) m\.$"),
+        (plate_scene("full", mesh=plate(4)), r"step 7 .* node 12, at \(0\.25, 0\) m\.$"),
+    ],
+    ids=["bar", "plate"],
+)
+def test_step_that_does_not_converge_names_the_place(
+    scene: Scene, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unknown = int(np.flatnonzero(scene.system().loads[0].vector)[0])
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
+
+    monkeypatch.setattr(study_module, "integrate", fail)
+    with pytest.raises(ConvergenceError, match=words) as caught:
+        run_scene(scene)
+    assert caught.value.exit_status == 3
+
+
+def test_a_solid_is_run_by_the_same_functions() -> None:
+    box = build_box([("body", 0.1, 4)], (WIDTH, THICKNESS), (2, 1))
+    results = run_scene(
+        plate_scene(
+            mesh=box,
+            section={},
+            material={"E": 200e9, "density": 8000.0, "poisson": 0.3},
+            joint=[{"on": "front", "pressure": 8e6, "friction": MU}],
+            load=[harmonic("right", 14e3, 1000.0) | {"direction": [1.0, 0.0, 0.0]}],
+            time={"cycles": 1, "steps_per_cycle": 40},
+            output={"vtk": True, "frames": 4},
+            reduction={"modes": 6},
+        )
+    )
+    for model in results.models.values():
+        assert model.fields()[0].shape == (5, 3 * results.structure.n_nodes)
+        assert model.run.energy_residual < 1e-9
+        energy = friction_energy_by_joint(results, model)["front"]
+        assert energy == pytest.approx(model.run.friction_work.sum(), rel=1e-9)
+    assert 0.0 < results.models["full"].active_area_fraction["front"] <= 1.0
+    assert results.models["full"].active_length == {}

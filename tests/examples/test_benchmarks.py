@@ -1,0 +1,267 @@
+"""Competitors solve the same equations; benchmarks run; two plates do what their page says."""
+
+from __future__ import annotations
+
+import csv
+import re
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks import growth, plates, ready_made
+from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
+from benchmarks.integrators import FORMS, Form, Solution, Task, solve
+
+from skfem_joint.analysis import error_time as et
+from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar
+from skfem_joint.scene import Scene, scene_from
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
+
+
+def small(**joint: Any) -> Scene:
+    """The reference system of the paper with ten elements and a gentle law."""
+    values = {"on": "joint", "pressure": 8e6, "friction": 0.7, "beta": 1e3}
+    tables = {
+        "title": "small",
+        "material": {"E": 200e9, "density": 8000.0},
+        "section": {"width": 0.05, "thickness": 0.01},
+        "support": {"fixed": ["fixed"]},
+        "joint": [values | joint],
+        "damping": {"stiffness": 1e-5},
+        "load": [{"on": "free_end", "kind": "harmonic", "amplitude": 63e3, "frequency": 1000.0}],
+        "time": {"cycles": 2, "steps_per_cycle": 50},
+        "models": {"run": ["full"]},
+        "output": {"points": ["free_end"]},
+    }
+    mesh = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
+    return scene_from(tables, mesh)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Reference:
+    return make_reference(small(), quick=True)
+
+
+def test_samples_give_the_energies_that_steps_add_up(truth: Reference) -> None:
+    run = truth.grid.integrate(truth.system, truth.parts, fields=ready_made.SAMPLES)
+    found = difference(truth.results, ready_made.sampled(truth, run.u, run.v))
+    assert (found["displacement_rms"] or 0.0) < 1e-4
+    assert (found["friction_energy"] or 0.0) < 2e-3
+    assert (found["loop_energy"] or 0.0) < 2e-3
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
+def test_ready_made_integrators_solve_the_same_equations(form: Form, truth: Reference) -> None:
+    tolerance = {"Radau": 1e-2, "BDF": 1e-4}.get(form.name, 1e-5)
+    model = FirstOrder(lumped(truth.system) if form.is_lumped else truth.system)
+    times = ready_made.sample_times(truth)
+    absolute = ready_made.ABSOLUTE * tolerance * np.tile([1e-4, 0.5], truth.system.n)
+    found = solve(Task(form, model, times, tolerance, absolute, bound=30.0))
+    assert isinstance(found, Solution), found
+    ours = truth.grid.integrate(model.system, 256).point_u
+    theirs = found.y[:: ready_made.SAMPLES, ::2] @ model.system.P.T
+    error = np.linalg.norm(theirs - ours) / np.linalg.norm(ours)
+    assert error < max(10.0 * tolerance, 5e-5)
+
+
+def test_jacobians_are_derivatives(truth: Reference) -> None:
+    n, c = 2 * truth.system.n, 3e4
+    generator = np.random.default_rng(1)
+    y = generator.normal(size=n) * np.where(np.arange(n) % 2, 1e-3, 1e-6)
+    rate = generator.normal(size=n)
+    steps = np.where(np.arange(n) % 2, 1e-7, 1e-9)
+
+    def difference_of(function: Any, shift: float) -> np.ndarray:
+        columns = []
+        for e in np.diag(steps):
+            ends = np.zeros((2, n))
+            for sign, out in zip((1.0, -1.0), ends, strict=True):
+                function(1e-4, y + sign * e, rate + sign * shift * e, out)
+            columns.append((ends[0] - ends[1]) / (2.0 * e.max()))
+        return np.array(columns).T
+
+    model, light = FirstOrder(truth.system), FirstOrder(lumped(truth.system))
+    rates = light.rates()
+    square, bands = np.zeros((n, n)), np.zeros((LOWER + UPPER + 1, n))
+    model.residual_jacobian()(y, c, square)
+    wanted = difference_of(model.residual(), c)
+    np.testing.assert_allclose(wanted, square, atol=1e-6 * np.abs(square).max())
+    light.rate_jacobian(square=True)(y, square)
+    wanted = difference_of(lambda t, a, b, out: rates(t, a, out), 0.0)
+    np.testing.assert_allclose(wanted, square, atol=1e-6 * np.abs(square).max())
+    light.rate_jacobian(square=False)(y, bands)
+    for k in range(-LOWER, UPPER + 1):
+        row = bands[UPPER - k, max(k, 0) : n + min(k, 0)]
+        np.testing.assert_array_equal(np.diagonal(square, k), row)
+    # The rates make the residual vanish.
+    found, left = np.zeros((2, n))
+    rates(2e-4, y, found)
+    light.residual()(2e-4, y, found, left)
+    assert np.abs(left).max() < 1e-12 * np.abs(light.system.M @ found[1::2]).max()
+
+
+def test_competitor_beyond_the_bound_is_listed_as_such(truth: Reference) -> None:
+    jobs = ready_made.ready_made_jobs(small(), truth, 1e-3, [Form("BDF", (1e-4, 1e-6, 1e-8))])
+    found = et.measure(jobs, truth, repeats=1)
+    assert found[0].outcome.status == "did not finish in 0.001 s"
+    assert all(p.outcome.status.startswith("not tried") for p in found[1:])
+    assert not any(p.counts for p in found)
+
+
+def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(
+    truth: Reference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ready_made.importlib.util, "find_spec", lambda _: None)
+    (job,) = ready_made.ready_made_jobs(small(), truth, 1.0, [Form("IDA", (1e-4,))])
+    assert "skfem-joint[bench]" in job.run().status
+    coulomb = replace(truth, system=truth.system.with_beta(np.inf))
+    assert list(ready_made.ready_made_jobs(small(), coulomb, 1.0)) == []
+    assert list(ready_made.explicit_jobs(small(), coulomb)) == []
+    with pytest.raises(InputError, match="set-valued"):
+        FirstOrder(coulomb.system)
+
+
+def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth: Reference) -> None:
+    gentle = replace(truth, system=truth.system.with_beta(20.0))
+    own = results(truth.grid.integrate(gentle.system, 256))
+    for longest, status in ((np.inf, et.FINISHED), (0.0, "extrapolated")):
+        (job,) = ready_made.explicit_jobs(small(), gentle, longest)
+        found = job.run()
+        assert found.status == status
+        if found.results is not None:
+            assert (difference(own, found.results)["displacement_rms"] or 0.0) < 1e-3
+
+
+def test_coarse_mesh_keeps_regions_and_points() -> None:
+    points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
+    bar = build_bar([("joint", 0.1, 40), ("linear", 0.5, 100)], points)
+    coarse = ready_made.coarsened(bar, 12)
+    assert coarse.n_elements == 12
+    for name, at in points.items():
+        assert coarse.mesh.p[0, coarse.points[name]] == pytest.approx(at, abs=1e-12)
+    np.testing.assert_array_equal(coarse.regions["joint"], [0, 1])
+    np.testing.assert_array_equal(coarse.regions["linear"], np.arange(2, 12))
+    np.testing.assert_allclose(coarse.coordinates[-1], bar.coordinates[-1])
+
+
+def test_time_at_an_error_follows_the_logarithms() -> None:
+    points: Any = [
+        SimpleNamespace(wall_s=wall, counts=True, error=lambda name, error=error: error)
+        for wall, error in ((1e-3, 1e-2), (1e-2, 1e-4), (5e-2, 1e-3))
+    ]
+    assert ready_made.time_at(points, 1e-3) == pytest.approx(10**-2.5)
+    assert ready_made.time_at(points, 1e-1) == 1e-3
+    assert ready_made.time_at(points, 1e-5) is None
+
+
+def test_the_report_joins_competitors_to_our_models(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ready_made, "load_scene", lambda _: small(beta=200.0))
+    monkeypatch.setattr(ready_made, "COARSE", (5,))
+    few = {"parts": (1, 4), "reduced_parts": (2,), "factors": (10.0,), "modes": (2,)}
+    monkeypatch.setattr(et, "QUICK", few)
+    assert ready_made.main(["a.toml", "--out", str(tmp_path), "--quick"]) == 0
+    assert "full, arctan / ready-made, error 1e-03" in capsys.readouterr().out
+    with (tmp_path / "error-time.csv").open(newline="") as stream:
+        families = {row["family"] for row in csv.DictReader(stream)}
+    made = {f"ready-made {form.name}" for form in FORMS}
+    assert families >= {et.FULL, et.COULOMB, et.OTHER_MESH, ready_made.EXPLICIT, *made}
+    assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
+
+
+def test_benchmarks_of_steps_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(growth, "SIZES", ((20, 5, 1), (40, 5, 1)))
+    assert growth.main(["--quick"]) == 0
+    monkeypatch.setattr(plates, "QUICK", (((8, 4, 0.25), (12, 2, 0.05)),))
+    assert plates.main(["--quick"]) == 0
+    text = capsys.readouterr().out
+    assert len(re.findall(r"^ +[24]0  (arctan|Coulomb)", text, re.MULTILINE)) == 4
+    assert "times faster; error of the free end" in text
+    assert text.count("refactoring each iteration") == 2
+    assert text.count("reduced, 5 modes") == 2
+
+
+# The two plates of Fig. 18
+
+
+@pytest.fixture(scope="module")
+def example() -> dict[str, Any]:
+    return runpy.run_path(str(EXAMPLES / "two_plates.py"))
+
+
+@pytest.fixture(scope="module")
+def struts(example: dict[str, Any]) -> list[Any]:
+    models = [example[name]() for name in ("strut_b", "strut_a", "strut_in_series")]
+    return [example["run_all"](model) for model in models]
+
+
+def row(name: str) -> list[float]:
+    """Numbers of a row of the page's table."""
+    line = next(line for line in PAGE.splitlines() if line.startswith(f"| {name} |"))
+    cells = (re.match(r" *([\d.]+)", cell) for cell in line.split("|")[2:-1])
+    return [float(cell.group(1)) if cell else np.nan for cell in cells]
+
+
+def test_the_page_has_the_numbers_of_the_struts(example: dict[str, Any], struts: list[Any]) -> None:
+    for result in struts:
+        model = result.model
+        resonance, end, friction, active, _, pulse = row(model.name)
+        slipping = example["active_lengths"](model, result.coulomb)[0]
+        assert example["resonance"](model, result.coulomb) == pytest.approx(resonance, abs=1)
+        assert 1e6 * np.abs(result.ends[0]).max() == pytest.approx(end, abs=0.1)
+        assert model.lost(result.harmonic) == pytest.approx(friction, abs=2e-3)
+        assert 1e3 * slipping == pytest.approx(active, abs=0.1)
+        assert model.lost(result.pulse) == pytest.approx(pulse, abs=2e-3)
+
+
+def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_as_lossy(
+    struts: list[Any],
+) -> None:
+    simple, whole, half = struts
+    for one, other in zip(half.ends, whole.ends, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())
+    lost = [result.model.lost(result.pulse) for result in (half, whole)]
+    assert lost[0] == pytest.approx(lost[1], rel=1e-6)
+    ratio = np.abs(simple.ends[0]).max() / np.abs(whole.ends[0]).max()
+    assert ratio == pytest.approx(0.945, abs=0.003)
+    losses = simple.model.lost(simple.harmonic) / whole.model.lost(whole.harmonic)
+    assert losses == pytest.approx(4.0, abs=0.05)
+
+
+def test_a_slow_load_meets_the_closed_form(
+    example: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    models = [example[name](100, 10) for name in ("strut_b", "strut_a")]
+    example["print_slow"]({model.name: (model, example["slow"](model)) for model in models})
+    lines = capsys.readouterr().out.splitlines()[2:]
+    assert len(lines) == 2
+    for line in lines:
+        numbers = [float(number) for number in re.findall(r"\d+\.\d+", line)]
+        np.testing.assert_allclose(numbers[0:6:2], numbers[1:6:2], rtol=0.01)
+        assert numbers[6] == pytest.approx(numbers[7], abs=1.5)
+
+
+def test_pulled_plates_are_antisymmetric(example: dict[str, Any]) -> None:
+    """In plan view, where nodes match: turned about the joint's middle the plates change places."""
+    model = example["plate_a"]()
+    save = example["Save"](fields=True)
+    run = example["integrate"](model.system, step=2e-5, n_steps=10, save=save)
+    nodes, body = model.structure.nodes, model.structure.body
+    turned = np.array([1.2, 0.05]) - nodes
+    u = model.structure.expand(run.u)[-1]
+    order, other = (np.lexsort(np.round(x, 6).T[::-1]) for x in (nodes, turned))
+    for upper, lower in ((0, 1), (1, 0)):
+        here, there = order[body[order] == upper], other[body[other] == lower]
+        np.testing.assert_allclose(nodes[here], turned[there], atol=1e-9)
+        np.testing.assert_allclose(u[here], -u[there], atol=1e-7 * np.abs(u).max())

@@ -1,0 +1,303 @@
+"""The check on stiff and extreme cases: what it lets pass, what it does not, what it writes."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from stability import judge as judging
+from stability import references, report, run
+from stability.cases import BAR, PLATE, matrix, quick_matrix
+from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
+from stability.makers import system_of
+from stability.problem import ONE, TWO, UNITS, Case
+
+from skfem_joint.analysis.history import hysteresis_loop
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.stepping import chain, steppers
+from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+from skfem_joint.stepping.integrate import integrate
+
+EASY = replace(BAR, elements=(20,), periods=2)
+SMALL = replace(PLATE, steps=20)
+
+
+def values(cases: list[Case], name: str) -> set[Any]:
+    return {getattr(case, name) for case in cases}
+
+
+def test_matrix_has_enough_cases_of_every_axis_and_each_once() -> None:
+    bars = [case for case in matrix() if not case.is_plate]
+    plates = [case for case in matrix() if case.is_plate]
+    assert (len(bars), len(plates)) == (1045, 342)
+    assert all(len(set(cases)) >= 0.95 * len(cases) for cases in (bars, plates))
+    for name, wanted in (
+        ("beta", {1e2, 1e5, 1e12, inf}),
+        ("frequency", {0.1, 5e4}),
+        ("share", {0.01, 0.999, 1.0, 1.2}),
+        ("elements", {(1,), (20_000,)}),
+        ("grading", {1.0, 1e4}),
+        ("rho", {0.0, 0.5, 0.8, 1.0}),
+    ):
+        assert values(bars, name) >= wanted
+    for name, wanted in (
+        ("beta", {1e3, 1e5, 1e9, inf}),
+        ("rho", {0.0, 0.5, 1.0}),
+        ("share", {1e-6, 1.0, 2.0}),
+        ("pressure", {1.0, 1e12}),
+        ("bodies", {*ONE, *TWO}),
+        ("aspect", {0.01, 100.0}),
+        ("stiffness_ratio", {1e-6, 1e6}),
+        ("model", {"full", "reduced", "hyper-reduced"}),
+    ):
+        assert values(plates, name) >= wanted
+    kinds = {(kind, order) for kind in ("triangle", "quadrilateral") for order in (1, 2)}
+    assert {(case.kind, case.order) for case in plates} == kinds
+    assert {(case.plane, case.poisson) for case in plates} >= {("strain", 0.499), ("stress", 0.0)}
+
+
+def test_a_quick_matrix_leaves_no_axis_out() -> None:
+    assert values(quick_matrix(), "axis") == values(matrix(), "axis") - {"drift"}
+
+
+@pytest.mark.parametrize(
+    ("case", "error"),
+    [
+        *((replace(EASY, beta=beta), 0.01) for beta in (1e2, 1e5, 1e12, inf)),
+        *((replace(SMALL, beta=beta, rho=0.5), 0.05) for beta in (1e3, 1e9)),
+        *((replace(SMALL, beta=beta), 0.05) for beta in (1e5, inf)),
+    ],
+)
+def test_easy_cases_are_right(case: Case, error: float) -> None:
+    verdict = judge(case)
+    assert verdict.outcome == RIGHT, verdict.reason
+    assert 0.0 < (verdict.error or 0.0) < error
+    assert verdict.energy is not None
+    assert verdict.energy < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("case", "against"),
+    [
+        (replace(EASY, friction=0.0, force=1e3, rho=0.5), "closed form"),
+        (replace(EASY, friction=0.0, force=1e3, frequency=5e3, damping=0.0), "closed form"),
+        (replace(EASY, axis="slow", beta=inf, frequency=0.1, steps=400), "closed form"),
+        (replace(SMALL, friction=0.0, force=1e3, steps=100), "closed form"),
+        *((replace(case, beta=inf, units=[*UNITS][-1]), "same in SI") for case in (EASY, SMALL)),
+        (replace(SMALL, beta=inf, turned=37.0), "same unturned"),
+        (replace(SMALL, axis="plate as bar", poisson=0.0, direction="along"), "the bar"),
+    ],
+)
+def test_known_answers_are_met(case: Case, against: str) -> None:
+    """Closed forms as far as the step goes; the same problem in another guise to round-off."""
+    verdict = judge(case)
+    assert verdict.outcome == RIGHT, verdict.reason
+    assert verdict.against == against
+    assert (verdict.error or 0.0) < (0.05 if against == "closed form" else 1e-9)
+
+
+def test_the_closed_form_of_the_resonant_oscillator_grows_without_damping() -> None:
+    case = replace(BAR, elements=(1,), friction=0.0, damping=0.0, force=1.0)
+    system = system_of(case)
+    omega = float(np.sqrt(system.K.toarray() / system.M.toarray())[0, 0])
+    case = replace(case, frequency=omega / 2.0 / np.pi)
+    times = np.linspace(0.0, 20.0 / case.frequency, 5)
+    u = references.linear_response(case, system_of(case), times)[:, 0]
+    expected = (np.sin(omega * times) - omega * times * np.cos(omega * times)) / 2.0
+    np.testing.assert_allclose(u, expected / system.K.toarray()[0, 0], rtol=1e-6, atol=1e-24)
+
+
+@pytest.mark.parametrize(("factor", "outcome"), [(0.99, RIGHT), (1.01, REFUSED), (2.0, REFUSED)])
+def test_the_explicit_method_is_right_up_to_its_stable_step(factor: float, outcome: str) -> None:
+    case = replace(BAR, elements=(2,), beta=30.0, periods=1, solver="explicit", frequency=5e3)
+    verdict = judge(replace(case, step_factor=factor, must_refuse=factor > 1.0))
+    assert verdict.outcome == outcome, verdict.reason
+
+
+def test_an_answer_where_only_a_refusal_is_right_is_wrong() -> None:
+    assert judge(replace(EASY, must_refuse=True)).outcome == WRONG
+
+
+def test_an_error_that_does_not_say_what_to_do_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise ConvergenceError("it did not converge")
+
+    monkeypatch.setattr(references, "integrate", refuse)
+    assert judge(EASY).outcome == WRONG
+
+
+# Steps that are broken on purpose, of bars: the state is damaged after each
+
+
+def _stuck_points_creep(state: Any, free: Any) -> None:
+    free.v[:1][np.abs(free.sigma[:1]) < 1.0] = 1e-12
+
+
+#: By what happens: what does it, and a word that the judge must say.
+BROKEN: dict[str, tuple[Callable[[Any, Any], Any], str | None]] = {
+    "velocity grows": (lambda state, free: np.multiply(state.v, 1.01, state.v), ""),
+    "displacement drifts": (lambda state, free: np.add(state.u, 1e-9, state.u), ""),
+    "friction pushes": (lambda state, free: free.sigma[:1].__imul__(-1.0), "against the slip"),
+    "limit is passed": (lambda state, free: free.sigma[:1].__imul__(1.001), "friction force"),
+    "stuck points creep": (_stuck_points_creep, "creep"),
+    "nothing": (lambda state, free: None, None),
+}
+
+
+@pytest.mark.parametrize("beta", [1e5, inf])
+@pytest.mark.parametrize("what", [*BROKEN])
+def test_a_broken_step_is_wrong_in_silence(
+    monkeypatch: pytest.MonkeyPatch, what: str, beta: float
+) -> None:
+    """Done step by step; where nothing is damaged that is right."""
+    real, (damage, reason) = steppers.CompiledStepper.advance, BROKEN[what]
+    if what == "stuck points creep" and beta < inf:
+        reason = ""  # under the arctan law all points creep: it is off its law
+
+    def advance(self: Any, h: float, amplitudes: Any, first: int, store: bool) -> int:
+        for k in range(amplitudes.shape[1] - 1):
+            free = self.recorder.free_rows()
+            if real(self, h, amplitudes[:, k : k + 2], first + k, store) == 0:
+                return k
+            damage(self.now, free)
+        return int(amplitudes.shape[1]) - 1
+
+    monkeypatch.setattr(steppers.CompiledStepper, "advance", advance)
+    verdict = judge(replace(EASY, beta=beta))
+    assert verdict.outcome == (RIGHT if reason is None else WRONG)
+    assert (reason or "") in verdict.reason
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.5, 0.0])
+def test_half_the_friction_is_seen_by_the_equation_of_motion(
+    monkeypatch: pytest.MonkeyPatch, rho: float
+) -> None:
+    """The law, the audit of each step and a quarter of the step all agree with one another."""
+    build, make = chain.build_chain, ContactProblem.__init__
+
+    def halved(self: Any, A: Any, first: Any, second: Any, w: Any, *rest: Any) -> None:
+        make(self, A, first, second, 0.5 * w, *rest)
+
+    monkeypatch.setattr(chain, "build_chain", lambda H, w, beta: build(H, 0.5 * w, beta))
+    monkeypatch.setattr(ContactProblem, "__init__", halved)
+    for case in (EASY, SMALL)[: 2 if rho > 0.0 else 1]:
+        verdict = judge(replace(case, beta=inf, rho=rho))
+        assert verdict.outcome == WRONG
+        assert "equation of motion" in verdict.reason
+
+
+# The same for plates: the solution of every step is damaged
+
+
+def _leaves_the_line_of_the_slip(problem: ContactProblem, found: Solution) -> Solution:
+    """The same size of force at each point, a thousandth of a radian off."""
+    i, j = (x[problem.second >= 0] for x in problem.points)
+    c, s = np.cos(1e-3), np.sin(1e-3)
+    sigma = found.sigma.copy()
+    sigma[i] = c * sigma[i] - s * found.sigma[j]
+    sigma[j] = s * found.sigma[i] + c * found.sigma[j]
+    return replace(found, sigma=sigma)
+
+
+def _creeps(problem: ContactProblem, found: Solution) -> Solution:
+    acts = problem.w > 0.0
+    unknowns = np.concatenate([x[acts & (x >= 0)] for x in problem.points])
+    v = found.v.copy()
+    v[unknowns[v[unknowns] == 0.0]] = 1e-12
+    return replace(found, v=v)
+
+
+def judged_with(
+    monkeypatch: pytest.MonkeyPatch, damage: Callable[..., Solution], case: Case
+) -> Verdict:
+    real = ContactProblem.solve
+    monkeypatch.setattr(
+        ContactProblem, "solve", lambda self, *args, **rest: damage(self, real(self, *args, **rest))
+    )
+    return judge(case)
+
+
+@pytest.mark.parametrize(("rho", "beta"), [(1.0, 1e5), (1.0, inf), (0.5, 1e5), (0.5, inf)])
+@pytest.mark.parametrize("elements", [(8, 2), (16, 4)], ids=["condensed", "whole"])
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda problem, found: replace(found, sigma=-found.sigma), "not against the slip"),
+        (lambda problem, found: replace(found, sigma=1.001 * found.sigma), "friction force"),
+        (_leaves_the_line_of_the_slip, "not against the slip"),
+        (lambda problem, found: replace(found, sigma=0.999 * found.sigma), ""),
+        (lambda problem, found: replace(found, v=1.01 * found.v), "equation of motion"),
+    ],
+)
+def test_a_broken_step_of_a_plate_is_wrong_in_silence(
+    monkeypatch: pytest.MonkeyPatch,
+    damage: Callable[..., Solution],
+    reason: str,
+    elements: tuple[int, int],
+    rho: float,
+    beta: float,
+) -> None:
+    case = replace(SMALL, steps=12, elements=elements, rho=rho, beta=beta)
+    verdict = judged_with(monkeypatch, damage, case)
+    assert verdict.outcome == WRONG
+    assert reason in verdict.reason
+
+
+@pytest.mark.parametrize("bodies", [*ONE, *TWO])
+def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(
+    monkeypatch: pytest.MonkeyPatch, bodies: str
+) -> None:
+    case = replace(SMALL, beta=inf, bodies=bodies, share=0.5)
+    assert judge(case).outcome == RIGHT
+    assert "creep" in judged_with(monkeypatch, _creeps, case).reason
+
+
+# The report
+
+
+def test_the_steady_loop_is_symmetric_about_its_middle() -> None:
+    case = replace(EASY, beta=inf, periods=6)
+    verdict = judge(case)
+    assert verdict.steady == "reached"
+    assert verdict.asymmetry is not None
+    assert verdict.asymmetry < 1e-3
+    found = integrate(system_of(case), step=case.step, n_steps=600, cycle_steps=100)
+    u, force = hysteresis_loop(found, "right", rows_per_cycle=100)
+    area = 0.5 * np.sum((u[1:] - u[:-1]) * (force[1:] + force[:-1]))
+    assert area == pytest.approx(found.cycles.input[-1, 0], rel=1e-9)
+
+
+def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verdicts = [
+        Verdict(EASY, RIGHT, error=1e-3, error_bound=0.02, energy=1e-12, energy_bound=1e-8),
+        Verdict(replace(EASY, axis="explicit"), REFUSED, "a step of 1e-5 s; use 2e-6 s"),
+        Verdict(replace(EASY, axis="load", value="share | 1"), WRONG, "off", error=0.5),
+        Verdict(replace(SMALL, axis="plate scheme"), RIGHT, error=1e-3, error_bound=0.02),
+    ]
+    monkeypatch.setattr(judging, "judge_all", lambda cases, progress=None: verdicts)
+    assert run.main(["--quick", "--out", str(tmp_path)]) == 1
+    assert "wrong in silence: load, share | 1: off" in capsys.readouterr().out
+    page = (tmp_path / report.PAGE).read_text(encoding="utf-8")
+    assert "4 cases: 2 right, 1 refused, 1 wrong in silence" in page
+    assert "3 cases are bars, 1 plates." in page
+    assert "share \\| 1" in page
+    with (tmp_path / report.TABLE).open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["outcome"] for row in rows] == [RIGHT, REFUSED, WRONG, RIGHT]
+    assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_quick_run_finds_nothing_wrong_in_silence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run.main(["--quick", "--out", str(tmp_path)]) == 0
+    assert " 0 wrong in silence" in capsys.readouterr().out
+    assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.TABLE, report.PICTURE}

@@ -1,0 +1,197 @@
+"""Meshes and Gmsh files for the tests of meshes."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from skfem.helpers import dot, grad
+
+from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate
+
+MESHES = Path(__file__).parents[2] / "meshes"
+#: Gmsh type, physical tag, node tags.
+Cells = Sequence[tuple[int, int, Sequence[int]]]
+#: Kind and order of the elements.
+KINDS: list[tuple[Any, int]] = [
+    ("line", 1),
+    *(("triangle", 1), ("triangle", 2), ("quadrilateral", 1), ("quadrilateral", 2)),
+    *(("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)),
+]
+FLAT_AND_SOLID = KINDS[1:]
+SOLID = KINDS[5:]
+SIZES = {1: 0.6, 2: 0.6 * 0.05, 3: 0.6 * 0.05 * 0.02}
+
+
+def msh22(nodes: Sequence[Sequence[float]], cells: Cells, names: str) -> str:
+    """Gmsh 2.2 ASCII; node tags count from 1, entities have the tags of the groups."""
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
+    lines += ["$PhysicalNames", f"{names.count(chr(10))}", names + "$EndPhysicalNames"]
+    lines += ["$Nodes", f"{len(nodes)}"]
+    lines += [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(nodes, 1)]
+    lines += ["$EndNodes", "$Elements", f"{len(cells)}"]
+    lines += [
+        f"{i} {kind} 2 {tag} {tag} {' '.join(map(str, at))}"
+        for i, (kind, tag, at) in enumerate(cells, 1)
+    ]
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:
+    """File with the given content."""
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def nodes_and_elements(text: str) -> tuple[dict[int, tuple[float, ...]], list[list[int]]]:
+    """Positions by node number, and lines of the elements, of a Gmsh 4.1 file by hand."""
+
+    def section(name: str) -> list[str]:
+        return text.split(f"${name}\n")[1].split(f"$End{name}")[0].split()
+
+    words = iter(section("Nodes"))
+    blocks, *_ = (next(words) for _ in range(4))
+    at: dict[int, tuple[float, ...]] = {}
+    for _ in range(int(float(blocks))):
+        *_, count = (next(words) for _ in range(4))
+        for tag in [int(float(next(words))) for _ in range(int(float(count)))]:
+            at[tag] = tuple(float(next(words)) for _ in range(3))
+    words = iter(section("Elements"))
+    blocks, *_ = (next(words) for _ in range(4))
+    elements = []
+    for _ in range(int(float(blocks))):
+        _, _, kind, count = (int(float(next(words))) for _ in range(4))
+        nodes = {15: 1, 1: 2, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27}[kind]
+        for _ in range(count):
+            next(words)
+            elements.append([int(float(next(words))) for _ in range(nodes)])
+    return at, elements
+
+
+def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> NamedMesh:
+    """Body of 0.6 m (x 0.05 m (x 0.02 m)), linear for 0.5 m, its first corner at 0.1 m, -0.2 m.
+
+    Points stand at the first corner and at the one across.
+    """
+    strips = [("linear", 0.5, 5), ("joint", 0.1, 3)]
+    if kind == "line":
+        options = {"points": {"tip": 0.6, "foot": 0.0}, "origin": (0.1, -0.2, 0.0), **options}
+        return build_bar(strips, **options)
+    options = {"kind": kind, "order": order, **options}
+    if kind in ("triangle", "quadrilateral"):
+        ends = {"tip": (0.7, -0.15), "foot": (0.1, -0.2)}
+        return build_plate(strips, 0.05, 4, **{"origin": (0.1, -0.2), "points": ends, **options})
+    ends = {"tip": (0.7, -0.15, 0.32), "foot": (0.1, -0.2, 0.3)}
+    options = {"origin": (0.1, -0.2, 0.3), "points": ends, **options}
+    return build_box(strips, (0.05, 0.02), (4, 2), **options)
+
+
+def sizes(mesh: NamedMesh) -> np.ndarray:
+    """Length, area or volume of each element, negative where it runs the wrong way round."""
+    places, weights = skfem.quadrature.get_quadrature(mesh.mesh.elem, 4)
+    sign = -1.0 if mesh.kind == "hexahedron" else 1.0  # scikit-fem's own cubes are mirrored
+    found = mesh.mesh.mapping().detDF(places)
+    return sign * np.broadcast_to(found, (mesh.n_elements, weights.size)) @ weights
+
+
+def region_sizes(mesh: NamedMesh) -> dict[str, float]:
+    """Size of each region."""
+    return {name: sizes(mesh)[elements].sum() for name, elements in mesh.regions.items()}
+
+
+def boundary_sizes(mesh: NamedMesh) -> dict[str, float]:
+    """Length or area of each boundary, by scikit-fem; number of its points on lines."""
+    if mesh.dim == 1:
+        return {name: facets.size for name, facets in mesh.boundaries.items()}
+    one = skfem.Functional(lambda w: 1.0 + 0.0 * w.x[0])
+    return {
+        name: one.assemble(skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=facets))
+        for name, facets in mesh.boundaries.items()
+    }
+
+
+def tip_compliance(bar: NamedMesh, stiffness: float = 1.0) -> float:
+    """Displacement of the last node under a unit force there, first node held, m/N."""
+    basis = skfem.Basis(bar.mesh, skfem.ElementLineP1())
+    matrix = skfem.BilinearForm(lambda u, v, _: stiffness * dot(grad(u), grad(v))).assemble(basis)
+    force = np.zeros(basis.N)
+    force[-1] = 1.0
+    return float(skfem.solve(*skfem.condense(matrix, force, D=np.array([0])))[-1])
+
+
+def assert_same(mesh: NamedMesh, other: NamedMesh, sorted_alike: bool = False) -> None:
+    """Same bodies, elements and names; element numbers may differ unless ``sorted_alike``."""
+    assert (mesh.kind, mesh.order) == (other.kind, other.order)
+    np.testing.assert_allclose(mesh.mesh.p, other.mesh.p, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(mesh.coordinates, other.coordinates)
+    rank = [np.lexsort(np.sort(each.mesh.t, axis=0)) for each in (mesh, other)]
+    if sorted_alike:
+        np.testing.assert_array_equal(mesh.mesh.t, other.mesh.t)
+    np.testing.assert_array_equal(
+        np.sort(mesh.mesh.t, axis=0)[:, rank[0]], np.sort(other.mesh.t, axis=0)[:, rank[1]]
+    )
+    np.testing.assert_array_equal(mesh.body[rank[0]], other.body[rank[1]])
+    assert mesh.points == other.points
+    assert mesh.regions.keys() == other.regions.keys()
+    assert mesh.boundaries.keys() == other.boundaries.keys()
+    for name in mesh.regions:
+        inside = [
+            np.isin(at, each.regions[name]) for at, each in zip(rank, (mesh, other), strict=True)
+        ]
+        np.testing.assert_array_equal(*inside)
+    for name, facets in mesh.boundaries.items():  # facets are numbered by their vertices
+        np.testing.assert_array_equal(facets, other.boundaries[name])
+
+
+def mutations(data: bytes, tokens: tuple[str, ...], rng: random.Random) -> Iterator[bytes]:
+    """Endless damaged copies: bytes, tokens and lines changed, cut, doubled or exchanged."""
+
+    def byte(copy: bytearray) -> None:
+        copy[rng.randrange(len(copy))] = rng.randrange(256)
+
+    def bit(copy: bytearray) -> None:
+        copy[rng.randrange(len(copy))] ^= 1 << rng.randrange(8)
+
+    def digit(copy: bytearray) -> None:
+        places = [i for i, c in enumerate(copy) if chr(c).isdigit()]
+        copy[rng.choice(places)] = ord(rng.choice("0123456789.-e"))
+
+    def token(copy: bytearray) -> None:
+        lines = bytes(copy).split(b"\n")
+        place = rng.choice([i for i, line in enumerate(lines) if line.strip()])
+        words = lines[place].split(b" ")
+        words[rng.randrange(len(words))] = rng.choice(tokens).encode()
+        lines[place] = b" ".join(words)
+        copy[:] = b"\n".join(lines)
+
+    def line(copy: bytearray) -> None:
+        lines = bytes(copy).split(b"\n")
+        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+        lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
+        copy[:] = b"\n".join(lines)
+
+    def cut(copy: bytearray) -> None:
+        del copy[rng.randrange(len(copy)) :]
+
+    def hole(copy: bytearray) -> None:
+        start = rng.randrange(len(copy))
+        del copy[start : start + rng.randrange(1, 60)]
+
+    def insert(copy: bytearray) -> None:
+        start = rng.randrange(len(copy))
+        copy[start:start] = bytes(rng.randrange(256) for _ in range(rng.randrange(1, 8)))
+
+    changes: list[Callable[[bytearray], None]] = [
+        *(byte, bit, digit, digit, token, token, token, line, hole, insert, cut)
+    ]
+    while True:
+        copy = bytearray(data)
+        for _ in range(rng.choice([1, 1, 1, 2, 4])):
+            if any(chr(c).isdigit() for c in copy) and copy.strip():
+                rng.choice(changes)(copy)
+        yield bytes(copy)

@@ -1,0 +1,236 @@
+"""Damaged files are refused in words, within bounded time and memory, or read for what they say."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+import time
+import tracemalloc
+from itertools import islice
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from mesh_files import (
+    KINDS,
+    MESHES,
+    Cells,
+    assert_same,
+    msh22,
+    mutations,
+    nodes_and_elements,
+    saved,
+    sizes,
+    strip,
+    tip_compliance,
+)
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate, load_meshes, write_mesh
+
+BARS = [MESHES / f"{name}.msh" for name in ("lap_joint_250mm", "lap_joint_500mm", "structure")]
+#: Longest time that any single file may take, s: far above what it takes, far below a hang.
+PATIENCE = 5.0
+TOKENS = ("nan", "inf", "-1", "0", "1", "2", "15", "1e400", "1e99", "1e308", "4294967295",
+          "4294967296", "9223372036854775807", "18446744073709551616", "0.1", "0.25", "x",
+          "$EndNodes", "$Nodes", "", "1e-320", "-0.0", "3")  # fmt: skip
+NODES = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
+NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
+LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
+GOOD = msh22(NODES, LINES, NAMES)
+
+
+def mesh_or_refusal(path: Path) -> NamedMesh | str:
+    """Mesh that a file gives, or the words in which it is refused; nothing else passes."""
+    begin = time.perf_counter()
+    try:
+        return load_meshes([path])
+    except InputError as error:
+        text = str(error)
+    finally:
+        assert time.perf_counter() - begin < PATIENCE
+    assert text.startswith(str(path))
+    return text
+
+
+def refused_within(path: Path, memory: float) -> NamedMesh | str:
+    """What `mesh_or_refusal` gives, in bounded memory (bytes)."""
+    tracemalloc.start()
+    try:
+        found = mesh_or_refusal(path)
+        assert tracemalloc.get_traced_memory()[1] < memory
+    finally:
+        tracemalloc.stop()
+    return found
+
+
+def files_of_all_kinds(mesh: NamedMesh, folder: Path) -> list[bytes]:
+    """One mesh in formats 4.1 and 2.2, text and binary."""
+    write_mesh(mesh, folder / "a.msh")
+    files = [(folder / "a.msh").read_bytes()]
+    raw = meshio.read(folder / "a.msh")
+    for file_format in ("gmsh", "gmsh22"):
+        for binary in (True, False):
+            meshio.write(folder / "b.msh", raw, file_format=file_format, binary=binary)
+            files.append((folder / "b.msh").read_bytes())
+    return files
+
+
+def small(kind: str) -> NamedMesh:
+    """Two elements a side, with names."""
+    strips = [("joint", 0.1, 2), ("linear", 0.5, 2)]
+    if kind == "line":
+        return build_bar(strips, {"fixed": 0.0})
+    if kind in ("triangle", "quadrilateral"):
+        return build_plate(strips, 0.3, 2, kind=kind, points={"p": (0.0, 0.0)})
+    return build_box(strips, (0.3, 0.2), (2, 2), kind=kind, points={"p": (0.0, 0.0, 0.0)})
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "the file is empty"),
+        ("hello\n", r"no section \$MeshFormat"),
+        (GOOD[: GOOD.index("$EndElements") - 3], r"\$Elements is not closed.* cut"),
+        (GOOD[: GOOD.index("$Elements")], r"no section \$Elements"),
+        (GOOD.replace("4 0.6 0.0 0.0\n", ""), r"\$Nodes announces more than it holds"),
+        (GOOD.replace("\n2 0.1", "\n1 0.1"), "uses a node number twice"),
+        (GOOD.replace('"linear"', '"joint"'), "2 groups are named 'joint'"),
+        (GOOD.replace("2.2 0 8", "4 0 8"), r"Gmsh format 4; save it again.*4\.1"),
+        (GOOD.replace("2.2 0 8", "2.2 0 4"), "unknown kind of Gmsh file: mode 0, data size 4"),
+        (GOOD.replace("5 1 2 2 2 3 4", "5 1 0 3 4"), "some elements have tags and some have none"),
+        (GOOD + GOOD[GOOD.index("$Nodes") : GOOD.index("$Elements")], r"\$Nodes stands twice"),
+        *((GOOD.replace("es\n4\n", f"es\n{n}\n"), "") for n in ("-1", "nan", "9" * 5000)),
+        *((GOOD.replace("es\n4\n", f"es\n{n}\n"), "announces") for n in (5, 2**31, 2**63)),
+        *((GOOD.replace("ents\n5\n", f"ents\n{n}\n"), "announces") for n in (6, 2**40, 2**63)),
+    ],
+)  # fmt: skip
+def test_files_that_are_not_whole_are_refused_with_file_and_reason(tmp_path, capfd, text, reason):
+    path = saved(tmp_path, text, "my bar.msh")
+    with pytest.raises(InputError, match=rf"my bar\.msh: .*{reason}"):
+        load_meshes([path])
+    assert isinstance(refused_within(path, 20e6), str)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_results_of_any_size_beside_a_mesh_do_not_matter(tmp_path):
+    path = saved(tmp_path, GOOD + "$NodeData\n2000000000\n$EndNodeData\n" * 2)
+    mesh = refused_within(path, 20e6)
+    assert isinstance(mesh, NamedMesh)
+    assert_same(mesh, load_meshes([saved(tmp_path, GOOD)]), sorted_alike=True)
+
+
+FIVE, HUGE = (number.to_bytes(8, "little") for number in (5, 2 * 10**9))
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        (0, b"$Nodes\n3 5 1 5\n", b"$Nodes\n3 2000000000 1 2000000000\n"),
+        (0, b"$Nodes\n3 5 1 5\n", b"$Nodes\n2000000000 5 1 5\n"),
+        (0, b"\n1 2 0 2\n", b"\n1 2 0 2000000000\n"),
+        (0, b"\n1 2 0 2\n2\n", b"\n1 2 0 2\n2000000000\n"),
+        (0, b"\n1 2 1 2\n", b"\n1 2 1 2000000000\n"),
+        (0, b"\n1 0.0 0.0 0.0 1 1\n", b"\n1 0.0 0.0 0.0 2000000000 1\n"),
+        (1, FIVE + (1).to_bytes(8, "little"), HUGE + (1).to_bytes(8, "little")),
+        (3, b"$Nodes\n5\n", b"$Nodes\n2000000000\n"),
+        (4, b"$Nodes\n5\n", b"$Nodes\n2000000000\n"),
+        (4, b"$Nodes\n5\n1 ", b"$Nodes\n5\n2000000000 "),
+    ],
+)
+def test_numbers_that_a_file_cannot_hold_are_refused_in_bounded_memory(tmp_path, kind, old, new):
+    data = files_of_all_kinds(small("line"), tmp_path)[kind]
+    path = saved(tmp_path, data.replace(old, new, 1))
+    assert path.read_bytes() != data
+    assert isinstance(refused_within(path, 20e6), str)
+
+
+@pytest.mark.parametrize("blocks", [2**31 // 8, 2**62])
+def test_binary_files_that_claim_gigabytes(blocks, tmp_path):
+    data = files_of_all_kinds(small("line"), tmp_path)[1]
+    start = data.index(b"$Nodes\n") + len(b"$Nodes\n")
+    for place in range(0, 60, 4):
+        copy = bytearray(data)
+        copy[start + place : start + place + 8] = struct.pack("<Q", blocks)
+        bar = refused_within(saved(tmp_path, bytes(copy)), 50e6)
+        if not isinstance(bar, str):
+            assert tip_compliance(bar) == pytest.approx(0.6, rel=1e-9)
+
+
+def test_a_file_of_two_gigabytes_is_refused_unread(tmp_path):
+    path = tmp_path / "bar.msh"
+    with path.open("wb") as file:
+        file.truncate(2 * 2**30)  # takes no room on the disk
+    begin = time.perf_counter()
+    assert isinstance(refused_within(path, 10e6), str)
+    assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize("kind", ["line", "quadrilateral", "tetrahedron"])
+def test_a_file_cut_anywhere_is_refused_or_whole(tmp_path, kind):
+    for data in files_of_all_kinds(small(kind), tmp_path):
+        end = data.index(b"$EndElements") + len(b"$EndElements")
+        whole = load_meshes([saved(tmp_path, data)])
+        assert_same(load_meshes([saved(tmp_path, data[:end])]), whole)
+        for length in range(0, end, 7 if kind == "line" else 67):
+            assert isinstance(mesh_or_refusal(saved(tmp_path, data[:length])), str)
+
+
+@pytest.mark.parametrize(("kind", "order"), KINDS)
+def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order):
+    """No other exception, no warning, and every element has its size and direction."""
+    rng = random.Random(f"{kind} {order}")
+    whole = strip(kind, order) if order == 2 else small(kind)
+    files = [(data, "mesh.msh") for data in files_of_all_kinds(whole, tmp_path)]
+    if kind == "line":
+        files.append((abaqus(), "mesh.inp"))
+    refused = 0
+    for data, name in files:
+        assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
+        for damaged in islice(mutations(data, TOKENS, rng), 60):
+            mesh = mesh_or_refusal(saved(tmp_path, damaged, name))
+            if isinstance(mesh, str):
+                refused += 1
+                continue
+            assert np.all(sizes(mesh) > 0.0)
+            if mesh.dim == 1:
+                assert np.all(np.diff(mesh.mesh.p[0]) > 0.0)
+                assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
+                assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
+    assert refused > 60
+
+
+def abaqus() -> bytes:
+    text = "*HEADING\nbar\n*NODE\n"
+    text += "".join(f"{i + 1}, {0.05 * i!r}, 0.0, 0.0\n" for i in range(13))
+    text += "*ELEMENT, TYPE=T3D2\n"
+    text += "".join(f"{i}, {i}, {i + 1}\n" for i in range(1, 13))
+    text += "*NSET, NSET=fixed\n1\n*NSET, NSET=free_end\n13\n"
+    return (text + "*ELSET, ELSET=joint\n1, 2, 3,\n4, 5\n").encode()
+
+
+def read_again(text: str) -> tuple[float, float]:
+    """Length and sum of element lengths of a Gmsh 4.1 file, read without the package's reader."""
+    at, elements = nodes_and_elements(text)
+    lines = {(min(nodes), max(nodes)) for nodes in elements if len(nodes) == 2}
+    used = [at[node] for pair in lines for node in pair]
+    first, last = min(used), max(used)
+    return math.dist(first, last), math.fsum(math.dist(at[a], at[b]) for a, b in lines)
+
+
+@pytest.mark.parametrize("shipped", BARS, ids=lambda path: path.stem)
+def test_damaged_bars_are_refused_or_have_the_length_and_stiffness_they_say(shipped, tmp_path):
+    rng = random.Random(shipped.stem)
+    accepted = 0
+    for data in islice(mutations(shipped.read_bytes(), TOKENS, rng), 400):
+        bar = mesh_or_refusal(saved(tmp_path, data))
+        if isinstance(bar, str):
+            continue
+        accepted += 1
+        distance, along = read_again(data.decode("utf-8"))
+        assert bar.size == pytest.approx(distance, rel=1e-12)
+        assert bar.size == pytest.approx(along, rel=1e-9)
+        assert tip_compliance(bar) == pytest.approx(bar.size, rel=1e-9)
+    assert 5 < accepted < 395

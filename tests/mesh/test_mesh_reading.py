@@ -1,0 +1,617 @@
+"""Loaded meshes are those that their files mean, or are refused with file, place and reason."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Sequence
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+from mesh_files import (
+    FLAT_AND_SOLID,
+    KINDS,
+    MESHES,
+    Cells,
+    assert_same,
+    boundary_sizes,
+    msh22,
+    nodes_and_elements,
+    region_sizes,
+    saved,
+    sizes,
+    strip,
+    tip_compliance,
+)
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, merged, named, write_mesh
+from skfem_joint.mesh.cells import CELLS
+
+# Three lines on x.
+BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
+BAR_NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
+LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
+# Two squares side by side, 1 m x 1 m each: nodes 1 2 3 below, 4 5 6 above.
+PLATE = [(float(x), float(y), 0.0) for y in range(2) for x in range(3)]
+PLATE_NAMES = '0 5 "corner"\n1 3 "left"\n1 4 "inside"\n2 1 "joint"\n2 2 "linear"\n'
+SQUARES: Cells = [
+    *((15, 5, [3]), (1, 3, [4, 1]), (1, 4, [2, 5])),
+    *((3, 1, [1, 2, 5, 4]), (3, 2, [2, 3, 6, 5])),
+]
+# A cube of 1 m with a second one beside it: nodes 1 2 3 / 4 5 6 below, 7 8 9 / 10 11 12 above.
+BOX = [(float(x), float(y), float(z)) for z in range(2) for y in range(2) for x in range(3)]
+BOX_NAMES = '0 5 "corner"\n2 3 "left"\n2 4 "inside"\n3 1 "joint"\n3 2 "linear"\n'
+CUBES: Cells = [
+    *((15, 5, [3]), (3, 3, [1, 4, 10, 7]), (3, 4, [2, 8, 11, 5])),
+    *((5, 1, [1, 2, 5, 4, 7, 8, 11, 10]), (5, 2, [2, 3, 6, 5, 8, 9, 12, 11])),
+]
+# The same as tetrahedra: each cube is cut into six about its diagonal from the first corner.
+_SIX = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+TETRAHEDRA: Cells = [
+    *(CUBES[0], (2, 3, [1, 4, 10]), (2, 3, [1, 10, 7]), (2, 4, [2, 8, 11]), (2, 4, [2, 11, 5])),
+    *((4, 1, [CUBES[3][2][i] for i in part]) for part in _SIX),
+    *((4, 2, [CUBES[4][2][i] for i in part]) for part in _SIX),
+]
+
+
+def loaded(folder, nodes, cells, names=BAR_NAMES, **options) -> NamedMesh:
+    return load_meshes([saved(folder, msh22(nodes, cells, names))], **options)
+
+
+def by_position(mesh: NamedMesh) -> NamedMesh:
+    """Same mesh with its vertices numbered along x, then y, then z, as those of bars are."""
+    if mesh.dim == 1:
+        return mesh
+    order = np.lexsort(mesh.mesh.p[::-1])
+    number = np.argsort(order)
+    plain = type(mesh.mesh)(mesh.mesh.p[:, order], number[mesh.mesh.t], sort_t=False)
+    middles = {tuple(sorted(facet)): i for i, facet in enumerate(plain.facets.T.tolist())}
+    boundaries = {
+        name: np.array(
+            [middles[tuple(sorted(number[f].tolist()))] for f in mesh.mesh.facets[:, chosen].T]
+        )
+        for name, chosen in mesh.boundaries.items()
+    }
+    plain = plain.with_subdomains(mesh.regions).with_boundaries(boundaries)
+    points = {name: int(number[at]) for name, at in mesh.points.items()}
+    return named(plain, points=points, order=mesh.order)
+
+
+# Files that are read as they are
+
+
+@pytest.mark.parametrize(
+    ("name", "regions", "points"),
+    [
+        ("lap_joint_250mm", {"joint": (0.0, 0.25, 100)}, {"fixed": 0.0, "free_end": 0.25}),
+        ("lap_joint_500mm", {"joint": (0.0, 0.5, 100)}, {"fixed": 0.0, "free_end": 0.5}),
+        (
+            "structure",
+            {"joint": (0.0, 0.1, 100), "linear": (0.1, 0.6, 100)},
+            {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
+        ),
+    ],
+)
+def test_shipped_bars_have_the_papers_sizes_for_every_reader(name, regions, points):
+    path = MESHES / f"{name}.msh"
+    bar = load_meshes([path])
+    s = bar.mesh.p[0]
+    assert (bar.path, bar.notes) == (str(path), ())
+    assert {key: pytest.approx(s[at], abs=1e-15) for key, at in bar.points.items()} == points
+    for key, (start, stop, elements) in regions.items():
+        nodes = np.unique(bar.mesh.t[:, bar.regions[key]])
+        assert s[nodes[[0, -1]]] == pytest.approx([start, stop], abs=1e-15)
+        np.testing.assert_allclose(np.diff(s[nodes]), (stop - start) / elements, rtol=1e-12)
+    assert set(bar.regions) == set(regions)
+
+    raw = meshio.read(path)
+    assert {key for key in raw.cell_sets if not key.startswith("gmsh:")} == {*regions, *points}
+    plain = skfem.Mesh.load(path)
+    for key, (start, stop, elements) in regions.items():
+        inside = plain.p[0, plain.t[:, plain.subdomains[key]]]
+        assert inside.shape[1] == elements
+        assert (inside.min(), inside.max()) == (start, stop)
+    assert {key: plain.p[0, plain.boundaries[key]] for key in points} == points
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "regions", "boundaries", "bodies"),
+    [
+        (
+            *("plate_reference", ("quadrilateral", 1), {"joint": 0.25 * 0.05}),
+            {"fixed": 0.05, "free_end": 0.05, "bottom": 0.25, "top": 0.25},
+            1,
+        ),
+        (
+            *("plate_bolts", ("triangle", 2)),
+            {"joint": 0.2 * 0.05 - 2 * 16 * 0.0055**2 * np.sin(np.pi / 16), "linear": 0.3 * 0.05},
+            {
+                **{"fixed": 0.05, "free_end": 0.05},
+                **dict.fromkeys(["hole_1", "hole_2"], 64 * 0.0055 * np.sin(np.pi / 32)),
+            },
+            1,
+        ),
+        (
+            *("two_plates", ("quadrilateral", 1)),
+            {
+                **dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.05),
+                **dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.05),
+            },
+            {"upper_end": 0.05, "lower_end": 0.05},
+            2,
+        ),
+        (
+            *("two_plates_side", ("quadrilateral", 1)),
+            {
+                **dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.01),
+                **dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.01),
+            },
+            {
+                **dict.fromkeys(["upper_end", "lower_end"], 0.01),
+                **dict.fromkeys(["upper_contact", "lower_contact"], 0.2),
+            },
+            2,
+        ),
+    ],
+)
+def test_shipped_plates_have_the_sizes_of_their_systems(name, shape, regions, boundaries, bodies):
+    path = MESHES / f"{name}.msh"
+    plate = load_meshes([path])
+    assert path.stat().st_size < 300_000
+    assert (plate.kind, plate.order) == shape
+    assert region_sizes(plate) == pytest.approx(regions, rel=1e-6)
+    assert sizes(plate).sum() == pytest.approx(sum(regions.values()), rel=1e-6)
+    assert boundary_sizes(plate) == pytest.approx(boundaries, rel=1e-6)
+    assert plate.body.max() + 1 == bodies
+    assert plate.notes == ()
+
+
+def test_shipped_holes_are_where_the_bolts_are():
+    plate = load_meshes([MESHES / "plate_bolts.msh"])
+    for name, x in (("hole_1", 0.05), ("hole_2", 0.15)):
+        rim = plate.mesh.p[:, plate.mesh.facets[:, plate.boundaries[name]]].reshape(2, -1)
+        np.testing.assert_allclose(np.hypot(rim[0] - x, rim[1] - 0.025), 0.0055, atol=1e-9)
+    assert plate.mesh.p[0, plate.mesh.t[:, plate.regions["joint"]]].max() == 0.2
+
+
+def test_shipped_plates_overlap_with_matching_nodes_and_touch_with_others():
+    plan, side = (load_meshes([MESHES / f"two_plates{end}.msh"]) for end in ("", "_side"))
+    nodes = [
+        np.unique(plan.mesh.t[:, plan.regions[name]]) for name in ("upper_joint", "lower_joint")
+    ]
+    assert np.intersect1d(*nodes).size == 0
+    np.testing.assert_allclose(*(plan.mesh.p[:, at] for at in nodes), rtol=0, atol=1e-15)
+    for name, spacing in (("upper_contact", 0.005), ("lower_contact", 0.004)):
+        x, y = side.mesh.p[:, np.unique(side.mesh.facets[:, side.boundaries[name]])]
+        np.testing.assert_allclose(y, 0.01, rtol=1e-15)
+        np.testing.assert_allclose(np.diff(x), spacing, rtol=1e-12)
+        assert (x.min(), x.max()) == pytest.approx((0.5, 0.7), rel=1e-15)
+
+
+def test_script_makes_the_shipped_meshes(tmp_path):
+    runpy.run_path(str(MESHES / "make_meshes.py"))["main"](tmp_path)
+    made = sorted(path.name for path in tmp_path.iterdir())
+    assert made == sorted(path.name for path in MESHES.glob("*.msh"))
+    assert len(made) == 7
+    for name in made:
+        assert_same(load_meshes([tmp_path / name]), load_meshes([MESHES / name]), sorted_alike=True)
+
+
+@pytest.mark.parametrize(("kind", "order"), KINDS)
+def test_mesh_written_and_read_is_the_same_mesh(tmp_path, kind, order):
+    """Groups overlap, lie inside bodies and cover each other; bodies lie side by side."""
+    mesh = strip(kind, order)
+    write_mesh(mesh, tmp_path / "plain.msh")
+    assert_same(load_meshes([tmp_path / "plain.msh"]), mesh, sorted_alike=True)
+    assert load_meshes([tmp_path / "plain.msh"]).notes == ()
+    plain = mesh.mesh.with_subdomains({"half": np.arange(2, 5)})
+    points = mesh.points | {"also foot": mesh.points["foot"]}
+    if mesh.dim > 1:
+        plain = plain.with_boundaries({"seam": np.flatnonzero(plain.f2t[1] >= 0)[[0, 7]]})
+        plain = plain.with_boundaries({"left end": plain.boundaries["left"]})
+    full = named(plain, points=points, order=order)
+    if mesh.dim > 1:  # a file of lines is one bar
+        other = strip(kind, order, origin=(0.3, -0.2, 0.3)[: mesh.dim], prefix="b ", points={})
+        other = replace_regions(other, {"other": np.arange(3, 7)})  # the rest in no group
+        full = merged([full, other])
+    else:
+        full = NamedMesh(**{**vars(full), "coordinates": mesh.coordinates})
+    write_mesh(full, tmp_path / "full.msh")
+    assert_same(load_meshes([tmp_path / "full.msh"]), full)
+
+
+def replace_regions(mesh: NamedMesh, regions: dict[str, np.ndarray]) -> NamedMesh:
+    plain = type(mesh.mesh)(mesh.mesh.p, mesh.mesh.t, mesh.mesh.boundaries, regions, sort_t=False)
+    return named(plain, points=mesh.points, order=mesh.order)
+
+
+@pytest.mark.parametrize("file_format", ["gmsh", "gmsh22"])
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize(
+    ("cell", "kind"),
+    [
+        *(("line", "line"), ("triangle", "triangle"), ("triangle6", "triangle")),
+        *((name, "quadrilateral") for name in ("quad", "quad8", "quad9")),
+        *(("tetra", "tetrahedron"), ("tetra10", "tetrahedron"), ("hexahedron", "hexahedron")),
+        *(("hexahedron20", "hexahedron"), ("hexahedron27", "hexahedron")),
+    ],
+)
+def test_both_gmsh_formats_give_the_same_mesh_for_every_cell(
+    tmp_path, file_format, binary, cell, kind
+):
+    """As meshio writes them, with results beside, in both formats."""
+    mesh = strip(kind, 2 if cell[-1].isdigit() else 1)
+    write_mesh(mesh, tmp_path / "mesh.msh")
+    raw = meshio.read(tmp_path / "mesh.msh")
+    for block in raw.cells:  # nodes inside facets and elements are the last ones
+        if (block.type, cell) in (("quad9", "quad8"), ("hexahedron27", "hexahedron20")):
+            nodes = int(cell.removeprefix("quad").removeprefix("hexahedron"))
+            block.type, block.data = cell, block.data[:, :nodes]
+        elif cell == "hexahedron20" and block.type == "quad9":
+            block.type, block.data = "quad8", block.data[:, :8]
+    assert cell in raw.cells_dict
+    raw.point_data["heat"] = np.arange(float(len(raw.points)))
+    raw.cell_data["size"] = [np.ones(len(block.data)) for block in raw.cells]
+    meshio.write(tmp_path / "again.msh", raw, file_format=file_format, binary=binary)
+    content = (tmp_path / "again.msh").read_bytes()
+    assert b"$ElementData" in content
+    assert b"$NodeData" in content
+    again = load_meshes([tmp_path / "again.msh"])
+    assert_same(by_position(again), by_position(mesh))
+    assert region_sizes(again) == pytest.approx(region_sizes(mesh), rel=1e-13)
+    marked = load_meshes([saved(tmp_path, b"\xef\xbb\xbf" + content, "marked.msh")])
+    assert_same(marked, again, sorted_alike=True)
+
+
+@pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])
+def test_second_order_nodes_are_written_where_gmsh_wants_them(kind, order, tmp_path):
+    """Gmsh's own table of the corners that each middle node lies between."""
+    edges = {
+        "triangle": [(0, 1), (1, 2), (2, 0)],
+        "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)],
+        "tetrahedron": [(0, 1), (1, 2), (2, 0), (3, 0), (2, 3), (1, 3)],
+        "hexahedron": [
+            *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7)),
+            *((5, 6), (6, 7), (0, 1, 2, 3), (0, 1, 4, 5), (0, 3, 4, 7), (1, 2, 5, 6)),
+            *((2, 3, 6, 7), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
+        ],
+    }[kind]
+    mesh = strip(kind, order)
+    write_mesh(mesh, tmp_path / "mesh.msh")
+    at, elements = nodes_and_elements((tmp_path / "mesh.msh").read_text())
+    position = np.array([at[tag] for tag in sorted(at)])
+    whole = len(CELLS[kind].turned) + len(edges)
+    nodes = np.array([row for row in elements if len(row) == whole]) - 1
+    assert len(nodes) == mesh.n_elements
+    middles = np.stack([position[nodes[:, between]].mean(axis=1) for between in edges], axis=1)
+    np.testing.assert_allclose(position[nodes[:, -len(edges) :]], middles, atol=1e-15)
+
+
+def test_other_format_with_named_sets(tmp_path):
+    """Abaqus: element sets become regions, node sets of one node become points."""
+    text = "*NODE\n1, 0.0, 0.0, 0.0\n2, 0.1, 0.0, 0.0\n3, 0.3, 0.0, 0.0\n"
+    text += "*ELEMENT, TYPE=T3D2\n1, 1, 2\n2, 2, 3\n*NSET, NSET=FIXED\n1\n"
+    text += "*ELSET, ELSET=JOINT\n1\n"
+    bar = load_meshes([saved(tmp_path, text, "bar.inp")])
+    np.testing.assert_array_equal(bar.mesh.p[0], [0.0, 0.1, 0.3])
+    assert bar.points == {"FIXED": 0}
+    assert {name: elements.tolist() for name, elements in bar.regions.items()} == {"JOINT": [0]}
+    text = text.replace("TYPE=T3D2\n1, 1, 2\n2, 2, 3\n", "TYPE=S3\n1, 1, 2, 3\n")
+    with pytest.raises(InputError, match=r"plate\.inp: .*triangle cells; of \.inp files"):
+        load_meshes([saved(tmp_path, text, "plate.inp")])
+
+
+@pytest.mark.parametrize(
+    ("nodes", "cells", "names"),
+    [(PLATE, SQUARES, PLATE_NAMES), (BOX, CUBES, BOX_NAMES), (BOX, TETRAHEDRA, BOX_NAMES)],
+)
+def test_files_written_by_hand(tmp_path, nodes, cells, names):
+    mesh = loaded(tmp_path, nodes, cells, names)
+    assert (mesh.order, mesh.body.max(), mesh.notes) == (1, 0, ())
+    np.testing.assert_allclose(region_sizes(mesh)["joint"], 1.0)
+    assert mesh.n_elements == 2 * mesh.regions["joint"].size
+    assert boundary_sizes(mesh) == pytest.approx({"left": 1.0, "inside": 1.0})
+    left, inside = (mesh.mesh.p[0, mesh.mesh.facets[:, f]] for f in mesh.boundaries.values())
+    assert (left == 0.0).all()
+    assert (inside == 1.0).all()
+    assert mesh.coordinates[mesh.points["corner"]].tolist() == [2.0, 0.0, 0.0]
+    assert mesh.path == str(tmp_path / "mesh.msh")
+
+
+# Bars in space
+
+
+@pytest.mark.parametrize("end", [(0.36, 0.48, 0.0), (0.0, 0.0, 0.6), (-0.2, 0.4, -0.4)])
+def test_inclined_bar_is_measured_by_arc_length(tmp_path, end):
+    along = np.array(end) / 0.6
+    bar = loaded(tmp_path, [tuple((0.7 + x * along).tolist()) for x, _, _ in BAR], LINES)
+    assert bar.size == pytest.approx(0.6, rel=1e-14)
+    assert tip_compliance(bar) == pytest.approx(0.6, rel=1e-12)
+    # The first end is the smaller one: "fixed", unless the bar runs towards negative x.
+    assert bar.points["fixed"] == (3 if end[0] < 0 else 0)
+    np.testing.assert_allclose(bar.coordinates[bar.points["fixed"]], 0.7, rtol=1e-15)
+    assert region_sizes(bar) == pytest.approx({"joint": 0.1, "linear": 0.5}, rel=1e-14)
+
+
+def test_round_off_in_a_shared_coordinate_does_not_turn_the_bar_round(tmp_path):
+    nodes = [(1e-17 * (3 - i), x, 0.0) for i, (x, _, _) in enumerate(BAR)]
+    assert loaded(tmp_path, nodes, LINES).points["fixed"] == 0
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_lines_of_higher_order_are_split_at_their_inner_nodes(tmp_path, order):
+    """Gmsh numbers the two ends of a line first, then its inner nodes from first to second end."""
+    nodes = list(BAR)
+    cells = list(LINES[:2])
+    for _, tag, (a, b) in LINES[2:]:
+        inner = np.linspace(nodes[a - 1][0], nodes[b - 1][0], order + 1)[1:-1]
+        first = len(nodes) + 1
+        nodes += [(float(x), 0.0, 0.0) for x in inner]
+        cells.append(({2: 8, 3: 26, 4: 27}[order], tag, [a, b, *range(first, len(nodes) + 1)]))
+    bar = loaded(tmp_path, nodes, cells)
+    assert bar.n_elements == 3 * order
+    assert tip_compliance(bar) == pytest.approx(0.6, rel=1e-12)
+    assert bar.mesh.p[0, : order + 1] == pytest.approx(np.linspace(0.0, 0.1, order + 1))
+    np.testing.assert_array_equal(bar.regions["joint"], np.arange(order))
+    assert bar.points == {"fixed": 0, "free_end": 3 * order}
+
+
+def test_several_bar_files_are_several_bodies(tmp_path):
+    """Parallel, the second drawn the other way, as `merged` puts them together."""
+    lines = [(kind, tag, list(at)[::-1]) for kind, tag, at in LINES]
+    shifted = [(0.9 - x, 0.01, 0.0) for x, _, _ in BAR]
+    lower = msh22(shifted, lines, BAR_NAMES.replace('"', '"lower ', 1).replace('"j', '"lower j'))
+    lower = lower.replace('"free', '"lower free').replace('"lin', '"lower lin')
+    paths = [saved(tmp_path, msh22(BAR, LINES, BAR_NAMES)), saved(tmp_path, lower, "lower.msh")]
+    both = load_meshes(paths)
+    np.testing.assert_array_equal(both.body, [0, 0, 0, 1, 1, 1])
+    np.testing.assert_allclose(both.mesh.p[0], [0.0, 0.1, 0.3, 0.6, 0.3, 0.6, 0.8, 0.9])
+    assert both.points == {"fixed": 0, "free_end": 3, "lower fixed": 7, "lower free_end": 4}
+    assert both.path == f"{paths[0]}, {paths[1]}"
+    with pytest.raises(InputError, match="a file holds one bar; write each bar"):
+        write_mesh(both, tmp_path / "both.msh")
+    turned = saved(tmp_path, lower.replace("0.01", "-0.01", 1), "turned.msh")
+    with pytest.raises(InputError, match=r"turned\.msh: the bar is not straight|parallel"):
+        load_meshes([paths[0], turned])
+
+
+# Repairs
+
+
+@pytest.mark.parametrize(
+    ("nodes", "cells", "names"),
+    [
+        (BAR, LINES, BAR_NAMES),
+        (PLATE, SQUARES, PLATE_NAMES),
+        (BOX, CUBES, BOX_NAMES),
+        (BOX, TETRAHEDRA, BOX_NAMES),
+    ],
+)
+def test_what_files_hold_besides_and_twice_does_not_matter(tmp_path, nodes, cells, names):
+    """Order and direction of elements, spare nodes, units, and cells repeated for each group."""
+    expected = loaded(tmp_path, nodes, cells, names)
+    turned = [(kind, tag, list(at)[::-1]) for kind, tag, at in cells][::-1]
+    if max(kind for kind, _, _ in cells) == 5:  # reversed, a cube would be another body
+        turned = [(k, tag, [*at[4:], *at[:4]] if k == 5 else at) for k, tag, at in cells]
+    mirrored = loaded(tmp_path, nodes, turned, names)
+    assert np.all(sizes(mirrored) > 0.0)
+    assert_same(by_position(mirrored), by_position(expected))
+
+    plane = nodes is PLATE
+    more = [(9e3, 9e3, 5e3), *((1e3 * x, 1e3 * y, 1e3 * z + 7e3 * plane) for x, y, z in nodes)]
+    scaled = loaded(
+        *(tmp_path, more, [(kind, tag, [n + 1 for n in at]) for kind, tag, at in cells], names),
+        scale=1e-3,
+    )
+    np.testing.assert_allclose(scaled.mesh.p, expected.mesh.p, rtol=1e-15)
+    np.testing.assert_allclose(scaled.coordinates[:, 2], expected.coordinates[:, 2] + 7.0 * plane)
+    assert (scaled.points, scaled.n_elements) == (expected.points, expected.n_elements)
+
+    top = max(3 - (cells is LINES) * 2 - plane, 1)
+    whole = [(kind, 8, at) for kind, tag, at in turned if kind in {1: [1], 2: [3], 3: [4, 5]}[top]]
+    twice = [*cells, *whole]
+    names = names + f'{top} 8 "all"\n'
+    if top > 1:  # a named side in two groups, too
+        twice += [(kind, 7, at) for kind, tag, at in cells if tag == 3]
+        names += f'{top - 1} 7 "again"\n'
+    mesh = loaded(tmp_path, nodes, twice, names)
+    assert mesh.n_elements == expected.n_elements
+    np.testing.assert_array_equal(mesh.regions["all"], np.arange(mesh.n_elements))
+    for name, elements in expected.regions.items():
+        np.testing.assert_array_equal(mesh.regions[name], elements)
+    assert sizes(mesh).sum() == pytest.approx(sizes(expected).sum(), rel=1e-14)
+    if top > 1:
+        np.testing.assert_array_equal(mesh.boundaries["again"], mesh.boundaries["left"])
+    else:
+        assert skfem.Mesh.load(tmp_path / "mesh.msh").nelements == 6  # what is repaired here
+        assert tip_compliance(mesh) == pytest.approx(0.6, rel=1e-12)
+
+
+def test_interior_point_groups_of_format_22_are_kept(tmp_path):
+    bar = loaded(tmp_path, BAR, [*LINES, (15, 6, [2])], BAR_NAMES + '0 6 "junction"\n')
+    assert "junction" not in skfem.Mesh.load(tmp_path / "mesh.msh").boundaries  # repaired here
+    assert bar.points == {"fixed": 0, "free_end": 3, "junction": 1}
+
+
+def test_named_lines_in_a_solid_are_left_out_with_a_note(tmp_path):
+    mesh = loaded(tmp_path, BOX, [*CUBES, (1, 9, [1, 2])], BOX_NAMES + '1 9 "edge"\n')
+    assert mesh.notes == (f"{tmp_path / 'mesh.msh'}: group 'edge' of lines in a solid is left out",)
+    assert "edge" not in {*mesh.regions, *mesh.boundaries, *mesh.points}
+
+
+@pytest.mark.parametrize(("kind", "order"), FLAT_AND_SOLID)
+def test_reversed_groups_and_ungrouped_elements_of_format_41(tmp_path, kind, order):
+    """Gmsh marks a reversed entity by a negative tag, and saves all elements when asked to."""
+    mesh = strip(kind, order, points={}, boundaries={"left": "left"})
+    bare = replace_regions(mesh, {"joint": mesh.regions["joint"]})
+    write_mesh(bare, tmp_path / "mesh.msh")
+    text = (tmp_path / "mesh.msh").read_text()
+    entity = next(line for line in text.splitlines() if line.endswith(" 1 1 0"))
+    saved(tmp_path, text.replace(entity, entity[: -len("1 1 0")] + "1 -1 0"))
+    with pytest.raises(ValueError, match="Incompatible cell data"):  # what is repaired here
+        meshio.read(tmp_path / "mesh.msh")
+    assert_same(load_meshes([tmp_path / "mesh.msh"]), bare)
+
+
+def test_curved_edges_are_made_straight_with_a_note(tmp_path):
+    """A unit square whose right side is a parabola of height h has 2 h / 3 more area."""
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
+    middles = [(0.5, 0.0, 0.0), (1.3, 0.5, 0.0), (0.5, 1.0, 0.0), (0.0, 0.5, 0.0)]
+    change = 100.0 * (1.0 / 1.2 - 1.0)
+    for cell in ([1, 2, 3, 4, 5, 6, 7, 8], [4, 3, 2, 1, 7, 6, 5, 8]):  # either direction
+        plate = loaded(tmp_path, [*corners, *middles], [(16, 1, cell)], '2 1 "joint"\n')
+        assert (plate.order, plate.mesh.nvertices) == (2, 4)
+        assert sizes(plate) == pytest.approx([1.0])
+        assert plate.notes == (
+            f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight "
+            f"ones, by 0.3 m at most; the area changed by {change:.3g} %.",
+        )
+
+
+def test_a_curved_edge_of_a_tetrahedron_changes_its_volume(tmp_path):
+    """An edge from e1 to e2 that bulges by d moves the volume by the integral of its bubble."""
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    middles = [(0.5, 0.0, 0.0), (0.6, 0.6, 0.0), (0.0, 0.5, 0.0)]
+    middles += [(0.0, 0.0, 0.5), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5)]
+    cells = [(11, 1, list(range(1, 11)))]
+    (note,) = loaded(tmp_path, [*corners, *middles], cells, '3 1 "joint"\n').notes
+    # x = X + d 4 X Y in both directions: det = 1 + 4 d (X + Y), over the unit tetrahedron.
+    true = 1.0 / 6.0 + 4.0 * 0.1 * 2.0 / 24.0
+    assert f"the volume changed by {100.0 * (1.0 / 6.0 / true - 1.0):.3g} %" in note
+    assert "1 node of curved edges" in note
+
+
+def test_an_edge_curved_inside_the_plate_is_counted_once_and_keeps_the_area(tmp_path):
+    nodes = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    nodes += [(0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.52, 0.48)]
+    cells = [(9, 1, [1, 2, 3, 5, 6, 9]), (9, 1, [1, 3, 4, 9, 7, 8])]
+    (note,) = loaded(tmp_path, [(*at, 0.0) for at in nodes], cells, '2 1 "joint"\n').notes
+    assert "1 node of curved edges" in note
+    assert "by 0.0283 m at most" in note
+    assert float(note.split()[-2]) == pytest.approx(0.0, abs=1e-12)
+
+
+# Refusals
+
+
+def moved(nodes: list[tuple[float, ...]], node: int, *position: float) -> list[tuple[float, ...]]:
+    return [*nodes[: node - 1], position, *nodes[node:]]
+
+
+TIE = [*PLATE, (0.0, -1.0, 0.0), (1.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (-1.0, -1.0, 0.0)]
+SAME_SIDE = [*PLATE, (0.5, 0.1, 0.0), (0.5, 0.9, 0.0)]
+TETRAHEDRON = (4, 2, [1, 2, 5, 8])
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("nodes", "cells", "reason"),
+    [
+        (moved(BAR, 2, 0.1, 1e-8, 0.0), LINES, r"not straight: \(0\.1, 1e-08, 0\) m is 1e-08 m"),
+        (moved(BAR, 2, 0.5, 0.0, 0.0), LINES, r"same side .*\(0\.5, 0, 0\) m: .*folds back"),
+        ([*BAR, (0.3, 0.1, 0.0)], [*LINES, (1, 2, [3, 5])], "not straight"),
+        ([*BAR, (0.9, 0.0, 0.0)], [*LINES, (1, 2, [3, 5])], r"\(0\.3, 0, 0\) m: the mesh branches"),
+        (moved(BAR, 3, 0.1, 0.1, 0.0), [*LINES, (1, 2, [1, 4])], "not straight"),
+        (BAR, [*LINES, (1, 2, [1, 4])], "same side of what joins them"),
+        (BAR, [*LINES[:3], LINES[4]], r"no element joins \(0\.1, 0, 0\) m to \(0\.3, "),
+        (moved(BAR, 3, 0.1, 0.0, 0.0), [*LINES[:3], LINES[4]], r"joins \(0\.1, 0, 0\) m to \(0\.1"),
+        (moved(BAR, 3, 0.1, 0.0, 0.0), LINES, r"one place: .* \(0\.1, 0, 0\) m to \(0\.1"),
+        (BAR, [*LINES, (1, 2, [3, 3])], r"one place: .* \(0\.3, 0, 0\) m to \(0\.3"),
+        ([(0.1, 0.0, 0.0)] * 4, LINES, "no length: all its nodes lie in one place"),
+        (moved(BAR, 3, NAN, 0.0, 0.0), LINES, r"node 3 at \(nan, 0, 0\) m: .*finite"),
+        (moved(BAR, 3, 0.0, 0.0, INF), LINES, "node 3 .*finite"),
+        (BAR, LINES[:2], r"neither lines \(a bar\) nor triangles"),
+        (BAR, [], "neither lines"),
+        (BAR, [*LINES, (1, 2, [4, 7])], "refers to node 7, which"),
+        (BAR, [*LINES, (1, 2, [0, 4])], "refers to node 0, which"),
+        (BAR, [*LINES, (15, 3, [2])], "'fixed' marks 2 nodes"),
+        ([*BAR, (0.6, 0.1, 0.0)], [LINES[0], (15, 4, [5]), *LINES[2:]], r"'free_end': \(0\.6"),
+        (BAR, LINES[1:], "groups without elements: fixed"),
+        (BAR, [(kind, 0, at) for kind, _, at in LINES], "without elements: fixed.*Mesh.SaveAll"),
+        ([(0.0, 0, 0), (0.6, 0, 0), (0.3, 0.01, 0)], [(15, 3, [1]), (15, 4, [2]), (8, 1, [1, 2, 3]),
+         (1, 2, [1, 2])], r"not straight: \(0\.3, 0\.01, 0\) m is 0\.01 m off"),
+        (moved(PLATE, 3, 1.2, 0.3, 0.0), SQUARES, r"not convex.*\(1, 0, 0\) m to \(1\.2, 0\.3"),
+        (moved(PLATE, 3, 1.5, 0.5, 0.0), SQUARES, "has no area, as a whole or at a corner"),
+        (PLATE, [*SQUARES[:4], (3, 2, [2, 6, 3, 5])], r"crosses itself .* at \(1, 0, 0\)"),
+        (PLATE, [*SQUARES[:4], (3, 2, [2, 3, 3, 5])], "two corners in one place"),
+        (SAME_SIDE, [*SQUARES, (3, 2, [2, 5, 8, 7])], r"same side .*\(1, ., 0\) m to \(1, ., 0\)"),
+        (PLATE, [*SQUARES[:4], (2, 2, [2, 3, 6])], "mixes cells of type quad and triangle"),
+        (PLATE, [*SQUARES[:4], (16, 2, [2, 3, 6, 5, 1, 1, 1, 1])], "mixes cells of type quad and"),
+        (PLATE, [*SQUARES, (6, 2, [1, 2, 3, 4, 5, 6])], "Gmsh type 6 .*prism.* allowed are"),
+        (PLATE, [*SQUARES, (21, 2, [1, 2, 3, 4, 5, 6, 1, 2, 3, 4])], "type 21 .*third order"),
+        (moved(PLATE, 3, 2.0, 0.0, 1e-6), SQUARES, "plane z = const: z runs from 0 to 1e-06 m"),
+        (moved(PLATE, 3, 2.0, NAN, 0.0), SQUARES, r"node 3 at \(2, nan, 0\).*finite"),
+        (moved(PLATE, 3, 2.0, 0.0, INF), SQUARES, r"node 3 at \(2, 0, inf\).*finite"),
+        ([(0.0, 0.0, 0.0)] * 6, SQUARES, "0 m in size"),
+        (TIE, [*SQUARES, (3, 2, [1, 7, 10, 9])], r"touch in the point \(0, 0, 0\) m, a hinge"),
+        (PLATE, [*SQUARES, (1, 3, [1, 5])], r"'left': \(0, 0, 0\) m to \(1, 1, 0\) m is no"),
+        ([*PLATE, (5.0, 5.0, 0.0)], [*SQUARES, (1, 3, [1, 7])], r"'left': .* to \(5, 5, 0\)"),
+        (PLATE, [*SQUARES, (15, 5, [2])], "'corner' marks 2 nodes"),
+        ([*PLATE, (5.0, 5.0, 0.0)], [(15, 5, [7]), *SQUARES[1:]], r"'corner': \(5, 5, 0\) m is no"),
+        (PLATE, SQUARES[1:], "groups without elements: corner"),
+        (PLATE, [SQUARES[0], *SQUARES[2:]], "groups without elements: left"),
+        (PLATE, SQUARES[:4], "groups without elements: linear"),
+        (PLATE, SQUARES[:1], "neither lines .* nor triangles"),
+        (PLATE, [*SQUARES, (3, 1, [1, 2, 5, 9])], "refers to node 9, which"),
+        (BOX, [*CUBES, TETRAHEDRON], "mixes cells of type hexahedron and tetra"),
+        (BOX, [*TETRAHEDRA, CUBES[1]], "group 'left' holds cells that are no sides"),
+        (BOX, [*TETRAHEDRA, (2, 3, [1, 2, 12])], r"'left': .* m to \(1, 0, 0\) m to \(2, 1"),
+        (BOX, [*TETRAHEDRA, TETRAHEDRON], "two elements, with centres at .*same side"),
+        (moved(BOX, 12, 1.1, 0.1, 0.1), CUBES, "hexahedron crosses itself or is not convex"),
+        (moved(BOX, 12, 0.0, 0.0, 0.0), CUBES, "hexahedron crosses itself or is not convex"),
+    ],
+)  # fmt: skip
+def test_meshes_that_cannot_be_are_refused_with_file_and_reason(
+    tmp_path, capfd, nodes: Sequence[Sequence[float]], cells: Cells, reason: str
+):
+    kinds = {kind for kind, _, _ in cells}
+    names = BAR_NAMES
+    if nodes[: len(PLATE)] == PLATE or kinds & {2, 3, 16}:
+        names = PLATE_NAMES
+    if kinds & {4, 5}:
+        names = BOX_NAMES
+    path = saved(tmp_path, msh22(nodes, cells, names), "my mesh.msh")
+    with pytest.raises(InputError, match=rf"my mesh\.msh: .*{reason}"):
+        load_meshes([path])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_files_that_do_not_go_together_are_refused_with_their_names(tmp_path):
+    for name, mesh in {
+        **{"a": strip(), "b": strip(), "c": strip("triangle", 2), "d": strip("hexahedron")},
+        "bar": build_bar([("joint", 0.1, 2)], {"fixed": 0.0}),
+    }.items():
+        write_mesh(mesh, tmp_path / f"{name}.msh")
+    with pytest.raises(InputError) as caught:
+        load_meshes([tmp_path / "a.msh", tmp_path / "b.msh"])
+    assert len(caught.value.problems) == 8
+    sentence = f"name 'tip' stands in {tmp_path / 'a.msh'} and in {tmp_path / 'b.msh'}: give each"
+    assert any(sentence in problem for problem in caught.value.problems)
+    for other, kind in (("c", "triangle"), ("d", "hexahedron"), ("bar", "line")):
+        with pytest.raises(InputError, match=rf"{other}\.msh holds {kind} elements .*a\.msh quad"):
+            load_meshes([tmp_path / "a.msh", tmp_path / f"{other}.msh"])
+    with pytest.raises(InputError, match="name 'joint' stands in"):
+        load_meshes([tmp_path / "bar.msh"] * 2)
+    with pytest.raises(InputError, match="no mesh file is given"):
+        load_meshes([])
+    with pytest.raises(InputError) as caught:
+        load_meshes([tmp_path / "no.msh", tmp_path / "a.msh", tmp_path / "none.msh"])
+    assert len(caught.value.problems) == 2
+    for scale in (0.0, -1.0, NAN, INF):
+        with pytest.raises(InputError, match=r"a\.msh is .*positive"):
+            load_meshes([tmp_path / "a.msh"], scale=scale)
+    with pytest.raises(InputError, match=r"no folder.mesh\.msh: cannot be written"):
+        write_mesh(strip(), tmp_path / "no folder" / "mesh.msh")
+
+
+def test_paths_that_hold_no_mesh_are_refused(tmp_path, capfd):
+    with pytest.raises(InputError, match=r"nowhere\.msh: no such mesh file"):
+        load_meshes([tmp_path / "nowhere.msh"])
+    with pytest.raises(InputError, match="not a file"):
+        load_meshes([tmp_path])
+    for name in ("bar.xyz", "bar.vtk", "bar.inp", "bar.vtu", "bar.stl"):
+        with pytest.raises(InputError, match=name):
+            load_meshes([saved(tmp_path, "something else\n", name)])
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,313 @@
+"""What a study leaves in its folder: figures of its runs, its own files only, whatever happened."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pyvista
+
+from skfem_joint.analysis.study import Study, run_scene
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.output import folder, prepare, report, write
+from skfem_joint.output.fields import frames_of
+from skfem_joint.scene import Scene, scene_from
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Save
+
+KEYS = {
+    "dofs", "contact_points", "modes", "steps", "newton_iterations", "wall_s", "offline_s",
+    "peak_displacement_m", "friction_energy_per_cycle_J", "loop_energy_per_cycle_J",
+    "friction_energy_J", "active_length_m", "active_area_fraction", "energy_balance_residual",
+    "estimated_error",
+}  # fmt: skip
+QUANTITIES = {
+    "displacement_rms", "peak_displacement", "friction_energy_per_cycle", "loop_energy_per_cycle"
+}  # fmt: skip
+
+
+TABLES: dict[str, Any] = {
+    "title": "a bar",
+    "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
+    "section": {"width": 0.05, "thickness": 0.01},
+    "support": {"fixed": ["fixed"]},
+    "damping": {"stiffness": 1e-5},
+    "load": [{"on": "tip", "kind": "harmonic", "amplitude": 14e3, "frequency": 1000.0}],
+    "time": {"cycles": 3, "steps_per_cycle": 40},
+    "models": {"run": ["full"]},
+}
+
+
+def joints(*names: str) -> list[dict[str, Any]]:
+    return [{"on": name, "pressure": 8e6, "friction": 0.7} for name in names]
+
+
+def scene(*names: str, **tables: Any) -> Scene:
+    """Bar with joints, pulled by half of what one of them carries."""
+    strips = [("joint", 0.1, 10), ("arm", 0.1, 4), ("second", 0.1, 10)]
+    bar = build_bar(strips, {"fixed": 0.0, "tip": 0.3})
+    return scene_from(TABLES | {"joint": joints(*(names or ("joint",)))} | tables, bar)
+
+
+def plate_scene() -> Scene:
+    plate = build_plate([("joint", 0.1, 6), ("arm", 0.1, 4)], 0.05, 3)
+    changed = {
+        "section": {"thickness": 0.01},
+        "support": {"fixed": ["right"]},
+        "joint": joints("joint"),
+        "load": [TABLES["load"][0] | {"on": "left", "direction": (1.0, 0.2)}],
+        "time": {"cycles": 1, "steps_per_cycle": 40},
+        "output": {"vtk": True},
+    }
+    return scene_from(TABLES | changed, plate)
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    """Full and reduced model of a bar with two joints."""
+    made = scene("joint", "second", output={"vtk": True, "frames": 60})
+    made = made.changed(models={"run": ("full", "reduced")}, reduction={"modes": 8})
+    return run_scene(made)
+
+
+def test_summary_has_the_keys_that_others_rely_on(study: Study) -> None:
+    content = report.summary(study)
+    models = content["models"]
+    assert content["title"] == "a bar"
+    assert content["warnings"] == study.warnings
+    assert set(models["full"]) >= KEYS
+    assert "error" not in models["full"]
+    assert set(models["reduced"]["error"]) >= QUANTITIES | {"displacement_max"}
+    sources = {"basis", "law", "points", "time_step", "total"}
+    for errors in models["full"]["estimated_error"].values():
+        assert set(errors) >= sources
+        assert not any(errors.values())
+    assert set(models["full"]["estimated_error"]) == QUANTITIES
+
+
+def test_summary_holds_the_figures_of_the_runs(study: Study) -> None:
+    for name, summary in report.summary(study)["models"].items():
+        run = study.models[name].run
+        assert (summary["dofs"], summary["steps"]) == (run.system.n, 120)
+        assert summary["modes"] == study.models[name].modes
+        assert summary["peak_displacement_m"] == {"tip": run.cycles.peak[-1, 0]}
+        assert summary["friction_energy_per_cycle_J"] == run.cycles.friction[-1]
+        assert summary["loop_energy_per_cycle_J"] == run.cycles.input[-1, 0]
+        assert summary["energy_balance_residual"] == run.energy_residual
+        assert set(summary["friction_energy_J"]) == {"joint", "second"}
+        friction = sum(summary["friction_energy_J"].values())
+        assert friction == pytest.approx(run.friction_work.sum(), rel=1e-12)
+        works = friction + summary["viscous_work_J"] + summary["scheme_work_J"]
+        stored = run.stored_energy[1] - run.stored_energy[0]
+        assert summary["input_work_J"] == pytest.approx(works + stored, rel=1e-10)
+
+
+def test_an_estimated_error_stands_by_quantity_and_source(study: Study) -> None:
+    certificate = {"full": {"time step": {"displacement_rms": 0.01, "friction_energy": 0.02}}}
+    content = report.summary(study, certificate)
+    errors = content["models"]["full"]["estimated_error"]
+    assert errors["displacement_rms"]["time_step"] == 0.01
+    assert errors["friction_energy_per_cycle"]["time_step"] == 0.02
+    assert errors["loop_energy_per_cycle"]["time_step"] is None
+    assert content["certificate"] == certificate
+    (line,) = report.text(report.certificate_table(certificate)).splitlines()[2:]
+    assert line.split() == ["full,", "time", "step", "1", "-", "2", "-"]
+
+
+def test_energies_per_cycle_are_null_without_cycles(tmp_path: Path) -> None:
+    short = scene(time={"duration": 1e-4, "step": 1e-5})
+    content = report.summary(run_scene(short))
+    summary = content["models"]["full"]
+    assert summary["friction_energy_per_cycle_J"] is None
+    assert summary["loop_energy_per_cycle_J"] is None
+    assert summary["steady_state_reached"] is None
+    assert "friction_energy" in summary["estimated_error"]
+    assert "friction energy, J" in report.text(report.summary_table(content))
+
+
+def test_not_a_number_is_never_written(tmp_path: Path) -> None:
+    for value in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            report.write_json(tmp_path / "summary.json", {"a": value})
+    assert not list(tmp_path.iterdir())
+
+
+def test_history_is_read_back_without_pickles(study: Study, tmp_path: Path) -> None:
+    runs = {name: model.run for name, model in study.models.items()}
+    # A model that was interrupted is shorter.
+    runs["short"] = integrate(study.system, step=study.scene.time_step, n_steps=30)
+    report.write_history(tmp_path / "history.npz", runs)
+    with np.load(tmp_path / "history.npz", allow_pickle=False) as file:
+        parts = [f"{model}_tip_{what}" for model in runs for what in ("displacement", "velocity")]
+        assert set(file) == {"time", "load_0_tip", *parts}
+        assert np.array_equal(file["time"], runs["full"].times)
+        assert np.array_equal(file["load_0_tip"], runs["full"].amplitudes[:, 0])
+        assert np.array_equal(file["reduced_tip_velocity"], runs["reduced"].point_v[:, 0])
+        assert file["short_tip_displacement"].size == 31
+
+
+def test_the_table_shows_what_the_summary_holds(study: Study) -> None:
+    content = report.summary(study)
+    lines = report.text(report.summary_table(content)).splitlines()
+    assert lines[0].split() == ["full", "reduced"]
+    assert len(set(map(len, lines))) == 1  # columns stand below each other
+    rows = {" ".join(line.split()[:-2]): line.split()[-2:] for line in lines[2:]}
+    full, reduced = (content["models"][name] for name in ("full", "reduced"))
+    assert (
+        rows["peak displacement at tip, mm"][0] == f"{1e3 * full['peak_displacement_m']['tip']:.5g}"
+    )
+    assert rows["error of friction energy, %"] == [
+        "-", f"{100 * reduced['error']['friction_energy_per_cycle']:+.3g}"
+    ]  # fmt: skip
+    energy = full["friction_energy_J"]["second"]
+    assert rows["friction energy of second over the run, J"][0] == f"{energy:.4g}"
+    assert "active length of joint, mm" in rows
+    # How much faster the reduced model is stands only beside what it took to make it.
+    both = reduced["wall_s"] + reduced["offline_s"]
+    assert rows["run time of the full model over this one's"] == [
+        "-", f"{full['wall_s'] / reduced['wall_s']:.3g}"
+    ]  # fmt: skip
+    assert rows["the same with its off-line time"] == ["-", f"{full['wall_s'] / both:.3g}"]
+    reduced["interrupted"] = True
+    assert "run time of the full" not in report.text(report.summary_table(content))
+
+
+def test_a_table_of_one_model_shows_no_errors_and_is_as_wide_anywhere(
+    study: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = report.summary(study)
+    del content["models"]["reduced"]
+    content["models"]["full"]["peak_displacement_m"] = {"[red]" + "long name " * 20: 1.0}
+    monkeypatch.setenv("COLUMNS", "20")
+    text = report.text(report.summary_table(content))
+    assert "error" not in text
+    assert "run time of the full model" not in text
+    assert "[red]long" in text
+    assert "…" not in text
+
+
+# Fields of a study
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+def test_fields_add_up_to_the_friction_of_the_joints(study: Study, dim: int) -> None:
+    """Traction times area is the friction force, and the work's density the energy by joint."""
+    if dim == 2:
+        study = run_scene(plate_scene())
+    frames, structure, system = frames_of(study), study.structure, study.system
+    content = report.summary(study)
+    for field in frames.fields:
+        energy = content["models"][field.name]["friction_energy_J"]
+        for patch in structure.patches:
+            work = field.friction_work_density[-1, patch.nodes] @ patch.area
+            assert work == pytest.approx(energy[patch.joint.name], rel=1e-9)
+    run, full = study.models["full"].run, frames.fields[0]
+    area = np.zeros(structure.n_nodes)
+    for patch in structure.patches:
+        area[patch.nodes] += patch.area
+    force = -(system.B.T @ (system.on_rows(system.w) * run.sigma).T).T
+    flat = (full.friction_traction * area[:, np.newaxis]).reshape(len(force), -1)
+    np.testing.assert_allclose(flat @ system.T, force, atol=1e-9 * np.abs(force).max())
+    assert set(np.unique(full.slip_state)) == {-1, 0, 1}
+    np.testing.assert_allclose(structure.expand(run.u), full.displacement)
+
+
+# Folders
+
+
+def names(path: Path) -> set[str]:
+    return {file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()}
+
+
+def test_the_next_run_replaces_what_this_one_wrote_and_nothing_else(
+    study: Study, tmp_path: Path
+) -> None:
+    (tmp_path / "notes.txt").write_text("of the user")
+    with prepare(study.scene, tmp_path) as notes:
+        assert "notes.txt" in " ".join(notes)
+        written = write(study, tmp_path)
+    assert {file.name for file in written} == {
+        "summary.json", "history.npz", "fields.pvd", "fields_load.csv"
+    }  # fmt: skip
+    listed = json.loads((tmp_path / "summary.json").read_text())["files"]
+    assert set(listed) | {"summary.json", "notes.txt"} == names(tmp_path)
+    reader = pyvista.PVDReader(tmp_path / "fields.pvd")
+    assert len(reader.time_values) == 61
+    (tmp_path / "fields" / "mine.txt").write_text("of the user")
+    short = scene(time={"duration": 1e-4, "step": 1e-5})
+    with prepare(short, tmp_path):
+        assert names(tmp_path) == {"notes.txt", "fields/mine.txt", ".skfem-joint-running"}
+        write(run_scene(short), tmp_path)
+    assert names(tmp_path) == {"summary.json", "history.npz", "notes.txt", "fields/mine.txt"}
+
+
+def test_a_run_that_fails_leaves_no_old_summary(study: Study, tmp_path: Path) -> None:
+    write(study, tmp_path)
+    with pytest.raises(RuntimeError), prepare(study.scene, tmp_path):
+        raise RuntimeError
+    assert not names(tmp_path)
+
+
+def test_files_of_somebody_else_are_not_overwritten(study: Study, tmp_path: Path) -> None:
+    for name, content in (("history.npz", "mine"), ("summary.json", "[]"), ("summary.json", "{")):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(InputError, match=name), prepare(study.scene, tmp_path):
+            pass
+        assert (tmp_path / name).read_text() == content
+        (tmp_path / name).unlink()
+
+
+def test_a_summary_cannot_make_a_run_remove_what_lies_elsewhere(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "below").mkdir(parents=True)
+    for path in (tmp_path / "kept", out / "below" / "old"):
+        path.write_text("")
+    (out / "link").symlink_to(tmp_path / "kept")
+    listed = ["../kept", str(tmp_path / "kept"), "link", "below/old", "below", "", ".", "missing"]
+    (out / "summary.json").write_text(json.dumps({"files": listed}))
+    folder.remove_old(out)
+    assert names(tmp_path) == {"kept", "out/link"}
+
+
+def test_two_runs_in_one_folder_the_second_is_refused(study: Study, tmp_path: Path) -> None:
+    with prepare(study.scene, tmp_path):
+        with pytest.raises(InputError, match="another run"), prepare(study.scene, tmp_path):
+            pass
+        with prepare(study.scene, tmp_path / "below"):
+            pass
+        write(study, tmp_path)
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_an_interrupted_study_is_written_as_far_as_it_came(study: Study, tmp_path: Path) -> None:
+    save = Save(fields=True, fields_every=2)
+    part = integrate(study.system, step=study.scene.time_step, n_steps=40, save=save)
+    full = study.models["full"]
+    models = {"full": full, "part": replace(full, name="part", run=replace(part, interrupted=True))}
+    write(replace(study, models=models), tmp_path)
+    assert len(pyvista.PVDReader(tmp_path / "fields.pvd").time_values) == 21
+
+
+def test_a_scene_with_plots_draws_what_there_is(tmp_path: Path) -> None:
+    periodic = scene("joint", "second", output={"plots": True, "history": False})
+    with prepare(periodic, tmp_path / "a"):
+        files = write(run_scene(periodic), tmp_path / "a")
+    assert [file.name for file in files] == [
+        "summary.json", "histories.png", "energies.png", "hysteresis_tip.png",
+        "active_region_joint.png", "active_region_second.png", "joint.png", "joint.gif",
+    ]  # fmt: skip
+    # No loop and no cycles where the load is not periodic.
+    pulse = scene(
+        output={"plots": True}, time={"duration": 2e-4, "step": 1e-5},
+        load=[{"on": "tip", "kind": "half_sine", "peak": 14e3, "rise_time": 1e-4}],
+    )  # fmt: skip
+    (tmp_path / "b").mkdir()
+    files = write(run_scene(pulse), tmp_path / "b")
+    assert not {"hysteresis_tip.png", "energies.png"} & {file.name for file in files}
+    assert "histories.png" in names(tmp_path / "b")

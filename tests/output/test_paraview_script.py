@@ -1,0 +1,162 @@
+"""A series of any dimension opens in ParaView itself, and the script for it shows the joint.
+
+Skipped only where ParaView's Python, ``pvpython``, is not installed; drawing needs a display or
+``xvfb-run`` besides (Debian: ``apt-get install python3-paraview xvfb``).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+from pictured import bar, bars, blocks, lap, pulled
+
+from skfem_joint.output.fields import Frames
+from skfem_joint.output.pictures import STATES
+from skfem_joint.output.series import write_load, write_series
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "paraview_joint.py"
+#: Structures of every dimension, and the names of their bodies.
+PLACES = {
+    "bar": (lambda: bar((3.0, 4.0, 0.0)), [""]),
+    "bars": (bars, ["body 1", "Stoß"]),
+    "plates": (lap, ["body 1", "body 2"]),
+    "solids": (blocks, ["below", "above"]),
+}
+
+paraview = pytest.mark.skipif(shutil.which("pvpython") is None, reason="pvpython not installed")
+drawing = pytest.mark.skipif(
+    shutil.which("pvpython") is None or not (os.environ.get("DISPLAY") or shutil.which("xvfb-run")),
+    reason="pvpython, or a display or xvfb-run for it, not there",
+)
+
+LOOK = """
+import json, sys
+from paraview import simple
+reader = simple.OpenDataFile(sys.argv[1])
+reader.UpdatePipeline()
+tree = reader.GetDataInformation().GetHierarchy()
+found = {
+    "reader": type(reader).__name__,
+    "times": list(reader.TimestepValues),
+    "blocks": [
+        tree.GetAttributeOrDefault(node, "label", "")
+        for node in tree.GetChildNodes(tree.GetRootNode(), False)
+    ],
+    "bounds": list(reader.GetDataInformation().GetBounds()),
+    "points": {}, "cells": {},
+}
+for time in reader.TimestepValues:
+    reader.UpdatePipeline(time)
+    for kind, data in (("points", reader.PointData), ("cells", reader.CellData)):
+        for array in data:
+            size = array.GetNumberOfComponents()
+            ranges = [array.GetRange(k) for k in range(size)]
+            found[kind].setdefault(array.GetName(), []).append(ranges)
+print("FOUND" + json.dumps(found))
+"""
+
+
+@pytest.fixture(scope="module", params=PLACES)
+def series(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Frames, list[str], Path]:
+    """Full and reduced model of a structure pulled along its length, their bodies and series."""
+    build, bodies = PLACES[request.param]
+    frames = pulled(build(), ("full", "reduced"))
+    path = tmp_path_factory.mktemp("series") / "fields.pvd"
+    write_series(path, frames)
+    write_load(path.with_name("fields_load.csv"), frames)
+    return frames, bodies, path
+
+
+def in_paraview(code: str, *arguments: str | Path, folder: Path) -> dict[str, Any]:
+    file = folder / "code.py"
+    file.write_text(code)
+    ended = subprocess.run(
+        ["pvpython", str(file), *map(str, arguments)], capture_output=True, text=True, timeout=120.0
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    (line,) = [line for line in ended.stdout.splitlines() if line.startswith("FOUND")]
+    return dict(json.loads(line.removeprefix("FOUND")))
+
+
+@paraview
+def test_paraview_reads_blocks_times_and_arrays(
+    series: tuple[Frames, list[str], Path], tmp_path: Path
+) -> None:
+    frames, bodies, path = series
+    found = in_paraview(LOOK, path, folder=tmp_path)
+    assert found["reader"] == "PVDReader"
+    assert found["times"] == frames.times.tolist()
+    models = ("full", "reduced")
+    names = [f"{model}: {body}".removesuffix(": ") for model in models for body in bodies]
+    assert found["blocks"] == names
+    points = {name: np.array(ranges) for name, ranges in found["points"].items()}
+    field, in_space = frames.fields[0], frames.structure.in_space
+    for name in ("displacement", "velocity"):
+        values = in_space(getattr(field, name))
+        np.testing.assert_allclose(points[name][..., 0], values.min(axis=1), atol=1e-12)
+        np.testing.assert_allclose(points[name][..., 1], values.max(axis=1), atol=1e-12)
+    largest = np.abs(points["friction_traction"]).max(axis=(1, 2))
+    pulls = np.abs(in_space(field.friction_traction)).max(axis=(1, 2))
+    np.testing.assert_allclose(largest, pulls, rtol=1e-6)
+    np.testing.assert_allclose(points["pressure"][:, 0, 1], frames.pressure.max())
+    work = field.friction_work_density.max(axis=1)
+    np.testing.assert_allclose(points["friction_work_density"][:, 0, 1], work)
+    np.testing.assert_array_equal(points["slip_state"][-1], [[-1, field.slip_state[-1].max()]])
+    assert set(found["cells"]) >= {"contact_state", "body", "region"}
+    assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
+
+
+@paraview
+def test_without_a_display_the_script_draws_or_says_what_is_missing(
+    series: tuple[Frames, list[str], Path], tmp_path: Path
+) -> None:
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    picture = tmp_path / "a.png"
+    ended = subprocess.run(
+        ["pvpython", str(SCRIPT), str(series[2]), str(picture)],
+        capture_output=True, text=True, timeout=120.0, env=environment,
+    )  # fmt: skip
+    if ended.returncode == 0:  # built for EGL or OSMesa
+        assert matplotlib.image.imread(picture).std() > 0.05
+    else:
+        assert ended.returncode == 1
+        assert "xvfb-run" in ended.stderr
+        assert "Traceback" not in ended.stderr
+        assert not picture.exists()
+
+
+@drawing
+def test_the_script_draws_the_joint_and_the_mark_on_its_load(
+    series: tuple[Frames, list[str], Path], tmp_path: Path
+) -> None:
+    picture = tmp_path / "a.png"
+    command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4", "--arrows"]
+    if not os.environ.get("DISPLAY"):
+        command = ["xvfb-run", "-a", *command]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    pixels = matplotlib.image.imread(picture)[..., :3]
+    assert pixels.shape == (900, 1400, 3)
+    joint = pixels[: int(0.6 * 900)]
+    for colour in STATES.values():
+        close = np.linalg.norm(joint - matplotlib.colors.to_rgb(colour), axis=-1) < 0.12
+        assert close.mean() > 0.004, colour
+    mark = np.linalg.norm(pixels[int(0.63 * 900) :] - (0.82, 0.12, 0.12), axis=-1) < 0.12
+    assert mark.sum() > 20
+
+
+def test_the_script_and_the_package_use_the_same_words_and_colours() -> None:
+    text = SCRIPT.read_text(encoding="utf-8")
+    for name, colour in STATES.items():
+        parts = matplotlib.colors.to_rgb(colour)
+        assert f'"{name}", ({", ".join(f"{part:.2f}" for part in parts)})' in text

@@ -1,0 +1,256 @@
+"""Pictures of joints show what they are given, and no missing library ends the program silently."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pictured import STEEL, bar, bars, blocks, lap, pulled, side
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_plate
+from skfem_joint.output import pictures
+from skfem_joint.structure import Joint, Structure
+
+INCLINED = (3.0, 4.0, 0.0)
+
+
+def can_draw() -> bool:
+    try:
+        with pictures.offscreen():
+            return True
+    except InputError:
+        return False
+
+
+draws = pytest.mark.skipif(not can_draw(), reason="no GL library: apt-get install libosmesa6")
+
+
+@pytest.fixture
+def no_windows() -> Any:
+    """Forget what kinds of window work, before and after."""
+    pictures._working_window.cache_clear()
+    yield
+    pictures._working_window.cache_clear()
+
+
+def share_of(pixels: NDArray[np.float64], colour: str) -> float:
+    """Share of a picture's pixels that have about a colour, lit or in shade."""
+    wanted = np.array(matplotlib.colors.to_rgb(colour))
+    close = np.linalg.norm(pixels[..., :3] - wanted, axis=-1) < 0.12
+    return float(close.mean())
+
+
+@draws
+@pytest.mark.parametrize("build", [lap, bars, lambda: bar(INCLINED), blocks])
+def test_a_still_shows_stick_slip_and_no_contact(
+    tmp_path: Path, build: Callable[[], Structure]
+) -> None:
+    made = build()
+    frames = pulled(made, ("full", "reduced"))
+    nodes = made.patches[0].nodes
+    for field in frames.fields:  # half of the joint slips
+        field.slip_state[:, nodes] = made.nodes[nodes, 0] > made.nodes[nodes, 0].mean()
+    pictures.still(tmp_path / "a.png", frames)
+    pixels = matplotlib.image.imread(tmp_path / "a.png")
+    for colour in pictures.STATES.values():
+        assert share_of(pixels, colour) > 0.005
+    for field in frames.fields:
+        field.slip_state[:, nodes] = 0
+    pictures.still(tmp_path / "b.png", frames)
+    stuck = matplotlib.image.imread(tmp_path / "b.png")
+    # Only the legend's patch is left of "slip".
+    bar_pixels = share_of(stuck, pictures.STATES["slip"]) * stuck[..., 0].size
+    assert bar_pixels < 0.24 / 3 * stuck.shape[1] * 60
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+def test_the_frame_that_is_drawn_says_why_it_was_taken() -> None:
+    frames = pulled(lap())
+    state, nodes = frames.fields[0].slip_state, lap().patches[0].nodes
+    state[:, nodes] = 0
+    assert pictures.telling_frame(frames) == (2, "largest displacement")
+    state[0, nodes] = 1  # before the run has settled
+    state[7, nodes[:2]] = 1
+    assert pictures.telling_frame(frames) == (7, "most slip")
+
+
+@draws
+@pytest.mark.parametrize("thickness", [1e-3, 0.05])
+@pytest.mark.parametrize("width", [0.02, 0.3])
+def test_models_and_their_names_lie_clear_of_each_other(
+    tmp_path: Path, thickness: float, width: float
+) -> None:
+    made = Structure(
+        build_plate([("bar", 0.2, 8)], width, 2), STEEL, thickness=thickness, fixed=["left"],
+        joints=[Joint("bottom", 50e6, 0.7)],
+    )  # fmt: skip
+    with pictures._picture(tmp_path / "a.png", pulled(made, ("full", "reduced"))) as (_, picture):
+        renderer, size = picture.plotter.renderer, picture.size
+        boxes = {}
+        for frame in range(len(picture.frames.times)):
+            picture.show(frame)
+            picture.plotter.render()
+            for body in picture.bodies:
+                pixels = []
+                for point in np.asarray(body.surface.points):
+                    renderer.SetWorldPoint(*point, 1.0)
+                    renderer.WorldToDisplay()
+                    pixels.append(renderer.GetDisplayPoint()[:2])
+                low, high = np.min(pixels, axis=0), np.max(pixels, axis=0)
+                assert np.all(low > 0.0)
+                assert np.all(high < size)
+                old = boxes.get(body.field.name, (low, high))
+                boxes[body.field.name] = (np.minimum(low, old[0]), np.maximum(high, old[1]))
+        for name in ("full", "reduced"):
+            bounds = [0] * 4
+            picture.plotter.actors[f"model {name}"].GetBoundingBox(renderer, bounds)
+            origin = np.array(picture.plotter.actors[f"model {name}"].GetPosition())
+            assert origin[0] == pytest.approx(boxes[name][0][0], abs=5.0)
+            assert 0.0 < origin[1] - boxes[name][1][1] < pictures._LABEL
+            boxes[f"name {name}"] = (origin, origin + np.array([bounds[1], bounds[3]]))
+    for one, other in combinations(boxes.values(), 2):
+        assert np.any((one[1] < other[0]) | (other[1] < one[0]))
+
+
+@draws
+def test_the_mark_on_the_load_moves_with_the_frame(tmp_path: Path) -> None:
+    frames = pulled(lap())
+    with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
+        ((mark, _),) = picture.marks
+        for frame in (2, 3):
+            picture.show(frame)
+            assert mark.x == pytest.approx([1e3 * frames.times[frame]])
+            expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
+            assert mark.y == pytest.approx([expected], abs=0.05)
+
+
+@draws
+@pytest.mark.parametrize("build", [lap, lambda: bar(INCLINED)])
+def test_bodies_are_drawn_where_they_have_moved_to(
+    tmp_path: Path, build: Callable[[], Structure]
+) -> None:
+    made = build()
+    frames = pulled(made)
+    with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
+        before = max(block.grid.bounds[1] for block in (body.block for body in picture.bodies))
+        picture.show(2)
+        right = max(body.surface.bounds[1] for body in picture.bodies)
+    moved = made.in_space(frames.fields[0].displacement[2])[:, 0].max()
+    assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
+
+
+@pytest.mark.parametrize("largest", [1e-9, 3.3e-5, 4e-5, 1.0])
+@pytest.mark.parametrize("build", [lap, lambda: bar((0.0, 0.0, 1.0))])
+def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_length(
+    build: Callable[[], Structure], largest: float
+) -> None:
+    frames = pulled(build())
+    frames.fields[0].displacement[:] *= largest / np.abs(frames.fields[0].displacement).max()
+    factor, length = pictures.warp_factor(frames), np.ptp(build().positions, axis=0).max()
+    assert 0.4 * 0.05 * length <= factor * largest * (1 + 1e-12) <= 0.05 * length * (1 + 1e-9)
+    assert f"{factor:.0e}"[0] in "125"
+
+
+def test_nothing_moving_is_drawn_as_it_is() -> None:
+    frames = pulled(lap())
+    frames.fields[0].displacement[:] = 0.0
+    assert pictures.warp_factor(frames) == 1.0
+
+
+@draws
+def test_a_gif_has_the_frames_asked_for(tmp_path: Path) -> None:
+    from PIL import Image
+
+    path = tmp_path / "a.gif"
+    pictures.animation(path, pulled(side()), most=5)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 5
+        first = np.asarray(picture.convert("RGB"), dtype=float)
+        picture.seek(1)
+        second = np.asarray(picture.convert("RGB"), dtype=float)
+    assert np.abs(first - second).max() > 50.0
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@draws
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        pictures.still(tmp_path / "missing" / "a.png", pulled(lap()))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("library", "draw", "extra"),
+    [("pyvista", pictures.still, "vtk"), ("imageio", pictures.animation, "gif")],
+)
+def test_without_a_library_the_message_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str, draw: Any, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    name = "a.gif" if library == "imageio" else "a.png"
+    with pytest.raises(InputError, match=rf"pip install 'skfem-joint\[{extra}\]'"):
+        draw(tmp_path / name, pulled(lap()))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_windows")
+def test_a_gl_library_that_ends_the_process_is_an_input_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crash = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    monkeypatch.setattr(pictures, "_PROBE", crash)
+    with pytest.raises(InputError, match="libosmesa6"):
+        pictures.still(tmp_path / "a.png", pulled(lap()))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_windows")
+def test_a_kind_of_window_that_vtk_does_not_have_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[str] = []
+
+    def works(window: str) -> bool:
+        tried.append(window)
+        return window == "vtkEGLRenderWindow"
+
+    monkeypatch.setattr(pictures, "_draws", works)
+    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    for _ in range(2):
+        with pictures.offscreen():
+            assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"
+        assert "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ
+    assert tried == ["vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"]  # found once, then known
+
+
+@pytest.mark.usefixtures("no_windows")
+def test_the_users_choice_of_window_is_kept_or_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "_draws", lambda window: window != "broken")
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "mine")
+    with pictures.offscreen():
+        assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "mine"
+    assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "mine"
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "broken")
+    with pytest.raises(InputError, match="'broken' does not work"), pictures.offscreen():
+        pass
+
+
+def test_importing_draws_in_no_heavy_library() -> None:
+    code = (
+        "import sys\n"
+        "from skfem_joint.output import fields, folder, pictures, plots, report, series\n"
+        "heavy = ('matplotlib', 'pyvista', 'vtkmodules', 'imageio')\n"
+        "assert not [name for name in heavy if name in sys.modules]\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,345 @@
+"""What is read back from a ParaView series is what was written, and both bodies feel one force."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pyvista
+from numpy.typing import NDArray
+from pictured import (
+    BOXES,
+    PLATES,
+    PRESSURE,
+    STEEL,
+    TIMES,
+    bar,
+    bars,
+    blocks,
+    box,
+    lap,
+    plate,
+    random_frames,
+    side,
+)
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.output.fields import Frames
+from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
+from skfem_joint.structure import Joint, Structure
+
+DIRECTIONS = [(1, 0, 0), (3, 4, 0), (-1, 2, 2), (0, 0, 1)]
+SINGLE: list[Callable[[], Structure]] = [
+    *(lambda d=d: bar(d) for d in DIRECTIONS),
+    *(lambda kind=kind: plate(*kind) for kind in PLATES),
+    *(lambda kind=kind: box(*kind) for kind in BOXES),
+]  # fmt: skip
+PAIRS: list[Callable[[], Structure]] = [
+    bars,
+    *(lambda kind=kind: lap(*kind) for kind in PLATES),
+    *(lambda kind=kind: side(*kind) for kind in PLATES),
+    *(lambda kind=kind: blocks(*kind) for kind in BOXES),
+]
+
+
+def read(path: Path, frame: int) -> list[Any]:
+    reader = pyvista.PVDReader(path)
+    reader.set_active_time_value(reader.time_values[frame])
+    return list(reader.read())
+
+
+def node_of(block: Any, structure: Structure) -> NDArray[np.intp]:
+    """Node of the block's body whose section each point of the block lies in."""
+    body = int(block["body"][0])
+    nodes = np.flatnonzero(structure.body == body)
+    offset = np.asarray(block.points)[:, None] - structure.positions[nodes]
+    distance = np.linalg.norm(offset @ structure.axes.T, axis=2)
+    assert distance.min(axis=1).max() < 1e-12
+    return np.asarray(nodes[distance.argmin(axis=1)])
+
+
+def contents(made: Structure, frames: Frames) -> list[Any]:
+    """Blocks of the first frame without files."""
+    arrays = frames.arrays(frames.fields[0], 0)
+    return [block.fill(arrays) for block in blocks_of(made)]
+
+
+@pytest.mark.parametrize("shape", ["swept", "flat"])
+@pytest.mark.parametrize("build", SINGLE)
+def test_values_and_times_read_back_equal_those_written(
+    tmp_path: Path, build: Callable[[], Structure], shape: str
+) -> None:
+    made = build()
+    frames = random_frames(made, ("full", "reduced"))
+    write_series(tmp_path / "a.pvd", frames, shape=shape)
+    assert pyvista.PVDReader(tmp_path / "a.pvd").time_values == TIMES.tolist()
+    for k, t in enumerate(TIMES):
+        for block, source in zip(read(tmp_path / "a.pvd", k), frames.fields, strict=True):
+            node = node_of(block, made)
+            assert set(node) == set(range(made.n_nodes))
+            for name in ("displacement", "velocity", "friction_traction"):
+                found = block.point_data[name]
+                assert found.shape == (block.n_points, 3)
+                expected = getattr(source, name)[k, node] @ made.axes
+                np.testing.assert_allclose(found, expected, atol=1e-14 * np.abs(expected).max())
+            for name in ("slip_state", "friction_work_density"):
+                np.testing.assert_array_equal(block[name], getattr(source, name)[k, node])
+            np.testing.assert_array_equal(block["pressure"], frames.pressure[node])
+            assert block.field_data["TimeValue"] == [t]
+            assert any(line.startswith("pressure: Pa") for line in block.field_data["units"])
+
+
+@pytest.mark.parametrize("build", SINGLE)
+def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(
+    build: Callable[[], Structure],
+) -> None:
+    made = build()
+    (block,) = blocks_of(made)
+    assert block.label == ""
+    volume = block.grid.compute_cell_sizes(length=False, area=False)["Volume"]
+    assert np.all(volume > 0.0)  # corners turn the right way
+    regions = list(made.mesh.regions)
+    assert list(block.grid.field_data["region_names"]) == regions
+    element = np.array(made.cell_element)[block.cells]
+    for number, name in enumerate(regions):
+        inside = block.grid.cell_data["region"] == number
+        assert set(element[inside]) == set(made.mesh.regions[name])
+        mesh = made.mesh.mesh
+        size = np.abs(mesh.mapping().detDF(np.array([[0.25]] * made.dim)))[:, 0]
+        size /= {2: 1, 3: 2, 4: 1 if made.dim == 2 else 6, 8: 1}[mesh.t.shape[0]]
+        expected = (size * made.across)[made.mesh.regions[name]].sum()
+        assert volume[inside].sum() == pytest.approx(expected, rel=1e-9)
+    if made.dim < 3:
+        thickness = made.properties["thickness"]
+        np.testing.assert_array_equal(block.grid.cell_data["thickness"], thickness[element])
+
+
+def test_a_bar_along_x_is_wide_in_y_and_thick_in_z() -> None:
+    low, high = np.array(blocks_of(bar())[0].grid.bounds).reshape(3, 2).T
+    np.testing.assert_allclose(high - low, [0.6, 0.05, 0.01], rtol=1e-9)
+
+
+def test_flat_plates_face_upwards_however_their_cells_turn() -> None:
+    (block,) = blocks_of(plate("triangle"), "flat")
+    normals = block.grid.extract_surface(algorithm="dataset_surface").face_normals
+    assert np.all(normals[:, 2] > 0.0)
+
+
+@pytest.mark.parametrize("build", PAIRS)
+def test_both_bodies_feel_the_same_friction_force(
+    tmp_path: Path, build: Callable[[], Structure]
+) -> None:
+    made = build()
+    frames = random_frames(made)
+    write_series(tmp_path / "a.pvd", frames, shape="flat")
+    patch, area = made.patches[0], np.zeros((2, made.n_nodes))
+    weights = np.maximum(patch.other.toarray(), 0.0)
+    area[0] = patch.area @ (weights / weights.sum(axis=1, keepdims=True))
+    area[1, patch.nodes] = patch.area
+    source = frames.fields[0]
+    for k in range(TIMES.size):
+        force = []
+        for block, share in zip(read(tmp_path / "a.pvd", k), area, strict=True):
+            node, first = np.unique(node_of(block, made), return_index=True)
+            assert share[node].sum() == pytest.approx(patch.area.sum(), rel=1e-12)
+            force.append(share[node] @ block["friction_traction"][first])
+            pressed = share[node] @ block["pressure"][first]
+            assert pressed == pytest.approx(patch.normal_force.sum(), rel=1e-12)
+            work = share[node] @ block["friction_work_density"][first]
+            expected = patch.area @ source.friction_work_density[k, patch.nodes]
+            assert work == pytest.approx(expected, rel=1e-12)
+        expected = made.in_space(patch.area @ source.friction_traction[k, patch.nodes])
+        np.testing.assert_allclose(force[1], expected, rtol=1e-11, atol=1e-6)
+        np.testing.assert_allclose(force[0], -force[1], rtol=1e-11, atol=1e-6)
+
+
+def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_not() -> None:
+    for made, labels in ((lap(), ("body 1", "body 2")), (bars(), ("body 1", "Stoß"))):
+        lower, upper = blocks_of(made)
+        assert (lower.label, upper.label) == labels
+        assert lower.grid.bounds[4:] == pytest.approx((-0.008, 0.008))
+        base = 0.008 + 0.016 * GAP
+        assert upper.grid.bounds[4:] == pytest.approx((base, base + 0.01))
+    below, above = blocks_of(side())
+    assert (below.label, above.label) == ("below", "above")
+    assert below.grid.bounds[4:] == above.grid.bounds[4:] == pytest.approx((-0.015, 0.015))
+    below, above = blocks_of(blocks())
+    assert (below.grid.bounds[5], above.grid.bounds[4]) == pytest.approx((0.02, 0.02))
+
+
+@pytest.mark.parametrize("build", [bars, lap])
+def test_cells_say_where_both_bodies_touch_and_whether_they_slip(
+    build: Callable[[], Structure],
+) -> None:
+    made, frames = build(), random_frames(build())
+    for state in (0, 1):
+        frames.fields[0].slip_state[:, made.patches[0].nodes] = state
+        lower, upper = contents(made, frames)
+        for block, region, away in ((lower, "lower_joint", "base"), (upper, "joint", "arm")):
+            names = np.array(list(block.field_data["region_names"]))[block.cell_data["region"]]
+            found = block.cell_data["contact_state"]
+            assert set(found[names == region]) == {state}
+            assert set(found[names == away]) == {-1}
+
+
+@pytest.mark.parametrize(("made", "rows"), [(side(), (4, 5)), (blocks(), (4, 9))])
+def test_facets_that_touch_show_as_the_row_of_cells_behind_them(
+    made: Structure, rows: tuple[int, int]
+) -> None:
+    frames = random_frames(made)
+    frames.fields[0].slip_state[:, made.patches[0].nodes] = 1
+    for block, count in zip(contents(made, frames), rows, strict=True):
+        found = block.cell_data["contact_state"]
+        assert np.count_nonzero(found == 1) == count
+        assert np.count_nonzero(found == -1) == found.size - count
+
+
+def test_where_nothing_presses_neither_body_is_in_contact() -> None:
+    made, frames = lap(), random_frames(lap())
+    patch = made.patches[0]
+    free = made.nodes[patch.nodes, 0] > 0.25
+    frames.fields[0].slip_state[:, patch.nodes] = np.where(free, -1, 1)
+    for block in contents(made, frames):
+        middle = np.asarray(block.cell_centers().points)[:, 0]
+        found = block.cell_data["contact_state"]
+        assert set(found[(middle > 0.275) | (middle < 0.2)]) == {-1}
+        assert set(found[(middle > 0.2) & (middle < 0.24)]) == {1}
+
+
+@pytest.mark.parametrize("build", [bar, plate])
+def test_a_supported_end_of_a_joint_is_still_in_contact(build: Callable[[], Structure]) -> None:
+    made, frames = build(), random_frames(build())
+    assert made.patches[0].held_nodes.size > 0
+    frames.fields[0].slip_state[:, made.patches[0].nodes] = 0
+    (block,) = contents(made, frames)
+    np.testing.assert_array_equal(block.cell_data["contact_state"] == 0, block["region"] == 0)
+
+
+def test_names_of_any_letters_are_shown_and_make_files_of_safe_names(tmp_path: Path) -> None:
+    frames = random_frames(bars(), ("full", 'reduced: "5" <modes> & µ/2'))
+    files = write_series(tmp_path / "a.pvd", frames)
+    models = [field.name for field in frames.fields]
+    names = [f"{model}: {body}" for model in models for body in ("body 1", "Stoß")]
+    found = list(ET.parse(tmp_path / "a.pvd").iter("DataSet"))
+    assert [one.get("name") for one in found] == names * TIMES.size  # as ParaView shows them
+    reader = pyvista.PVDReader(tmp_path / "a.pvd")
+    assert [one.group for one in reader.active_datasets] == names
+    assert [one.part for one in reader.active_datasets] == [0, 1, 2, 3]
+    blocks = reader.read()
+    assert [block["body"][0] for block in blocks] == [0, 1, 0, 1]
+    assert "Stoß" in list(blocks[0].field_data["region_names"])
+    assert files[0] == tmp_path / "a.pvd"
+    assert {p for p in tmp_path.rglob("*") if p.is_file()} == set(files)
+    assert not any(set(file.name) & set(':"<>&/ ') for file in files)
+
+
+@pytest.mark.parametrize("done", [0, 1, 4, 5])
+def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    frames = random_frames(bar(), ("full", "reduced"))
+    write_series(tmp_path / "a.pvd", frames)  # must not be mixed with the new one
+    move, calls = os.replace, []
+
+    def interrupted(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) == done + 1:
+            raise KeyboardInterrupt
+        move(source, target)
+
+    monkeypatch.setattr("skfem_joint.files.os.replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_series(tmp_path / "a.pvd", frames)
+    assert not list(tmp_path.rglob(".*"))
+    if done < 2:
+        assert not (tmp_path / "a.pvd").exists()
+        return
+    reader = pyvista.PVDReader(tmp_path / "a.pvd")
+    assert reader.time_values == TIMES[: done // 2].tolist()
+    assert all(block.n_points > 0 for block in reader.read())
+
+
+def test_a_reader_never_sees_half_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole: list[str] = []
+    move = os.replace
+
+    def watched(source: Path, target: Path) -> None:
+        assert not Path(target).exists()
+        assert Path(source).parent == Path(target).parent
+        move(source, target)
+        whole.append(Path(target).name)
+
+    monkeypatch.setattr("skfem_joint.files.os.replace", watched)
+    files = write_series(tmp_path / "a.pvd", random_frames(lap()))
+    assert whole == [file.name for file in [*files[1:], files[0]]]
+
+
+def test_all_mistakes_are_reported_at_once_and_nothing_is_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        write_series(tmp_path / "a.vtk", random_frames(bar(), ("a:b", "A_b")), shape="round")
+    text = "\n".join(caught.value.problems)
+    assert len(caught.value.problems) == 3
+    for part in (".pvd", "'round'", "same name"):
+        assert part in text
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
+    frames = random_frames(bar())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_series(tmp_path / "file" / "a.pvd", frames)
+    (tmp_path / "a" / "full_0001.vtu").mkdir(parents=True)  # in the way of the second frame
+    with pytest.raises(InputError, match=r"full_0001\.vtu: cannot be written"):
+        write_series(tmp_path / "a.pvd", frames)
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_without_pyvista_the_message_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = random_frames(bar())
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r"pip install 'skfem-joint\[vtk\]'"):
+        write_series(tmp_path / "a.pvd", frames)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_load_beside_the_series_reads_back(tmp_path: Path) -> None:
+    times = np.linspace(0.0, 1e-3, 5)
+    forces = {"free, end": 1e3 * times, "tip": np.sqrt(times)}
+    frames = replace(random_frames(bar()), load_times=times, forces=forces)
+    path = tmp_path / "fields_load.csv"
+    write_load(path, frames)
+    assert path.read_text().splitlines()[0] == '"time, s","force on free, end, N","force on tip, N"'
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(rows, np.column_stack([times, 1e3 * times, np.sqrt(times)]))
+
+
+def test_frames_of_bars_and_plates_are_written_in_seconds(tmp_path: Path) -> None:
+    """Two models of 200 nodes and 200 frames in three, one of 5000 and 50 in five."""
+    line = Structure(
+        build_bar([("joint", 0.6, 199)], {"fixed": 0.0}), STEEL, width=0.1, thickness=0.1,
+        fixed=["fixed"],
+    )  # fmt: skip
+    area = Structure(
+        build_plate([("joint", 0.1, 50), ("linear", 0.2, 50)], 0.05, 50), STEEL, thickness=0.01,
+        fixed=["left"], joints=[Joint("joint", PRESSURE, 0.7)],
+    )  # fmt: skip
+    for made, names, frames, seconds in (
+        (line, ("full", "reduced"), 200, 3.0),
+        (area, ("full",), 50, 5.0),
+    ):
+        source = random_frames(made, names, 1e-5 * np.arange(frames))
+        start = time.process_time()
+        write_series(tmp_path / f"{frames}.pvd", source)
+        assert time.process_time() - start < seconds

@@ -1,0 +1,282 @@
+"""A file is whole or not there, nothing else is left in its folder, and one run writes to it."""
+
+from __future__ import annotations
+
+import os
+import string
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from skfem_joint.errors import InputError
+from skfem_joint.files import holding, read_whole, remove_unfinished, replacing, safe_name
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()}
+
+
+def write_half(path: Path, error: BaseException) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text("half")
+        raise error
+
+
+@pytest.fixture(params=[{}, {"a.txt": "old"}], ids=["new file", "file that is there"])
+def before(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, str]:
+    """What lies in the folder before a.txt is written."""
+    files: dict[str, str] = request.param
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    return files
+
+
+def test_the_file_takes_its_place_only_when_the_block_is_done(
+    tmp_path: Path, before: dict[str, str]
+) -> None:
+    path = tmp_path / "a.txt"
+    with replacing(path) as temporary:
+        assert temporary.parent == tmp_path  # the same disk, so that the file can be renamed
+        assert contents(tmp_path) == {**before, temporary.name: ""}
+        temporary.write_text("half")
+        assert contents(tmp_path) == {**before, temporary.name: "half"}
+        temporary.write_text("whole")
+    assert contents(tmp_path) == {"a.txt": "whole"}
+
+
+@pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), InputError("no")])
+def test_an_error_in_the_block_passes_and_leaves_the_folder_as_it_was(
+    tmp_path: Path, before: dict[str, str], error: BaseException
+) -> None:
+    with pytest.raises(type(error)) as caught:
+        write_half(tmp_path / "a.txt", error)
+    assert caught.value is error
+    assert contents(tmp_path) == before
+
+
+def test_an_interruption_of_the_last_step_leaves_the_folder_as_it_was(
+    tmp_path: Path, before: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skfem_joint.files.os.replace", interrupted)
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("error", [OSError(28, "the disk is full"), OSError("the disk is full")])
+def test_a_disk_that_fails_in_the_block_is_an_input_error_with_its_reason(
+    tmp_path: Path, before: dict[str, str], error: OSError
+) -> None:
+    path = tmp_path / "a.txt"
+    with pytest.raises(InputError) as caught:
+        write_half(path, error)
+    assert caught.value.problems == [f"{path}: cannot be written: the disk is full"]
+    assert contents(tmp_path) == before
+
+
+def test_a_place_that_cannot_be_written_is_an_input_error_before_the_block_begins(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "file").write_text("text")
+    begun = False
+    for place in ("missing/a.txt", "file/a.txt"):
+        with (
+            pytest.raises(InputError, match=r"a\.txt: cannot be written: "),
+            replacing(tmp_path / place),
+        ):
+            begun = True
+    assert not begun
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]
+
+
+def test_a_folder_of_the_same_name_stays_and_is_an_input_error(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").mkdir()
+    (tmp_path / "a.txt" / "kept").write_text("text")
+    with pytest.raises(InputError, match="cannot be written"), replacing(tmp_path / "a.txt"):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert contents(tmp_path / "a.txt") == {"kept": "text"}
+
+
+# Names
+
+
+def test_letters_digits_dots_and_dashes_of_a_name_are_kept_all_else_is_an_underscore() -> None:
+    for name in ("free_end", "joint-2", "v1.5", "Stoß", "接合"):
+        assert safe_name(name) == name
+    kept = set(string.ascii_letters + string.digits + "_.-")
+    for character in map(chr, range(128)):
+        assert safe_name(character) == (character if character in kept else "_")
+
+
+@pytest.mark.parametrize("name", ["../../a", "/a", "..\\a", 'C:"<a>"|?*', "a\0b\n"])
+def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"hysteresis_{safe_name(name)}.png"
+    with replacing(path):
+        pass
+    assert list(tmp_path.iterdir()) == [path]
+    assert len(path.name) == len("hysteresis_.png") + len(name)
+
+
+# Reading
+
+
+def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "large").write_bytes(b"12345678")
+    (tmp_path / "whole").write_bytes(b"\0whole\n")
+    assert read_whole(tmp_path / "whole", 7) == b"\0whole\n"
+    wrong = {
+        tmp_path / "pipe": "not a file",
+        Path("/dev/zero"): "not a file",
+        tmp_path / "folder": "not a file",
+        tmp_path / "large": "found 8 bytes, must be at most 7",
+        tmp_path / "missing": "No such file",
+        tmp_path / "a\0b": "null",
+    }
+    for path, reason in wrong.items():
+        with pytest.raises(InputError) as caught:
+            read_whole(path, 7)
+        assert str(caught.value).startswith(f"{path}: cannot be read: ")
+        assert reason in str(caught.value)
+
+
+# Loss of power, and other processes
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    move, flush = os.replace, os.fsync
+
+    def flushed(descriptor: int) -> None:
+        done.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
+        flush(descriptor)
+
+    def moved(source: Path, target: Path) -> None:
+        done.append("moved")
+        move(source, target)
+
+    monkeypatch.setattr("skfem_joint.files.os.fsync", flushed)
+    monkeypatch.setattr("skfem_joint.files.os.replace", moved)
+    with replacing(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    assert done == [temporary.name, "moved", tmp_path.name]
+
+
+def test_a_disk_that_cannot_be_flushed_keeps_the_old_file(
+    tmp_path: Path, before: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("skfem_joint.files.os.fsync", broken)
+    with (
+        pytest.raises(InputError, match="Input/output error"),
+        replacing(tmp_path / "a.txt") as temporary,
+    ):
+        temporary.write_text("whole")
+    assert contents(tmp_path) == before
+
+
+def test_threads_that_write_one_file_do_not_meet(tmp_path: Path) -> None:
+    def write(text: str) -> None:
+        for _ in range(50):
+            with replacing(tmp_path / "a.txt") as temporary:
+                temporary.write_text(text)
+
+    threads = [threading.Thread(target=write, args=(1000 * letter,)) for letter in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert contents(tmp_path) in [{"a.txt": 1000 * letter} for letter in "abcd"]
+
+
+def in_a_process(code: str, folder: Path) -> subprocess.Popen[str]:
+    lines = "import os, sys\nfrom pathlib import Path\nfrom skfem_joint.files import *\n"
+    command = [sys.executable, "-c", f"{lines}folder = Path(sys.argv[1])\n{code}", str(folder)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
+    folder = tmp_path / "fields"
+    folder.mkdir()
+    killed = in_a_process(
+        "with replacing(folder / 'fields' / 'b.vtu'), replacing(folder / 'a.txt'):\n"
+        "    os.kill(os.getpid(), 9)",
+        tmp_path,
+    )
+    killed.communicate()
+    assert len(list(tmp_path.rglob(".unfinished-*"))) == 2
+    (tmp_path / ".hidden").write_text("of the user")
+    (tmp_path / ".unfinished-symphony").write_text("of the user")
+    foreign = tmp_path / f".unfinished-{'0' * 8}-{killed.pid}-{'0' * 16}.txt"
+    foreign.write_text("of another machine")
+    with replacing(tmp_path / "c.txt") as temporary:
+        remove_unfinished(tmp_path)
+        left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+        assert left == {".hidden", ".unfinished-symphony", foreign.name, temporary.name}
+        temporary.write_text("whole")
+    os.utime(foreign, (time.time() - 1e5, time.time() - 1e5))  # nobody writes that long
+    remove_unfinished(tmp_path)
+    assert contents(tmp_path) == {
+        ".hidden": "of the user", ".unfinished-symphony": "of the user", "c.txt": "whole"
+    }  # fmt: skip
+
+
+def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "new" / "out"
+    wait = "with holding(folder):\n    print('held', flush=True)\n    sys.stdin.read()"
+    for end in ("whole", "killed"):
+        first = in_a_process(wait, folder)
+        assert first.stdout is not None
+        assert first.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match=f"another run .process {first.pid}."), holding(folder):
+            pass
+        with holding(folder / "below"), holding(tmp_path):  # others are not in the way
+            pass
+        if end == "killed":
+            first.kill()
+        first.communicate("")
+        with holding(folder):
+            with pytest.raises(InputError, match="another run"), holding(folder):
+                pass
+            assert [path.name for path in folder.iterdir() if path.is_file()] != []
+        assert [path.name for path in folder.iterdir()] == ["below"]
+
+
+def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path: Path) -> None:
+    code = (
+        "from skfem_joint.errors import InputError\n"
+        "for _ in range(300):\n"
+        "    try:\n"
+        "        with holding(folder):\n"
+        "            os.close(os.open(folder / 'inside', os.O_CREAT | os.O_EXCL))\n"
+        "            os.unlink(folder / 'inside')\n"
+        "            print('in')\n"
+        "    except InputError: pass\n"
+    )
+    runs = [in_a_process(code, tmp_path) for _ in range(3)]
+    outputs = [run.communicate()[0] for run in runs]
+    assert [run.returncode for run in runs] == [0, 0, 0]
+    assert all("in" in output for output in outputs)
+
+
+def test_a_folder_that_cannot_be_made_or_written_to_is_an_input_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written to"), holding(tmp_path / "file"):
+        pass
+    with pytest.raises(InputError, match="cannot be written to"), holding(Path("/proc/out")):
+        pass

@@ -1,0 +1,168 @@
+"""Active length of a joint: measured from histories, and estimated by section 6.1."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reduced_joints import EA, SPEED, case, case_i
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.reduction import active_length
+from skfem_joint.reduction.active_length import active_area_fraction, gross_slip, measured, slips
+from skfem_joint.reduction.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.structure import Load, Structure
+from skfem_joint.system import System
+
+
+def test_measured_length_of_a_linear_decay() -> None:
+    distance = np.linspace(0.0, 1.0, 11)
+    peak = np.maximum(0.0, 2e-3 * (1.0 - distance / 0.75))
+    for threshold in (0.02, 0.1, 0.5):
+        # Exact while the last active element holds no kink: linear interpolation of a line.
+        length = measured(distance, peak, threshold)
+        if 0.75 * (1 - threshold) <= 0.7:
+            assert length == pytest.approx(0.75 * (1.0 - threshold), rel=1e-12)
+        else:
+            assert 0.7 < length <= 0.8
+
+
+def test_measured_length_does_not_depend_on_the_scale_of_the_motion() -> None:
+    distance = np.linspace(0.0, 0.25, 50)
+    peak = np.exp(-40.0 * distance)
+    length = measured(distance, peak, 1e-3)
+    assert length == pytest.approx(np.log(1e3) / 40.0, rel=1e-2)
+    assert measured(distance, 1e-9 * peak, 1e-3) == pytest.approx(length, rel=1e-12)
+
+
+def test_measured_length_at_its_ends() -> None:
+    distance = np.linspace(0.0, 1.0, 5)
+    assert measured(distance, np.ones(5)) == 1.0
+    assert measured(distance, np.zeros(5)) == 0.0
+    for threshold in (0.0, 1.0, -0.1, np.nan):
+        with pytest.raises(InputError, match="threshold"):
+            measured(distance, np.ones(5), threshold)
+
+
+def slipped(structure: Structure, system: System, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Distance from the free end, and the largest displacement there, over four cycles."""
+    run = integrate(system, cycles=4, steps_per_cycle=steps)
+    patch = structure.patches[0]
+    distance = structure.nodes[:, 0].max() - structure.nodes[patch.nodes, 0]
+    order = np.argsort(distance)
+    return distance[order], run.slip_peak[patch.points][order]
+
+
+def test_slow_joint_is_active_over_the_pseudo_static_slip_length() -> None:
+    # Displacement falls with the square of the distance to the end of slip, so the threshold
+    # cuts off its square root of the slip length, force over friction per length.
+    structure = lap_joint(beta=np.inf, normal_force="consistent", elements=200)
+    system = structure.system([Load("free_end", Harmonic(FORCE, 1.0))])
+    length = measured(*slipped(structure, system, 400), 1e-3)
+    static = FORCE / (FRICTION * PRESSURE * WIDTH)
+    assert length == pytest.approx(static * (1.0 - np.sqrt(1e-3)), rel=5e-3)
+
+
+def test_case_i_is_active_over_the_share_found_for_figure_7() -> None:
+    assert measured(*slipped(*case_i(), 200), 1e-4) / 0.5 == pytest.approx(0.63, abs=0.01)
+
+
+def test_amplification_is_that_of_a_linear_oscillator() -> None:
+    zeta = active_length.DAMPING_RATIO
+    assert active_length.amplification(0.0) == 1.0
+    assert active_length.amplification(1.0) == pytest.approx(1 / (2 * zeta), rel=1e-14)
+    # Modulus of the complex frequency response.
+    for r in (0.3, 0.9, 1.5):
+        response = 1.0 / (1.0 - r**2 + 2j * zeta * r)
+        assert active_length.amplification(r) == pytest.approx(abs(response), rel=1e-14)
+    assert active_length.amplification(0.5, 0.0) == pytest.approx(4 / 3, rel=1e-14)
+
+
+def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does() -> None:
+    # A loop of a harmonic force and displacement with phase phi has the area pi F u sin(phi);
+    # equal to the joint's loop with tan(phi) = 2 zeta, whatever force, section and friction.
+    force, tau = 1.7e4, 3e5
+    loop, peak = 2 * force**3 / (3 * EA * tau), force**2 / (2 * EA * tau)
+    zeta = active_length.DAMPING_RATIO
+    assert np.sin(np.arctan(2.0 * zeta)) == pytest.approx(loop / (np.pi * force * peak), rel=1e-14)
+
+
+def natural(length: float) -> float:
+    """First natural frequency of an isolated active length."""
+    return SPEED / (4 * length)
+
+
+def test_case_i_at_2000_hz_has_the_factors_of_figure_6() -> None:
+    found = active_length.estimate(437.5e3 / (FRICTION * 50e6 * WIDTH), 2000.0, natural)
+    assert found.converged
+    assert found.factors[0] == pytest.approx(1.162, abs=1e-3)
+    assert found.factor == pytest.approx(1.3, abs=5e-3)
+    assert found.length == pytest.approx(0.325, abs=1.5e-3)
+
+
+def test_estimate_is_a_fixed_point() -> None:
+    for frequency in (10.0, 500.0, 1500.0):
+        found = active_length.estimate(0.25, frequency, natural, tolerance=1e-12)
+        assert found.converged
+        factor = active_length.amplification(frequency / natural(found.length))
+        assert found.length == pytest.approx(0.25 * factor, rel=1e-9)
+    slow = active_length.estimate(0.25, 1e-3, natural)
+    assert slow.length == pytest.approx(0.25, rel=1e-9)
+
+
+def test_estimate_that_does_not_settle_says_so() -> None:
+    # Around resonance a longer active length is off resonance again: the iterates go to and fro.
+    found = active_length.estimate(0.25, 5000.0, natural)
+    assert not found.converged
+    assert len(found.factors) == 60
+
+
+def test_impulse_scales_with_its_peak() -> None:
+    assert active_length.scaled_for_impulse(0.2, 1e4, 1.5e4) == pytest.approx(0.3, rel=1e-14)
+
+
+# Active area
+
+
+def test_active_area_counts_the_area_of_slipping_points() -> None:
+    structure, system, _ = case("lap")
+    patch = structure.patches[0]
+    x = structure.nodes[patch.nodes, 0]
+    peak = np.zeros(system.w.size)
+    assert active_area_fraction(structure, system, peak, 0.0) == {"joint": 0.0}
+    peak[patch.points] = np.where(x > 0.125, 1e-4, 1e-8)
+    # Nodes right of the middle: 19 whole columns and half a one, of 40.
+    found = active_area_fraction(structure, system, peak, 0.0)["joint"]
+    assert found == pytest.approx(19.5 / 40.0, rel=1e-12)
+    peak[patch.points] = 1.0
+    held = active_area_fraction(structure, system, peak, 0.0)["joint"]
+    assert held == pytest.approx(39.5 / 40.0, rel=1e-12)
+
+
+def test_creep_of_points_that_stick_is_no_slip() -> None:
+    """Under the arctan law a point at half of its limit creeps by period / beta."""
+    structure, system, _ = case("lap")
+    period, beta = 1e-3, float(system.beta[0])
+    creep = np.full(system.w.size, 0.9 * period / beta)
+    assert not slips(structure, system, creep, period).any()
+    assert slips(structure, system, creep, 0.0).all()
+    assert slips(structure, system.with_beta(np.inf), creep, period).all()
+
+
+@pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
+def test_gross_slip_is_told_from_strain_and_creep(make: object) -> None:
+    structure, system = make()  # type: ignore[operator]
+    patch = structure.patches[0]
+    x = structure.nodes[patch.nodes, 0]
+    strained, part = np.zeros(system.w.size), np.zeros(system.w.size)
+    strained[patch.points] = 1e-4 * x  # evenly from the support on
+    part[patch.points] = 1e-4 * np.maximum(x - 0.05, 0.0)
+    (sentence,) = gross_slip(structure, strained, 1e-3)
+    assert "'joint' slips, the least by" in sentence
+    assert gross_slip(structure, part, 1e-3) == []
+    assert gross_slip(structure, 1e-6 * strained, 1e-3) == []  # creep
+    coulomb = [replace(joint, beta=np.inf) for joint in structure.joints]
+    assert gross_slip(replace(structure, joints=coulomb), 1e-6 * strained, 1e-3)

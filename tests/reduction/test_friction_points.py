@@ -1,0 +1,299 @@
+"""Fewer friction points: Gauss rules along a line, and points that slip alike merged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from reduced_joints import case, fig_18, full, three_periods
+
+from skfem_joint.errors import InputError
+from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
+from skfem_joint.reduction.friction_points import (
+    gauss_points,
+    gauss_rule,
+    merged_points,
+    partition,
+    reduced_system,
+)
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system import System
+
+ACTIVE = 0.0526  # m, of the structure of Fig. 18 at 87.5 kN
+
+
+def measure(points: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(0)
+    return np.sort(generator.uniform(0.0, 0.3, points)), generator.uniform(0.1, 2.0, points)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 12, 30, 60])
+def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count: int) -> None:
+    position, weight = measure()
+    x, w = gauss_rule(position, weight, count)
+    assert np.all(w > 0.0)
+    assert np.all(np.diff(x) > 0.0)
+    assert position[0] <= x[0]
+    assert x[-1] <= position[-1]
+    assert w.sum() == pytest.approx(weight.sum(), rel=1e-13)
+    for degree in range(2 * count):  # of polynomials bounded by one on the stretch
+        polynomial = np.polynomial.Chebyshev.basis(degree, domain=[0.0, 0.3])
+        exact = weight @ polynomial(position)
+        assert w @ polynomial(x) == pytest.approx(exact, abs=1e-11 * weight.sum())
+
+
+def test_rule_of_degree_2p_is_not_exact() -> None:
+    position, weight = measure()
+    x, w = gauss_rule(position, weight, 3)
+    nodal = np.polynomial.Polynomial.fromroots(x) ** 2  # zero at the points, positive elsewhere
+    assert w @ nodal(x) < 1e-10 * (weight @ nodal(position))
+
+
+def test_many_equal_nodes_give_gauss_legendre() -> None:
+    legendre, weights = np.polynomial.legendre.leggauss(6)
+    errors = []
+    for m in (100, 1000):  # midpoints: the sum is the integral to second order
+        x, w = gauss_rule((np.arange(m) + 0.5) / m * 2.0 - 1.0, np.full(m, 2.0 / m), 6)
+        errors.append(max(np.abs(x - legendre).max(), np.abs(w - weights).max()))
+    assert errors[1] < 1e-5
+    assert errors[0] / errors[1] == pytest.approx(100.0, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["random", "equal"])
+def test_as_many_points_as_nodes_are_the_nodes(kind: str) -> None:
+    position, weight = measure(53)
+    if kind == "equal":
+        position, weight = np.linspace(0.0, 0.3, 53), np.ones(53)
+    x, w = gauss_rule(position, weight, 53)
+    assert np.allclose(x, position, rtol=0.0, atol=1e-13)
+    assert np.allclose(w, weight, rtol=1e-9)
+
+
+def test_one_node_is_its_own_rule() -> None:
+    x, w = gauss_rule(np.array([0.07]), np.array([3.0]), 1)
+    assert x[0] == pytest.approx(0.07, rel=1e-14)
+    assert w[0] == pytest.approx(3.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("count", [0, -1, 61])
+def test_a_rule_of_too_many_or_no_points_is_refused(count: int) -> None:
+    with pytest.raises(InputError, match="must be from 1 to 60"):
+        gauss_rule(*measure(), count)
+
+
+@cache
+def on_a_line() -> tuple[System, Basis, np.ndarray, np.ndarray]:
+    """Structure of Fig. 18 on five joint modes; its active points and their positions."""
+    structure, system = fig_18()
+    options = Options(reference="paper", active_length=ACTIVE)
+    basis = make_basis(structure, system, options, step=1e-5, n_steps=400, cycle_steps=200, warn=[])
+    assert basis.stretches is not None
+    ((points, position),) = basis.stretches
+    return system.project(basis.V), basis, points, position
+
+
+def harmonic_run(system: System) -> Run:
+    return integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
+
+
+def test_gauss_points_keep_the_friction_limit_of_the_active_length() -> None:
+    system, _, points, position = on_a_line()
+    for count in (1, 4, 12):
+        few, shares = gauss_points(system, [(points, position)], count)
+        assert few.contact_points == count
+        assert few.w.sum() == pytest.approx(system.w[points].sum(), rel=1e-12)
+        assert np.array_equal(few.beta, np.full(count, 1e5))
+        np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-14)
+        np.testing.assert_allclose(shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
+
+
+def test_slip_is_interpolated_linearly() -> None:
+    system, _, points, position = on_a_line()
+    few, _ = gauss_points(system, [(points, position)], 7)
+    at, _ = gauss_rule(position, system.w[points], 7)
+    for k in range(system.n):
+        assert np.allclose(few.B[:, k], np.interp(at, position, system.B[points, k]), rtol=1e-12)
+
+
+def test_all_points_as_gauss_points_give_the_model_of_all_nodes() -> None:
+    system, _, points, position = on_a_line()
+    nodes = harmonic_run(system)
+    gauss = harmonic_run(gauss_points(system, [(points, position)], points.size)[0])
+    assert np.allclose(gauss.point_u, nodes.point_u, rtol=0.0, atol=1e-10 * nodes.peak.max())
+    assert gauss.cycles.friction == pytest.approx(nodes.cycles.friction, rel=1e-10)
+
+
+def test_twelve_gauss_points_are_close_to_all_nodes() -> None:
+    system, _, points, position = on_a_line()
+    nodes = harmonic_run(system)
+    gauss = harmonic_run(gauss_points(system, [(points, position)], 12)[0])
+    assert gauss.cycles.friction[-1] == pytest.approx(nodes.cycles.friction[-1], rel=5e-3)
+    assert gauss.peak == pytest.approx(nodes.peak, rel=5e-3)
+
+
+def test_two_stretches_get_their_own_points() -> None:
+    system, _, points, position = on_a_line()
+    parts = [(points[part], position[part]) for part in (slice(20), slice(20, None))]
+    both, _ = gauss_points(system, parts, 4)
+    assert both.contact_points == 8
+    assert both.w[:4].sum() == pytest.approx(system.w[points[:20]].sum(), rel=1e-12)
+    assert both.w[4:].sum() == pytest.approx(system.w[points[20:]].sum(), rel=1e-12)
+
+
+def test_a_stretch_of_one_point_is_that_point() -> None:
+    system, _, points, position = on_a_line()
+    one, _ = gauss_points(system, [(points[:1], position[:1])], 12)
+    assert np.array_equal(one.w, system.w[points[:1]])
+    assert np.allclose(one.B, system.B[points[:1]], rtol=1e-14)
+
+
+def test_points_with_two_directions_lie_on_no_line() -> None:
+    system, basis = example()
+    with pytest.raises(InputError, match="slip in one direction"):
+        gauss_points(system.project(basis.V), [(np.arange(4), np.arange(4.0))], 2)
+
+
+# Merged friction points
+
+
+def example() -> tuple[System, Basis]:
+    system = case("lap")[1]
+    return system, own_basis(system, full("lap"), 8)
+
+
+def merged(system: System, basis: Basis, count: int) -> tuple[System, np.ndarray]:
+    """Merged points, and the one that stands for each old point."""
+    few, shares = merged_points(system, basis.velocities, basis.active, count)
+    owner = np.full(system.w.size, -1)
+    owner[shares.indices] = np.repeat(np.arange(few.w.size), np.diff(shares.indptr))
+    np.testing.assert_allclose(shares.sum(axis=1), np.ones(few.w.size), rtol=1e-12)
+    return few, owner
+
+
+@pytest.mark.parametrize("count", [1, 7, 40])
+def test_merged_points_carry_the_same_total_and_are_means(count: int) -> None:
+    system, basis = example()
+    reduced = system.project(basis.V)
+    few, owner = merged(reduced, basis, count)
+    assert 0.8 * count <= few.w.size <= count
+    assert np.all(few.w > 0.0)
+    assert few.w.sum() == pytest.approx(system.w[basis.active].sum(), rel=1e-12)
+    assert np.array_equal(np.flatnonzero(owner >= 0), basis.active)
+    rows = reduced.B.reshape(-1, 2, reduced.n)
+    for k in range(few.w.size):
+        mine = owner == k
+        assert few.w[k] == pytest.approx(system.w[mine].sum(), rel=1e-12)
+        mean = np.average(rows[mine], axis=0, weights=system.w[mine])
+        np.testing.assert_allclose(few.B[2 * k : 2 * k + 2], mean, atol=1e-12)
+
+
+def test_merging_only_lowers_the_friction_potential() -> None:
+    system, basis = example()
+    every = system.project(basis.V)
+    few, _ = merged(every, basis, 20)
+    for q in basis.velocities[1:301:30]:
+        # 2 / pi times the integral of arctan(beta v), of convex growth in v.
+        potential = []
+        for s in (few, every):
+            z = s.beta * s.slip_norm(s.B @ q)
+            potential.append(s.w @ ((z * np.arctan(z) - 0.5 * np.log1p(z * z)) / s.beta))
+        assert 0.9 * potential[1] < potential[0] <= potential[1]
+
+
+def test_as_many_points_as_slip_leave_the_model_as_it_is() -> None:
+    _, system, step = case("strip")
+    basis = own_basis(system, full("strip"), 5)
+    reduced = system.project(basis.V)
+    same, owner = merged(reduced, basis, system.w.size)
+    assert np.array_equal(np.sort(owner), np.arange(system.w.size))
+    one, other = three_periods(reduced, step), three_periods(same, step)
+    np.testing.assert_allclose(other.point_u, one.point_u, atol=1e-9 * one.peak[0])
+    np.testing.assert_allclose(other.friction_work[owner], one.friction_work, rtol=1e-6)
+
+
+def test_points_of_other_laws_or_joints_are_not_merged() -> None:
+    system, basis = example()
+    odd = np.arange(system.w.size) % 2
+    reduced = replace(system.project(basis.V), beta=np.where(odd, 1e5, 1e3))
+    few, owner = merged(reduced, basis, 12)
+    assert np.array_equal(few.beta[owner[basis.active]], reduced.beta[basis.active])
+    assert set(few.beta) == {1e3, 1e5}
+    _, shares = merged_points(system.project(basis.V), basis.velocities, basis.active, 12, odd)
+    joints = shares @ odd.astype(float)
+    np.testing.assert_allclose(joints, np.round(joints), atol=1e-12)
+
+
+def test_turned_slip_directions_give_turned_points() -> None:
+    system, basis = example()
+    reduced = system.project(basis.V)
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    other = replace(reduced, B=(turn @ reduced.B.reshape(-1, 2, 8)).reshape(-1, 8))
+    few, owner = merged(reduced, basis, 9)
+    turned, turned_owner = merged(other, basis, 9)
+    assert np.array_equal(owner, turned_owner)
+    expected = turn @ few.B.reshape(-1, 2, 8)
+    np.testing.assert_allclose(turned.B.reshape(-1, 2, 8), expected, atol=1e-13)
+
+
+def test_no_point_to_keep_leaves_none() -> None:
+    system, basis = example()
+    none, owner = merged(system.project(basis.V), replace(basis, active=basis.active[:0]), 5)
+    assert none.w.size == 0
+    assert none.B.shape == (0, 8)
+    assert np.all(owner == -1)
+
+
+def test_partition_finds_what_is_apart() -> None:
+    generator = np.random.default_rng(0)
+    truth = generator.integers(0, 5, 200)
+    x = 10.0 * np.eye(5)[truth] + 0.1 * generator.standard_normal((200, 5))
+    label = partition(x, generator.uniform(0.1, 1.0, 200), 5)
+    assert np.unique(np.stack([truth, label]), axis=1).shape[1] == 5
+    assert sorted(partition(x[:3], np.ones(3), 3)) == [0, 1, 2]
+    assert np.array_equal(partition(np.zeros((4, 2)), np.ones(4), 3), np.zeros(4))
+
+
+# Reduced systems
+
+
+def test_a_reduced_system_has_four_points_a_mode_and_a_beta_that_its_modes_resolve() -> None:
+    system, basis = example()
+    warn: list[str] = []
+    reduced, shares = reduced_system(system, basis, warn=warn)
+    assert reduced.n == 8
+    assert 28 <= reduced.w.size <= 32
+    assert shares.shape == (reduced.w.size, system.w.size)
+    np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.slip_velocity), rtol=1e-12)
+    assert len(warn) == 1
+    assert "reduced model uses beta" in warn[0]
+    decay, _ = reduced_system(system, basis, periodic=False, warn=[])
+    np.testing.assert_allclose(decay.beta, 1e5, rtol=1e-12)
+    chosen, _ = reduced_system(system, basis, friction_points="all", beta=77.0, warn=warn)
+    assert np.all(chosen.beta == 77.0)
+    assert chosen.w.size == system.w.size
+    assert len(warn) == 1
+    line, basis = fig_18()[1], on_a_line()[1]
+    assert reduced_system(line, basis, warn=[])[0].w.size == 4 * 5  # Gauss: of each stretch
+    assert reduced_system(line, basis, friction_points=7, warn=[])[0].w.size == 7
+
+
+def test_fewer_points_than_asked_for_are_told() -> None:
+    _, system, _ = case("strip")
+    basis = own_basis(system, full("strip"), 5)
+    warn: list[str] = []
+    reduced_system(system, basis, friction_points=10_000, beta=1e4, warn=warn)
+    assert len(warn) == 1
+    assert "instead of 10000" in warn[0]
+
+
+def test_systems_without_friction_or_points_are_refused() -> None:
+    system, basis = example()
+    with pytest.raises(InputError, match="needs friction in a joint"):
+        reduced_system(replace(system, w=0.0 * system.w), basis, warn=[])
+    with pytest.raises(InputError, match="found 0, must be >= 1"):
+        reduced_system(system, basis, friction_points=0, warn=[])
+    with pytest.raises(InputError, match="found 0, must be"):
+        reduced_system(fig_18()[1], on_a_line()[1], friction_points=0, warn=[])

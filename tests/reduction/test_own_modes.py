@@ -1,0 +1,154 @@
+"""Modes of a structure's own run, and reduced models made of a system in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
+from scipy.linalg import subspace_angles
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import HalfSine, Harmonic
+from skfem_joint.reduction import reduce
+from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.structure import Load
+from skfem_joint.system import System
+
+
+def reduced(system: System, basis: Basis, step: float, points: str | int) -> Run:
+    few, _ = reduced_system(system, basis, friction_points=points, warn=[])
+    return three_periods(few, step)
+
+
+@pytest.mark.parametrize("snapshots", ["both", "displacement"])
+@pytest.mark.parametrize("inner_product", ["energy", "mass", "euclidean"])
+def test_own_modes_are_the_best_of_their_number(inner_product: str, snapshots: str) -> None:
+    _, system, _ = case("lap")
+    run = full("lap")
+    basis = own_basis(system, run, 8, snapshots=snapshots, inner_product=inner_product)
+    np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(8), atol=1e-10)
+    np.testing.assert_allclose(basis.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
+    modes, values = basis.proper.modes, basis.proper.singular_values
+    assert np.all(np.diff(values) <= 0.0)
+    if inner_product == "energy":
+        return
+    G = system.M.toarray() if inner_product == "mass" else np.eye(system.n)
+    some = modes[:, :30]
+    np.testing.assert_allclose(some.T @ G @ some, np.eye(30), atol=1e-9)
+    parts = [run.u[::2]] if snapshots == "displacement" else [run.u[::2], run.v[::2]]
+    X = np.vstack([x / np.sqrt(np.sum(x @ G * x)) for x in parts])
+    values = values / np.sqrt(np.sum(values**2)) * np.sqrt(len(parts))
+    left = X - X @ G @ modes[:, :8] @ modes[:, :8].T  # what eight modes leave out
+    assert np.sum(left @ G * left) == pytest.approx(np.sum(values[8:] ** 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+def test_own_modes_reproduce_the_reference_plate(poisson: float) -> None:
+    _, system, step = case("lap", poisson)
+    basis = own_basis(system, full("lap", poisson), 12)
+    every = reduced(system, basis, step, "all")
+    history, energy = errors(every, full("lap", poisson))
+    assert history < 0.01
+    assert abs(energy) < 0.02
+    history, energy = errors(reduced(system, basis, step, 36), every)
+    assert history < 0.003
+    assert abs(energy) < 0.005
+
+
+@pytest.mark.parametrize(("name", "modes"), [("strip", 12), ("two", 10), ("edge", 12)])
+def test_few_points_meet_the_tolerances_of_other_joints(name: str, modes: int) -> None:
+    _, system, step = case(name)
+    basis = own_basis(system, full(name), modes)
+    history, energy = errors(reduced(system, basis, step, 3 * modes), full(name))
+    assert history < 0.01
+    assert abs(energy) < 0.02
+
+
+def test_fixed_interface_modes_do_not_slip() -> None:
+    _, system, _ = case("strip")
+    plain = own_basis(system, full("strip"), 6)
+    more = own_basis(system, full("strip"), 6, interface_modes=2)
+    assert more.V.shape[1] == 8
+    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-6  # holds the others
+    assert np.linalg.matrix_rank(system.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
+
+
+def test_modes_need_a_run_that_moves_and_holds_enough_snapshots() -> None:
+    _, system, step = case("strip")
+    save = Save(fields=True)
+    still = integrate(replace(system, loads=()), step=step, n_steps=10, save=save)
+    with pytest.raises(InputError, match="nothing moves"):
+        own_basis(system, still, 4)
+    with pytest.raises(InputError, match=r"reduction\.modes: found 0, must be from 1"):
+        own_basis(system, full("strip"), 0)
+    with pytest.raises(InputError, match=r"reduction\.modes: found 999"):
+        own_basis(system, full("strip"), 999)
+
+
+def test_own_modes_of_a_structure_come_from_its_first_three_cycles() -> None:
+    structure, system, step = case("strip")
+    warn: list[str] = []
+    options = Options(modes=6, interface_modes=2, active_length=0.05)
+    steps = {"step": step, "n_steps": 5 * STEPS, "cycle_steps": STEPS}
+    basis = make_basis(structure, system, options, **steps, warn=warn)
+    expected = own_basis(system, full("strip"), 6, interface_modes=2)
+    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-7
+    assert (basis.modes, basis.zones, basis.stretches) == (6, (), None)
+    assert warn == ["reduction.active_length has no effect beside reference = 'self'."]
+    assert basis.group is not None
+    assert np.array_equal(np.flatnonzero(basis.group == 0), np.arange(system.w.size))
+    with pytest.raises(InputError, match="must be 'self' or 'paper'"):
+        make_basis(structure, system, Options(reference="other"), **steps, warn=warn)
+
+
+def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted() -> None:
+    structure, _, step = case("strip")
+    steps = {"step": step, "n_steps": 3 * STEPS, "cycle_steps": STEPS}
+    warn: list[str] = []
+    bent = structure.system([Load("right", Harmonic(2e3, 500.0), (0.0, 1.0))], [])
+    basis = make_basis(structure, bent, Options(modes=2), **steps, warn=warn)
+    assert 0.1 < basis.missed < 0.5
+    assert "cannot follow" in warn[0]
+    with pytest.raises(InputError, match="cannot follow"):
+        make_basis(structure, bent, Options(modes=1), **steps, warn=warn)
+
+
+# One line
+
+
+def test_a_system_is_reduced_in_one_line() -> None:
+    structure, system = fig_18()
+    full_run = integrate(system, cycles=6, steps_per_cycle=200)
+    small = reduce(system, 10)
+    assert small.n == 10
+    assert 35 <= small.w.size <= 40
+    assert small.points == system.points
+    run = integrate(small, cycles=6, steps_per_cycle=200, save=Save(fields=True))
+    at = system.points.index("end")
+    difference = np.abs(run.point_u[:, at] - full_run.point_u[:, at]).max() / full_run.peak[at]
+    assert difference < 0.02
+    energies = run.cycles.friction[-1] / full_run.cycles.friction[-1]
+    assert energies == pytest.approx(1.0, abs=0.03)
+    nodes = structure.unpacked(small.expand(run.u))
+    assert nodes.shape == (len(run.u), structure.n_nodes, 1)
+    np.testing.assert_allclose(nodes[:, -1, 0], run.point_u[:, at], rtol=1e-9)
+    assert not nodes[:, 0].any()  # supported
+
+
+def test_a_run_of_ones_own_gives_the_modes() -> None:
+    structure, _ = fig_18()
+    system = structure.system([Load("end", HalfSine(5e4, 5e-4))])
+    with pytest.raises(InputError, match="no common period"):
+        reduce(system)
+    run = integrate(system, step=5e-6, n_steps=400, save=Save(fields=True))
+    small = reduce(system, 20, run=run, friction_points="all", beta=1e5)
+    again = integrate(small, step=5e-6, n_steps=400)
+    at = system.points.index("end")
+    difference = np.abs(again.point_u[:, at] - run.point_u[:, at]).max() / run.peak[at]
+    assert small.w.size == system.w.size
+    assert difference < 0.01

@@ -1,0 +1,299 @@
+"""Active zones: where force enters joints, and how far in it reaches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reduced_joints import TAU, bar, case, case_i, fig_18, plate
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import HalfSine, Harmonic, MultiHarmonic
+from skfem_joint.mesh import build_bar, build_box, build_plate, merged, named
+from skfem_joint.reduction.active_length import Estimate, measured
+from skfem_joint.reduction.reference import MATERIAL, THICKNESS, WIDTH, lap_joint
+from skfem_joint.reduction.zones import (
+    active_zones,
+    estimate_active_length,
+    measured_lengths,
+    stretches,
+    zone_lengths,
+)
+from skfem_joint.structure import Joint, Load, Material, Structure
+from skfem_joint.system import System
+
+PULL = Harmonic(1e5, 500.0)
+
+
+def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]:
+    """Name of each zone, and where along its axis its mouth and its other end are."""
+    found = []
+    for zone in active_zones(structure, system):
+        along = structure.nodes[zone.nodes] @ zone.axis
+        assert np.all(np.diff(zone.distance) >= 0.0)
+        np.testing.assert_allclose(np.abs(along - along[0]), zone.distance, atol=1e-15)
+        found.append((zone.name, round(float(along[0]), 9), round(float(along[-1]), 9)))
+    return found
+
+
+def test_lap_joint_has_one_zone_at_its_loaded_end() -> None:
+    structure = lap_joint()
+    (zone,) = active_zones(structure, structure.system([Load("free_end", PULL)]))
+    assert zone.nodes.tolist() == list(range(100, -1, -1))
+    assert zone.distance == pytest.approx(0.25 - structure.nodes[::-1, 0], abs=1e-15)
+    assert zone.points[-1] == -1  # supported
+    assert zone.length == pytest.approx(0.25, rel=1e-14)
+    assert zone.tau == pytest.approx(0.7 * 8e6 * 0.05, rel=1e-13)
+
+
+def test_structure_of_fig_18_has_one_zone_at_the_junction() -> None:
+    (zone,) = active_zones(*fig_18())
+    assert zone.name == "joint"
+    assert zone.nodes[0] == 100
+    assert zone.length == pytest.approx(0.1, rel=1e-14)
+    assert zone.tau == pytest.approx(TAU, rel=1e-13)
+
+
+def test_joints_at_both_ends_of_a_bar_loaded_in_its_middle_have_a_zone_each() -> None:
+    regions = [("left", 0.1, 10), ("a", 0.2, 20), ("b", 0.2, 20), ("right", 0.1, 10)]
+    found = ends(*bar(regions, ["left", "right"], [("after a", PULL)], fixed=["start", "end"]))
+    assert found == [("left", 0.1, 0.0), ("right", 0.5, 0.6)]
+
+
+def test_inner_joint_has_a_zone_at_each_end() -> None:
+    regions = [("a", 0.2, 20), ("joint", 0.1, 10), ("b", 0.2, 20)]
+    found = ends(*bar(regions, ["joint"], [("end", PULL)]))
+    assert found == [("joint", 0.2, 0.3), ("joint", 0.3, 0.2)]
+
+
+def test_one_joint_in_two_parts_has_a_zone_at_each_mouth() -> None:
+    regions = [("joint", 0.1, 10), ("a", 0.2, 20), ("joint", 0.1, 10)]
+    found = ends(*bar(regions, ["joint"], [("after a", PULL)]))
+    # The last part ends the bar where nothing pulls: force enters at its first end alone.
+    assert found == [("joint", 0.1, 0.0), ("joint", 0.3, 0.4)]
+
+
+def test_numbering_of_the_mesh_does_not_matter() -> None:
+    structure = fig_18()[0]
+    shuffled = np.random.default_rng(0).permutation(structure.n_nodes)
+    place = np.argsort(shuffled)
+    old = structure.mesh
+    mesh = replace(
+        old,
+        mesh=replace(old.mesh, doflocs=old.mesh.p[:, shuffled], t=place[old.mesh.t]),
+        points={name: int(place[node]) for name, node in old.points.items()},
+        coordinates=old.coordinates[shuffled],
+    )
+    other = replace(structure, mesh=mesh)
+    (zone,), (expected,) = (
+        active_zones(s, s.system([Load("end", PULL)])) for s in (other, structure)
+    )
+    np.testing.assert_allclose(zone.distance, expected.distance, atol=1e-15)
+    assert np.array_equal(shuffled[zone.nodes], expected.nodes)
+    assert zone.tau == pytest.approx(expected.tau, rel=1e-12)
+
+
+def two_bars() -> tuple[Structure, System]:
+    lower = build_bar([("under", 0.1, 10), ("rest", 0.2, 10)], {"held": 0.3})
+    upper = build_bar([("arm", 0.2, 10), ("joint", 0.1, 15)], {"end": 0.0}, origin=(-0.2, 0.0, 0.0))
+    structure = Structure(
+        merged([lower, upper]),
+        MATERIAL,
+        width=WIDTH,
+        thickness=THICKNESS,
+        fixed=["held"],
+        joints=[Joint("joint", 50e6, 0.7, against="under")],
+    )
+    return structure, structure.system([Load("end", PULL)])
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("lap", [(0.25, 0.0)]),
+        ("strip", [(0.1, 0.0)]),
+        ("edge", [(0.1, 0.0)]),
+        ("two", [(0.0, 0.1), (0.1, 0.0)]),
+        ("bars", [(0.0, 0.1), (0.1, 0.0)]),
+    ],
+)
+def test_zones_of_plates_and_of_two_bodies(name: str, expected: list[tuple[float, float]]) -> None:
+    structure, system = two_bars() if name == "bars" else case(name)[:2]
+    assert ends(structure, system) == [("joint", *zone) for zone in expected]
+    zone = active_zones(structure, system)[0]
+    limit = 0.7 * structure.patches[0].clamping_force if name != "edge" else 0.5 * 100e6 * 1e-3
+    assert zone.tau * zone.length == pytest.approx(limit, rel=1e-12)
+    assert zone.is_line == (name in ("edge", "bars"))
+
+
+def test_solid_on_its_foot_has_a_zone_where_the_arm_begins() -> None:
+    sides = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
+    strips = [("foot", 0.1, 5), ("arm", 0.2, 4)]
+    box = build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
+    structure = Structure(
+        box,
+        Material(200e9, 8000.0, 0.3),
+        fixed=["left"],
+        joints=[Joint("joint", 8e6, 0.7, axis=(2.0, 0.0, 0.0))],
+    )
+    system = structure.system([Load("right", PULL, (1.0, 0.0, 0.0))])
+    assert ends(structure, system) == [("joint", 0.1, 0.0)]
+
+
+def test_each_ring_of_bolts_is_a_part_of_its_own() -> None:
+    plan = build_plate([("one", 0.02, 2), ("gap", 0.06, 6), ("two", 0.02, 2)], 0.05, 3)
+    joint = np.concatenate([plan.regions["one"], plan.regions["two"]])
+    mesh = named(plan.mesh.with_subdomains({"joint": joint}))
+    structure = plate(mesh, Joint("joint", 8e6, 0.7, axis=(1.0, 0.0)))
+    found = stretches(structure, structure.patches[0])
+    assert [round(zone.length, 9) for zone in found] == [0.02, 0.02]
+
+
+def test_scaled_modes_that_cannot_follow_are_refused() -> None:
+    inside = bar([("joint", 0.1, 10), ("linear", 0.2, 10)], ["joint"], [("joint", PULL)])
+    with pytest.raises(InputError, match="'joint': a load acts inside it"):
+        active_zones(*inside)
+    touching = bar([("one", 0.1, 10), ("two", 0.1, 10)], ["one", "two"], [("end", PULL)])
+    with pytest.raises(InputError, match="'one' touches another joint"):
+        active_zones(*touching)
+    structure, system, _ = case("strip")
+    joints = [replace(joint, axis=None) for joint in structure.joints]
+    with pytest.raises(InputError, match="'joint': no axis is named"):
+        active_zones(replace(structure, joints=joints), system)
+    free = [replace(joint, friction=0.0) for joint in fig_18()[0].joints]
+    with pytest.raises(InputError, match="no friction acts in it"):
+        active_zones(replace(fig_18()[0], joints=free), fig_18()[1])
+    with pytest.raises(InputError, match="no force enters any joint"):
+        active_zones(*fig_18(force=0.0))
+
+
+# Lengths
+
+
+def test_profile_is_the_largest_slip_of_each_section_of_any_mesh() -> None:
+    rng = np.random.default_rng(3)
+    structure, system, _ = case("lap")
+    mesh = structure.mesh.mesh
+    inner = np.setdiff1d(np.arange(mesh.p.shape[1]), mesh.boundary_nodes())
+    moved = mesh.p.copy()
+    moved[:, inner] += rng.uniform(-1.5e-3, 1.5e-3, (2, inner.size))
+    shaken = replace(structure, mesh=replace(structure.mesh, mesh=replace(mesh, doflocs=moved)))
+    for s in (structure, shaken):
+        (zone,) = active_zones(s, system)
+        x = s.nodes[s.patches[0].nodes, 0]
+        slip = np.zeros(system.w.size)
+        slip[s.patches[0].points] = np.maximum(x - 0.1, 0.0)  # alike across the axis
+        distance, peak = zone.profile(slip)
+        smooth = distance < 0.14
+        np.testing.assert_allclose(peak[smooth], 0.15 - distance[smooth], atol=1e-12)
+        assert zone.active_length(slip) == pytest.approx(0.15, abs=0.008)
+        # Sections stick where all their points do: one row that slips keeps them moving.
+        y = s.nodes[s.patches[0].nodes, 1]
+        slip[s.patches[0].points] = np.where(y == 0.0, x, 0.0)
+        assert zone.active_length(slip) > 0.23
+
+
+def test_measured_lengths_are_taken_from_the_end_that_moves_most() -> None:
+    structure, system = fig_18()
+    patch = structure.patches[0]
+    x = structure.nodes[patch.nodes, 0]
+    for decay in (np.exp(-200.0 * (0.1 - x)), np.exp(-200.0 * x)):
+        slip = np.zeros(system.w.size)
+        slip[patch.points] = decay
+        expected = np.sort(decay)[::-1]
+        length = measured(np.arange(100) * 1e-3, expected)
+        assert measured_lengths(structure, slip) == {"joint": pytest.approx(length, rel=1e-9)}
+    plain = replace(case("lap")[0].joints[0], axis=None)
+    plate_joint = replace(case("lap")[0], joints=[plain])
+    assert measured_lengths(plate_joint, np.ones(case("lap")[1].w.size)) == {}
+
+
+@pytest.mark.parametrize("length", [0.0, -0.01, 0.1001, np.nan])
+def test_active_length_outside_the_joint_is_refused(length: float) -> None:
+    structure, system = fig_18()
+    zones = active_zones(structure, system)
+    for asked in (length, {"joint": length}):
+        with pytest.raises(InputError, match="active length of joint 'joint'"):
+            zone_lengths(system, zones, asked, np.zeros(system.w.size), [])
+
+
+def test_lengths_from_both_ends_of_a_joint_are_kept_apart() -> None:
+    regions = [("a", 0.2, 20), ("joint", 0.1, 10), ("b", 0.2, 20)]
+    structure, system = bar(regions, ["joint"], [("end", PULL)])
+    zones, warn = active_zones(structure, system), []
+    slip = np.zeros(system.w.size)
+    for asked, expected in ((0.04, [0.04, 0.04]), (0.08, [0.05, 0.05])):
+        found = zone_lengths(system, zones, asked, slip, warn)
+        assert [item.length for item in found] == pytest.approx(expected, rel=1e-12)
+        assert all(item.source == "given" for item in found)
+    assert len(warn) == 2
+    assert "capped at 0.05 m" in warn[0]
+    probed = zone_lengths(system, zones, "auto", np.ones(system.w.size), [])
+    assert sum(item.length for item in probed) == pytest.approx(0.1, rel=1e-12)
+    stuck = zone_lengths(system, zones, "auto", slip, [])
+    assert [item.length for item in stuck] == pytest.approx([0.01, 0.01])  # one element
+
+
+# Eqs. (17)-(20)
+
+
+def estimated(structure: Structure, system: System) -> Estimate:
+    (zone,) = active_zones(structure, system)
+    found = estimate_active_length(system, zone)
+    assert found is not None
+    return found
+
+
+def test_isolated_joint_reproduces_the_factors_of_figure_6() -> None:
+    found = estimated(*case_i())
+    assert round(found.factors[0], 3) == 1.162
+    assert round(found.factor, 2) == 1.30
+    assert found.converged
+    assert found.length == pytest.approx(0.325, rel=1e-3)
+
+
+def test_isolated_joint_near_resonance_does_not_settle() -> None:
+    for frequency in (3000.0, 4000.0):  # 0.25 m of active bar alone resonate at 5 kHz
+        structure, system = case_i(frequency)
+        assert not estimated(structure, system).converged
+        warn: list[str] = []
+        zone_lengths(system, active_zones(structure, system), "estimate", system.w, warn)
+        assert "did not settle and is doubtful" in warn[0]
+
+
+def test_structure_of_fig_18_starts_from_the_factor_of_the_paper() -> None:
+    found = estimated(*fig_18())
+    assert round(found.factors[0], 3) == 1.045  # printed: 1.05
+    assert found.converged
+    assert found.length == pytest.approx(1.045 * 87.5e3 / TAU, rel=5e-4)
+
+
+def test_structure_at_resonance_is_reported_by_its_frequency_ratio() -> None:
+    # c / (4 * 0.6 m) = 2083 Hz with the whole joint active.
+    below, above = (estimated(*fig_18(frequency)) for frequency in (1500.0, 2100.0))
+    assert below.converged
+    assert below.frequency_ratio < 0.75
+    assert above.frequency_ratio == pytest.approx(2100.0 / (5000.0 / 2.4), rel=2e-3)
+    assert above.length > 0.1  # to be capped
+
+
+def test_static_length_is_the_force_over_tau_wherever_the_loads_act() -> None:
+    structure, _ = fig_18()
+    for on in ("end", "linear", "after joint"):
+        system = structure.system([Load(on, Harmonic(60e3, 1.0))])
+        assert estimated(structure, system).length == pytest.approx(60e3 / TAU, rel=1e-4)
+    both = MultiHarmonic((Harmonic(12e3, 1.0), Harmonic(-8e3, 2.0)))
+    loads = [Load("end", both), Load("after joint", Harmonic(-30e3, 1.0))]
+    found = estimated(structure, structure.system(loads))
+    assert found.length == pytest.approx(50e3 / TAU, rel=1e-4)
+
+
+def test_what_has_no_estimate_is_refused() -> None:
+    structure, _ = fig_18()
+    pulse = structure.system([Load("end", HalfSine(1e4, 1e-3))])
+    for s, system in ((structure, pulse), case("strip")[:2]):
+        zones = active_zones(s, system)
+        assert estimate_active_length(system, zones[0]) is None
+        with pytest.raises(InputError, match="'estimate' needs a bar under harmonic loads"):
+            zone_lengths(system, zones, "estimate", system.w, [])

@@ -1,0 +1,79 @@
+"""Texts of scenes for the tests, changed in places, and what is wrong with them."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import NamedMesh
+from skfem_joint.scene import Scene, load_scene, scene_from
+
+GOOD = """\
+title = "two joints and a plain bar"
+[mesh]
+file = "bar.msh"
+[material]
+E = 200e9
+density = 8000
+[section]
+width = 0.05
+thickness = 0.01
+[support]
+fixed = ["fixed"]
+[[joint]]
+on = "joint"
+pressure = 50e6
+friction = 0.7
+[[load]]
+on = "free_end"
+kind = "harmonic"
+amplitude = 87.5e3
+frequency = 500.0
+[time]
+cycles = 3
+[models]
+run = ["full", "reduced"]
+[reduction]
+modes = 5
+[output]
+every = 1
+"""
+
+Change = tuple[str, str]
+
+
+def with_changes(text: str, changes: tuple[Change, ...]) -> str:
+    """The text with some of its parts exchanged, each of which stands in it once."""
+    for old, new in changes:
+        assert text.count(old) == 1, f"{old!r} must stand in the good scene once"
+        text = text.replace(old, new)
+    return text
+
+
+def scene_of(*changes: Change, folder: Path | None = None, mesh: NamedMesh | None = None) -> Scene:
+    """The good scene with changes, in memory."""
+    path = (folder or Path()) / "scene.toml"
+    return scene_from(tomllib.loads(with_changes(GOOD, changes)), mesh, path)
+
+
+def problems_of(*changes: Change, folder: Path | None = None) -> list[str]:
+    """What is wrong with the changed scene by itself, without the file name."""
+    with pytest.raises(InputError) as caught:
+        scene_of(*changes, folder=folder)
+    return _without_path(caught.value, (folder or Path()) / "scene.toml")
+
+
+def problems_of_file(path: Path) -> list[str]:
+    """What is wrong with a scene file, without the file name that starts every line."""
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    return _without_path(caught.value, path)
+
+
+def _without_path(error: InputError, path: Path) -> list[str]:
+    assert error.exit_status == 2
+    assert all(problem.startswith(f"{path}: ") for problem in error.problems)
+    return [problem.removeprefix(f"{path}: ") for problem in error.problems]

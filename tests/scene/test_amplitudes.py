@@ -1,0 +1,366 @@
+"""Forces in time: periods, corners, peaks, impulses in closed form, functions, tables of files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import (
+    Amplitude,
+    Function,
+    HalfSine,
+    Harmonic,
+    MultiHarmonic,
+    RampAndHold,
+    Rectangle,
+    Table,
+    Triangle,
+    Versine,
+    as_amplitude,
+    common_period,
+    read_table,
+)
+
+PEAK, RISE, START = -87.5e3, 4e-5, 1.3e-4
+IMPULSES: list[Amplitude] = [
+    Triangle(PEAK, RISE, START),
+    HalfSine(PEAK, RISE, START),
+    Versine(PEAK, RISE, START),
+    RampAndHold(PEAK, RISE, START),
+    Rectangle(PEAK, 2 * RISE, START),
+]
+ALL_LOADS: list[Amplitude] = [
+    Harmonic(63e3, 1000.0, 0.4),
+    MultiHarmonic((Harmonic(3.0, 50.0), Harmonic(2.0, 75.0, 1.0))),
+    *IMPULSES,
+    Table([0.0, 1e-4, 3e-4], [0.0, 5.0, -2.0]),
+]
+
+
+@pytest.mark.parametrize("load", ALL_LOADS, ids=lambda load: type(load).__name__)
+def test_an_array_of_times_gives_what_its_members_give(load: Amplitude) -> None:
+    t = np.linspace(0, 4e-4, 24).reshape(4, 6)
+    assert load(t).shape == (4, 6)
+    assert np.array_equal(load(t), [[float(load(x)) for x in row] for row in t])
+
+
+@pytest.mark.parametrize("load", ALL_LOADS, ids=lambda load: type(load).__name__)
+def test_no_force_exceeds_the_peak_value_and_some_force_reaches_it(load: Amplitude) -> None:
+    force = np.abs(load(np.linspace(0, 0.08, 200_001)))
+    assert force.max() <= load.peak_value * (1 + 1e-12)
+    assert force.max() == pytest.approx(load.peak_value, rel=1e-4)
+
+
+def test_harmonic_starts_with_its_phase_and_repeats() -> None:
+    load = Harmonic(2.0, 500.0, math.pi / 3)
+    assert load(0.0) == pytest.approx(2 * math.sin(math.pi / 3))
+    assert load.period == 1 / 500
+    t = np.linspace(0, 1, 17)
+    assert load(t + 1 / 500) == pytest.approx(load(t), abs=1e-9)
+    quarter_later = Harmonic(2.0, 500.0, math.pi / 3 + math.pi / 2)
+    assert load(t + 1 / 2000) == pytest.approx(quarter_later(t), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "period"),
+    [
+        ([500.0], 1 / 500),
+        ([500.0, 1500.0], 1 / 500),
+        ([400.0, 600.0], 1 / 200),
+        ([6.0, 10.0, 15.0], 1.0),
+        ([0.1, 0.3], 10.0),
+        ([100 / 3, 50.0], 3 / 50),
+        ([1000.0, 1000.1], 10.0),
+        ([1.0, math.sqrt(2)], None),
+        ([1.0, math.pi, 10.0], None),
+        ([1.0, 1e9], None),
+    ],
+)
+def test_common_period_is_the_least_common_multiple(
+    frequencies: list[float], period: float | None
+) -> None:
+    load = MultiHarmonic(tuple(Harmonic(1.0, f, 0.3 * f) for f in frequencies))
+    if period is None:
+        assert load.period is None
+        return
+    assert load.period == pytest.approx(period, rel=1e-12)
+    t = np.linspace(0, period, 37)
+    assert load(t + period) == pytest.approx(load(t), abs=1e-7)
+    # No whole fraction of it is a period, so it is the shortest.
+    for divisor in (2, 3, 5, 7):
+        whole_turns = np.array(frequencies) * period / divisor
+        assert np.abs(whole_turns - np.round(whole_turns)).max() > 1e-6
+
+
+def test_common_period_of_several_loads_passes_over_impulses() -> None:
+    pair = MultiHarmonic((Harmonic(1.0, 60.0), Harmonic(1.0, 90.0)))
+    assert common_period([Harmonic(1.0, 40.0), *IMPULSES, pair]) == pytest.approx(1 / 10)
+    assert common_period(IMPULSES) is None
+    assert common_period([Harmonic(1.0, 1.0), Harmonic(1.0, math.sqrt(2))]) is None
+
+
+@pytest.mark.parametrize(
+    ("components", "peak"),
+    [
+        # Crests of sin x and -sin 3x coincide at a quarter period.
+        (((3.0, 10.0, 0.0), (2.0, 30.0, math.pi)), 5.0),
+        # sin x + sin 2x: its slope vanishes at cos x = (sqrt(33) - 1) / 8.
+        (((1.0, 10.0, 0.0), (1.0, 20.0, 0.0)), 1.7601725930461447),
+        # sin x + sin 3x / 3: a flat top of 2 sqrt(2) / 3 at x = pi / 4, lower crest between.
+        (((1.0, 10.0, 0.0), (1 / 3, 30.0, 0.0)), 2 * math.sqrt(2) / 3),
+        # Opposite harmonics cancel.
+        (((1.0, 10.0, 0.0), (1.0, 10.0, math.pi)), 0.0),
+        # Not commensurate: the sum of amplitudes.
+        (((1.0, 10.0, 0.0), (-2.0, 10 * math.sqrt(2), 0.0)), 3.0),
+    ],
+)
+def test_peak_of_superposed_harmonics(
+    components: tuple[tuple[float, float, float], ...], peak: float
+) -> None:
+    load = MultiHarmonic(tuple(Harmonic(*component) for component in components))
+    assert load.peak_value == pytest.approx(peak, rel=1e-9, abs=1e-12)
+    assert load.highest_frequency == max(frequency for _, frequency, _ in components)
+
+
+@pytest.mark.parametrize(
+    ("load", "area"),
+    [
+        (Triangle(PEAK, RISE, START), PEAK * RISE),
+        (HalfSine(PEAK, RISE, START), 4 / math.pi * PEAK * RISE),
+        (Versine(PEAK, RISE, START), PEAK * RISE),
+        (Rectangle(PEAK, 2 * RISE, START), PEAK * 2 * RISE),
+        (RampAndHold(PEAK, RISE, START), PEAK * (1e-3 - START - RISE / 2)),
+        (Table([0.0, 1e-4, 3e-4], [0.0, 5.0, -2.0]), 5.0 * 0.5e-4 + 1.5 * 2e-4),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_impulse_has_the_area_of_its_closed_form(load: Amplitude, area: float) -> None:
+    end = 1e-3
+    points = sorted({*load.corners, START, START + RISE, START + 2 * RISE})
+    computed, _ = quad(load, 0.0, end, points=points, epsabs=1e-12, epsrel=1e-12)
+    assert computed == pytest.approx(area, rel=1e-10)
+
+
+@pytest.mark.parametrize("load", IMPULSES, ids=lambda load: type(load).__name__)
+def test_impulse_is_zero_outside_and_peaks_after_the_rise_time(load: Amplitude) -> None:
+    assert np.all(load([0.0, START - 1e-12]) == 0)
+    assert load(START + RISE) == pytest.approx(PEAK)
+    after = load([START + 2 * RISE + 1e-12, 1.0])
+    assert np.all(after == (PEAK if isinstance(load, RampAndHold) else 0.0))
+    assert load.period is None
+    # Section 7.4: a rise time of 4e-5 s excites up to 1 / (2 * 4e-5) Hz.
+    expected = 6250.0 if isinstance(load, Rectangle) else 12_500.0
+    assert load.highest_frequency == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("load", ALL_LOADS, ids=lambda load: type(load).__name__)
+def test_value_and_slope_jump_at_the_corners_and_nowhere_else(load: Amplitude) -> None:
+    h = 1e-9
+    scale = load.peak_value
+    others = np.linspace(1.07e-6, 3.9e-4, 101)
+    others = others[[min(abs(x - c) for c in (*load.corners, 1.0)) > 2 * h for x in others]]
+
+    def jump(t: float) -> float:
+        before, at, after = load(t - h), load(t), load(t + h)
+        return float(abs(after - 2 * at + before)) / scale + float(
+            abs(after - before) / scale > 0.1
+        )
+
+    assert all(jump(t) > 1e-6 for t in load.corners)
+    assert all(jump(float(t)) < 1e-7 for t in others)
+
+
+def test_table_is_linear_between_its_points_and_zero_outside() -> None:
+    load = Table([1.0, 2.0, 4.0, 5.0], [0.0, 10.0, -10.0, -20.0])
+    assert load([0.9, 1.5, 2.0, 3.0, 4.5, 5.0, 5.1]) == pytest.approx([0, 5, 10, 0, -15, -20, 0])
+    # The slope is the same on both sides of t = 4: no corner there.
+    assert load.corners == (1.0, 2.0, 5.0)
+    assert load.highest_frequency == 0.5
+    assert load.peak_value == 20.0
+
+
+@pytest.mark.parametrize(
+    ("load", "jumps"),
+    [
+        (Rectangle(2.0, 0.5, 1.0), (1.0, 1.5)),
+        (Rectangle(2.0, 0.5), (0.0, 0.5)),
+        (Rectangle(0.0, 0.5), ()),
+        (Table([0.0, 1.0], [0.0, 80e3]), (1.0,)),  # ends above zero
+        (Table([0.0, 1.0], [5.0, 0.0]), (0.0,)),
+        (Table([2.0, 3.0, 4.0], [-1.0, 0.0, 1.0]), (2.0, 4.0)),
+        (Triangle(1.0, 1e-5, 10.0), ()),
+        (RampAndHold(1.0, 0.5), ()),
+        (Harmonic(1.0, 5.0, 1.0), ()),
+    ],
+)
+def test_jumps_are_the_corners_at_which_the_force_jumps(
+    load: Amplitude, jumps: tuple[float, ...]
+) -> None:
+    assert load.jumps == jumps
+    assert set(jumps) <= set(load.corners)
+    for t in jumps:
+        near = load([np.nextafter(t, -1.0), t, np.nextafter(t, 100.0)])
+        assert np.ptp(near) >= 0.5 * float(load.peak_value or 0.0)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda t: 3.0 * np.sin(t),
+        lambda t: 3.0 * math.sin(t),
+        lambda t: 3.0 if t < 1.0 else 0.0,
+        lambda t: 5,
+        lambda t: np.array([t**2]),
+    ],
+)
+def test_a_plain_function_of_time_is_a_force(function: Callable[[float], float]) -> None:
+    load = as_amplitude(function)
+    t = np.linspace(0.0, 2.0, 6).reshape(2, 3)
+    assert load(t) == pytest.approx(
+        np.array([[float(np.squeeze(function(x))) for x in row] for row in t])
+    )
+    assert float(load(0.5)) == pytest.approx(float(np.squeeze(function(0.5))))
+    assert load(t[:, :0]).shape == (2, 0)
+    assert (load.period, load.corners, load.jumps) == (None, (), ())
+    assert (load.peak_value, load.highest_frequency) == (None, None)
+    assert common_period([load, Harmonic(1.0, 4.0)]) == 0.25
+
+
+def test_a_function_is_asked_for_all_times_at_once_where_it_can_be() -> None:
+    calls = []
+
+    def force(t: np.ndarray) -> np.ndarray:
+        calls.append(np.shape(t))
+        t *= 2.0  # what it does with its times is its own affair
+        return t
+
+    times = np.arange(5.0)
+    assert Function(force)(times).tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+    assert times.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert calls == [(5,)]
+
+
+@pytest.mark.parametrize("result", [None, "5", [1.0, 2.0, 3.0], 1j, math.nan, math.inf])
+def test_a_function_that_gives_no_number_is_told_so(result: object) -> None:
+    def wrong(t: float) -> object:
+        return result if np.ndim(t) or t > 0.5 else 0.0
+
+    load = as_amplitude(wrong)
+    assert load(0.0) == 0.0
+    for t in (1.0, [0.0, 1.0]):
+        with pytest.raises(InputError, match=r"'wrong' gives no finite number at t = 1 s"):
+            load(t)
+
+
+def test_mistakes_inside_a_function_are_not_hidden() -> None:
+    with pytest.raises(ValueError, match="mine"):
+        as_amplitude(lambda t: (_ for _ in ()).throw(ValueError("mine")))([0.0, 1.0])
+
+
+def test_shapes_pass_and_everything_else_is_refused() -> None:
+    for load in ALL_LOADS:
+        assert as_amplitude(load) is load
+    for shape in (5.0, "sin", None, [1.0], Harmonic):
+        with pytest.raises(InputError, match=r"load: found .*Harmonic\(amplitude, frequency\)"):
+            as_amplitude(shape)
+
+
+def test_a_shape_of_ones_own_needs_its_force_alone() -> None:
+    class Step(Amplitude):
+        def _force(self, t: np.ndarray) -> np.ndarray:
+            return np.where(t < 1.0, 0.0, 2.0)
+
+        @property
+        def corners(self) -> tuple[float, ...]:
+            return (1.0,)
+
+    step = as_amplitude(Step())
+    assert step([0.5, 1.5]).tolist() == [0.0, 2.0]
+    assert (step.jumps, step.period, step.peak_value) == ((1.0,), None, None)
+
+
+@pytest.mark.parametrize(
+    ("make", "names"),
+    [
+        (lambda: Harmonic(math.nan, -5.0, math.inf), ["amplitude", "frequency", "phase"]),
+        (lambda: Harmonic(1.0, 0.0), ["frequency"]),
+        (lambda: MultiHarmonic(()), ["components"]),
+        (lambda: Triangle(1.0, 0.0, -1.0), ["rise_time", "start"]),
+        (lambda: Versine(math.inf, 1.0), ["peak"]),
+        (lambda: Rectangle(1.0, -2.0), ["duration"]),
+        (lambda: Table([0.0, 0.0, 1.0], [0.0, 1.0, math.nan]), ["times[1]", "forces[2]"]),
+        (lambda: Table([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), ["times[2]"]),
+        (lambda: Table([0.0], [0.0]), ["times, forces"]),
+        (lambda: Table([0.0, 1.0], [0.0]), ["times, forces"]),
+    ],
+)
+def test_arguments_out_of_range_are_refused_by_name(
+    make: Callable[[], object], names: list[str]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        make()
+    found = {problem.split(":")[0] for problem in caught.value.problems}
+    assert set(names) == found
+
+
+def test_table_is_read_with_header_comments_and_empty_lines(tmp_path: Path) -> None:
+    path = tmp_path / "force.csv"
+    path.write_text("\ufeff# measured\ntime, force\n\n0, 0\n1e-4, 5.5 # peak\n3e-4,-2\n")
+    load = read_table(path)
+    assert load.times.tolist() == [0, 1e-4, 3e-4]
+    assert load.forces.tolist() == [0, 5.5, -2]
+    assert read_table(str(path))(1e-4) == 5.5
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"0,0\n1,2,3\n2,1\n", "line 2"),
+        (b"0,0\n1;2\n", "line 2"),
+        (b"t,f\n0,0\nx,y\n", "line 3"),
+        (b"0,force\n1,1\n2,2\n", "line 1"),
+        (b"0,0\n1,nan\n", "line 2"),
+        (b"0,0\n1,\n", "line 2"),
+        (b"0,0\n# note\n0,1\n", "line 3"),
+        (b"0,0\n", ">= 2"),
+        (b"", ">= 2"),
+        (b"0,0\n1,\xff\n", "line 2"),
+    ],
+)
+def test_bad_table_is_refused_with_file_and_line(
+    tmp_path: Path, content: bytes, expected: str
+) -> None:
+    path = tmp_path / "force.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"force\.csv") as caught:
+        read_table(path)
+    assert len(caught.value.problems) == 1
+    assert expected in str(caught.value)
+
+
+def test_every_bad_line_of_a_table_is_reported_and_a_long_list_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / "force.csv"
+    path.write_text("0,0\n1,a\n2,nan\n1.5,0\n1.5,0\n")
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert [problem.split(": ")[1] for problem in caught.value.problems] == [
+        "line 2",
+        "line 3",
+        "line 5",
+    ]
+    path.write_text("a\n" * 1000)
+    with pytest.raises(InputError, match="990 more") as caught:
+        read_table(path)
+    assert len(caught.value.problems) == 11
+
+
+def test_missing_table_and_folder_are_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.csv", tmp_path):
+        with pytest.raises(InputError, match="cannot be read"):
+            read_table(path)

@@ -1,0 +1,170 @@
+"""Damaged scene files are refused in words, or read for what they say."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skfem_joint.errors import InputError
+from skfem_joint.scene import Scene, load_scene
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
+MESHES = sorted((ROOT / "meshes").glob("*.msh"))
+#: Longest time that any single file may take, s: far above what it takes, far below a hang.
+PATIENCE = 5.0
+
+TOKENS = ("nan", "inf", "-inf", "1e400", "-1", "0", "0.0", "1e-320", "1e308", "9" * 400, "true",
+          "[]", "{}", "''", '"free_end"', '"joint"', '"\\u0000"', "[[joint]]", "[load]", "=", "#",
+          "]", '"""', "1979-05-27", "0x7fffffffffffffff", "[1, 2]", "{a = 1}", "\x00", "é",
+          '"../../../../etc/passwd"', '"/dev/zero"', '"."', '""', '"CON"')  # fmt: skip
+
+
+def mutations(data: bytes, rng: random.Random) -> Iterator[bytes]:
+    """Endless damaged copies: bytes, tokens and lines changed, cut, doubled or exchanged."""
+
+    def byte(copy: bytearray) -> None:
+        copy[rng.randrange(len(copy))] = rng.randrange(256)
+
+    def bit(copy: bytearray) -> None:
+        copy[rng.randrange(len(copy))] ^= 1 << rng.randrange(8)
+
+    def digit(copy: bytearray) -> None:
+        places = [i for i, c in enumerate(copy) if chr(c).isdigit()]
+        copy[rng.choice(places)] = ord(rng.choice("0123456789.-e"))
+
+    def token(copy: bytearray) -> None:
+        words = bytes(copy).split(b" ")
+        words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
+        copy[:] = b" ".join(words)
+
+    def value(copy: bytearray) -> None:
+        lines = bytes(copy).split(b"\n")
+        place = rng.choice([i for i, line in enumerate(lines) if line.strip()])
+        key, equals, _ = lines[place].partition(b"=")
+        words = key.split()
+        if not equals and words:
+            words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
+            lines[place] = b" ".join(words)
+        else:
+            lines[place] = key + b"= " + rng.choice(TOKENS).encode()
+        copy[:] = b"\n".join(lines)
+
+    def line(copy: bytearray) -> None:
+        lines = bytes(copy).split(b"\n")
+        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+        lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
+        copy[:] = b"\n".join(lines)
+
+    def cut(copy: bytearray) -> None:
+        del copy[rng.randrange(len(copy)) :]
+
+    def hole(copy: bytearray) -> None:
+        start = rng.randrange(len(copy))
+        del copy[start : start + rng.randrange(1, 60)]
+
+    def insert(copy: bytearray) -> None:
+        start = rng.randrange(len(copy))
+        copy[start:start] = bytes(rng.randrange(256) for _ in range(rng.randrange(1, 8)))
+
+    changes: list[Callable[[bytearray], None]] = [
+        byte, bit, digit, digit, token, value, value, line, hole, insert, cut
+    ]  # fmt: skip
+    while True:
+        copy = bytearray(data)
+        for _ in range(rng.choice([1, 1, 1, 2, 4])):
+            if any(chr(c).isdigit() for c in copy) and copy.strip():
+                rng.choice(changes)(copy)
+        yield bytes(copy)
+
+
+def outcome(path: Path) -> Scene | str:
+    """Scene that a file gives, or the words in which it is refused; nothing else passes."""
+    begin = time.perf_counter()
+    try:
+        scene = load_scene(path)
+    except InputError as error:
+        text = str(error)
+    else:
+        assert np.all(np.isfinite(scene.system().w))
+        assert scene.n_steps > 0
+        assert scene.time_step > 0.0
+        return scene
+    finally:
+        assert time.perf_counter() - begin < PATIENCE
+    assert text
+    assert all(line.startswith(str(path)) for line in text.splitlines())
+    return text
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "examples").mkdir()
+    for mesh in MESHES:
+        (tmp_path / "meshes" / mesh.name).write_bytes(mesh.read_bytes())
+    path = tmp_path / "examples" / "scene.toml"
+    rng = random.Random(example.stem)
+    valid, count = 0, 30 if "plate" in example.stem else 500  # plates take longer
+    for data in itertools.islice(mutations(example.read_bytes(), rng), count):
+        path.write_bytes(data)
+        valid += not isinstance(outcome(path), str)
+    # Comments and harmless digits; the rest is refused.
+    assert 0.04 * count < valid < 0.96 * count
+    assert sorted(file.name for file in tmp_path.rglob("*") if file.is_file()) == sorted(
+        ["scene.toml", *(mesh.name for mesh in MESHES)]
+    )
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\0" * 100, b"\xff\xfe", b"[", b"a" * 100_000, b"[" * 50_000, b"a=" + b"[" * 50_000,
+     b"a=" + b"{a=" * 5_000, b"\n" * 100_000, b"[mesh]\nfile = 1", b"title = 'a\0b'",
+     b"x" + b".x" * 20_000 + b" = 1",
+     b"".join(b"a%d = 1\n" % i for i in range(50_000))],
+    ids=lambda data: repr(data[:8]),
+)  # fmt: skip
+def test_what_is_no_scene_at_all_is_refused(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(data)
+    assert isinstance(outcome(path), str)
+
+
+@pytest.mark.parametrize(
+    "name", ["/dev/zero", "/dev/null", "/dev/stdin", ".", "..", "/", "../scene.toml", "scene.toml",
+             "/proc/self/mem", "/etc/passwd", "x" * 300, "x/" * 3000, "~", "a:b", "%s%n", "*",
+             "\u202emsh", "http://localhost/x.msh", "file:///x.msh"]
+)  # fmt: skip
+@pytest.mark.parametrize("key", ["mesh", "table"])
+def test_files_that_a_scene_may_not_mean(name: str, key: str, tmp_path: Path) -> None:
+    """Devices never end and are refused unread; all else says why it cannot be read."""
+    text = (ROOT / "examples" / "lap_joint_case_I.toml").read_text(encoding="utf-8")
+    mesh = '"../meshes/lap_joint_500mm.msh"'
+    if key == "mesh":
+        text = text.replace(mesh, f"'{name}'")
+    else:
+        text = text.replace(mesh, f"'{(ROOT / 'meshes').as_posix()}/lap_joint_500mm.msh'")
+        load = 'kind = "harmonic"\namplitude = 437.5e3\nfrequency = 2000.0'
+        assert load in text
+        text = text.replace(load, f"kind = 'table'\nfile = '{name}'")
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    refused = outcome(path)
+    assert isinstance(refused, str)
+    assert f"{path}: {'mesh' if key == 'mesh' else 'load[0]'}.file: " in refused
+
+
+@pytest.mark.parametrize("name", ["scène 1.toml", "-scene.toml", "a'b\"c.toml", "%d.toml",
+                                  "new\nline.toml"])  # fmt: skip
+def test_scenes_and_folders_may_have_odd_names(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / name.removesuffix(".toml")
+    folder.mkdir()
+    text = EXAMPLES[0].read_text(encoding="utf-8").replace("../meshes", str(ROOT / "meshes"))
+    (folder / name).write_text(text, encoding="utf-8")
+    assert load_scene(folder / name).path == folder / name

@@ -1,0 +1,382 @@
+"""Scenes read with their meshes: files, names, and structures of every dimension."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_texts import GOOD, Change, problems_of_file, scene_of, with_changes
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar, build_box, build_plate, merged, refined, write_mesh
+from skfem_joint.scene import load_scene, scene_from
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+BAR = build_bar(
+    [("joint", 0.1, 10), ("linear", 0.3, 6), ("second", 0.1, 5), ("third", 0.1, 5)],
+    {"fixed": 0.0, "junction": 0.1, "middle": 0.4, "free_end": 0.6},
+)
+LOWER = build_plate([("linear", 0.2, 4), ("joint", 0.1, 4)], 0.05, 2, points={"corner": (0.0, 0.0)})
+UPPER = build_plate(
+    [("upper_joint", 0.1, 4), ("upper_linear", 0.2, 4)],
+    0.05,
+    2,
+    origin=(0.2, 0.0),
+    prefix="upper_",
+    points={"tip": (0.5, 0.025)},
+)
+
+PLATES = """\
+[mesh]
+file = ["lower.msh", "upper.msh"]
+[material]
+E = 200e9
+density = 8000
+poisson = 0.3
+[section]
+thickness = 0.01
+[support]
+fixed = ["left"]
+[[joint]]
+on = "upper_joint"
+against = "joint"
+pressure = 50e6
+friction = 0.7
+[[load]]
+on = "upper_right"
+direction = [1, 0]
+kind = "harmonic"
+amplitude = 87.5e3
+frequency = 500.0
+[time]
+cycles = 3
+[models]
+run = ["full", "reduced"]
+"""
+
+SOLID = """\
+[material]
+E = 200e9
+density = 8000
+poisson = 0.3
+[support]
+fixed = ["left"]
+[[joint]]
+on = "bottom"
+pressure = 50e6
+friction = 0.7
+[[load]]
+on = "right"
+direction = [1, 0, 0]
+kind = "harmonic"
+amplitude = 87.5e3
+frequency = 500.0
+[time]
+cycles = 3
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Callable[..., Path]:
+    """Write a scene with some of its text replaced, beside the meshes of bar and plates."""
+    write_mesh(BAR, tmp_path / "bar.msh")
+    write_mesh(LOWER, tmp_path / "lower.msh")
+    write_mesh(UPPER, tmp_path / "upper.msh")
+    (tmp_path / "force.csv").write_text("t,f\n0,0\n1e-3,5e3\n3e-3,0\n")
+
+    def write(*changes: Change, text: str = GOOD) -> Path:
+        path = tmp_path / "scene.toml"
+        path.write_text(with_changes(text, changes), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_bar_becomes_its_structure_and_system(scene_file: Callable[..., Path]) -> None:
+    scene = load_scene(scene_file())
+    assert scene.path.name == "scene.toml"
+    assert scene.named_mesh.n_elements == 26
+    system = scene.system()
+    assert (system.n, system.contact_points) == (26, 10)
+    assert system.w.sum() == pytest.approx(0.7 * 50e6 * 0.05 * 0.1, rel=0.06)  # but the held node
+    assert scene.output_points == ("junction", "middle", "free_end")
+    assert set(system.points) == set(scene.output_points)
+    assert scene.system() is system
+    assert scene.structure() is scene.structure()
+
+
+def test_two_plates_become_one_structure(scene_file: Callable[..., Path]) -> None:
+    scene = load_scene(scene_file(text=PLATES))
+    structure = scene.structure()
+    assert (structure.dim, int(scene.named_mesh.body.max())) == (2, 1)
+    assert scene.output_points == ("tip",)
+    assert scene.system().points == ("upper_right", "tip.x", "tip.y")
+    assert scene.loads()[0].direction == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
+def test_a_solid_needs_no_section(kind: str) -> None:
+    box = build_box([("body", 0.2, 4)], (0.05, 0.02), (2, 2), kind=kind)
+    scene = scene_from(tomllib.loads(SOLID), box)
+    assert scene.structure().dim == 3
+    assert scene.system().contact_points == 12
+    assert scene.output_points == ()
+
+
+def test_regions_supports_and_points_reach_the_structure(scene_file: Callable[..., Path]) -> None:
+    scene = load_scene(
+        scene_file(
+            ('fixed = ["left"]', 'fixed_x = ["left"]\nfixed_y = ["bottom"]'),
+            ("thickness = 0.01", 'thickness = 0.01\nplane = "strain"'),
+            ("[support]", "[section.regions.joint]\nthickness = 0.02\n[support]"),
+            ("[section]", "[material.regions.joint]\npoisson = 0.2\nE = 70e9\n[section]"),
+            ("cycles = 3", 'cycles = 3\n[output]\npoints = ["tip", "upper_right"]'),
+            text=PLATES,
+        )
+    )
+    structure = scene.structure()
+    inside = scene.named_mesh.regions["joint"]
+    for name, here, elsewhere in (
+        ("E", 70e9, 200e9),
+        ("poisson", 0.2, 0.3),
+        ("thickness", 0.02, 0.01),
+    ):
+        values = structure.properties[name]
+        assert np.all(values[inside] == here)
+        assert np.all(np.delete(values, inside) == elsewhere)
+    assert structure.plane == "strain"
+    corner = scene.named_mesh.points["corner"]
+    assert structure.held[corner].tolist() == [True, True]
+    assert scene.output_points == ("tip", "upper_right")
+    assert {"tip.x", "upper_right.y"} <= set(scene.system().points)
+
+
+# What is changed, and words that one of the problems must have.
+BAD_BARS: list[tuple[Change, list[str]]] = [
+    (('fixed = ["fixed"]', 'fixed = ["fixd"]'), ["support.fixed", "did you mean 'fixed'"]),
+    (('fixed = ["fixed"]', 'fixed_y = ["fixed"]'), ["support.fixed_y", "no y direction"]),
+    (('fixed = ["fixed"]', 'fixed = ["joint"]'), ["joint", "no free node"]),
+    (("width = 0.05\n", ""), ["section.width", "missing"]),
+    (('on = "joint"', 'on = "junction"'), ["'junction'", "a point; a region is needed"]),
+    (
+        ("pressure = 50e6", "pressure = {positions = [0.0, 0.09], values = [1, 2]}"),
+        ["pressure.positions", "must cover the joint", "0 to 0.1"],
+    ),
+    (
+        ("[[load]]", '[[joint]]\non = "linear"\npressure = 1\nfriction = 1\nbeta = 9\n[[load]]'),
+        ["'linear'", "shares a node", "beta"],
+    ),
+    (('on = "free_end"', 'on = "fre_end"'), ["'fre_end'", "did you mean 'free_end'"]),
+    (('on = "free_end"', 'on = "fixed"'), ["'fixed'", "support"]),
+    (('on = "free_end"', 'on = "free_end"\ndirection = [1, 0]'), ["direction"]),
+    (("every = 1", 'points = ["fixed"]'), ["'fixed'", "does not move"]),
+    (
+        ("[section]", "[material.regions.linaer]\nE = 1e9\n[section]"),
+        ["regions.linaer", "did you mean 'linear'"],
+    ),
+]
+
+BAD_PLATES: list[tuple[Change, list[str]]] = [
+    (("poisson = 0.3\n", ""), ["material.poisson", "missing"]),
+    (("thickness = 0.01", "thickness = 0.01\nwidth = 0.05"), ["section.width"]),
+    (('fixed = ["left"]', 'fixed_z = ["left"]'), ["support.fixed_z", "no z direction"]),
+    (('fixed = ["left"]', 'fixed_x = ["left"]'), ["unsupported"]),
+    (('against = "joint"', 'against = "right"'), ["'right'", "a boundary; a region is needed"]),
+    (("direction = [1, 0]\n", ""), ["direction", "missing"]),
+    (
+        ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"'),
+        ["joint[0].axis: missing", "reference = 'self'"],
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "change", "words"),
+    [
+        *[(GOOD, *one) for one in BAD_BARS],
+        *[(PLATES, *one) for one in BAD_PLATES],
+    ],
+)
+def test_what_only_the_mesh_can_tell_is_refused_under_the_scenes_name(
+    scene_file: Callable[..., Path], text: str, change: Change, words: list[str]
+) -> None:
+    problems = problems_of_file(scene_file(change, text=text))
+    assert len(problems) == (2 if "unsupported" in words else 1)  # each of two plates is
+    assert all(word in problem for word in words for problem in problems), problems
+
+
+@pytest.mark.parametrize("file", ["none.msh", "force.csv", "x" * 5000, ".", "/dev/zero"])
+def test_a_mesh_that_cannot_be_read_is_told_with_its_key(
+    scene_file: Callable[..., Path], file: str
+) -> None:
+    (problem,) = problems_of_file(scene_file(("bar.msh", file)))
+    assert problem.startswith("mesh.file: ")
+    assert file[:50] in problem
+
+
+def test_files_that_do_not_go_together_are_refused(scene_file: Callable[..., Path]) -> None:
+    for second, word in (("lower.msh", "name '"), ("bar.msh", "bar.msh"), ("no.msh", "no.msh")):
+        problems = problems_of_file(scene_file(("upper.msh", second), text=PLATES))
+        assert all(problem.startswith("mesh.file: ") for problem in problems)
+        assert word in problems[0]
+
+
+def test_mistakes_of_tables_mesh_and_structure_are_told_together(
+    scene_file: Callable[..., Path],
+) -> None:
+    path = scene_file(
+        ('fixed = ["left"]', 'fixed = ["lft"]'),
+        ('against = "joint"', 'against = "nowhere"'),
+        ("cycles = 3", "cycles = 0"),
+        text=PLATES,
+    )
+    problems = problems_of_file(path)
+    assert len(problems) == 3
+    for word in ("'lft'", "'nowhere'", "time.cycles: found 0, must be >= 1"):
+        assert sum(word in problem for problem in problems) == 1
+    # Nothing is said of the structure where a table it is made from is wrong.
+    (problem,) = problems_of_file(scene_file(("E = 200e9", "E = 0"), ('["fixed"]', '["fixd"]')))
+    assert problem == "material.E: found 0, must be > 0"
+    # And nothing of the system where its loads are.
+    keys = [
+        problem.split(": ")[0]
+        for problem in problems_of_file(
+            scene_file(
+                ("frequency = 500.0", "frequency = 0"), ('fixed = ["fixed"]', 'fixed = ["f"]')
+            )
+        )
+    ]
+    assert keys == ["load[0].frequency", "support.fixed"]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"title = 'a'\n[mesh\n", "line 2"),
+        (b"a = 1\na = 2\n", "line 2"),
+        (b"title = '''\n\n", "line 3"),
+        (b"title = 'a'\n\n# \xff\n", "line 3: not UTF-8"),
+        (b"a = " + b"[" * 100_000, "not valid TOML"),
+        (b"a = " + b"1" * 10_000, "not valid TOML"),
+        (b"\n\nx" + b".x" * 20_000 + b" = 1", "line 3: not valid TOML: a key of more than"),
+    ],
+)
+def test_file_that_is_not_toml_is_refused_with_its_line(
+    tmp_path: Path, content: bytes, expected: str
+) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(content)
+    (problem,) = problems_of_file(path)
+    assert expected in problem
+    assert re.match(r"line \d+: ", problem)
+
+
+def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path: Path) -> None:
+    assert "cannot be read" in problems_of_file(tmp_path / "none.toml")[0]
+    assert "cannot be read" in problems_of_file(tmp_path)[0]
+    (tmp_path / "large.toml").write_bytes(b"#" * (2**20 + 1))
+    assert "at most 1048576" in problems_of_file(tmp_path / "large.toml")[0]
+    (tmp_path / "empty.toml").write_text("")
+    missing = {problem.split(": ")[0] for problem in problems_of_file(tmp_path / "empty.toml")}
+    assert missing == {"mesh", "material", "load", "time"}
+
+
+def test_a_byte_order_mark_is_no_mistake(scene_file: Callable[..., Path]) -> None:
+    path = scene_file()
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert load_scene(path).title == "two joints and a plain bar"
+
+
+def test_a_scene_from_memory_is_that_of_the_file(scene_file: Callable[..., Path]) -> None:
+    from_file = load_scene(scene_file())
+    tables = tomllib.loads(GOOD)
+    del tables["mesh"]
+    in_memory = scene_from(tables, BAR)
+    assert in_memory.named_mesh is BAR
+    for name in ("M", "C", "K", "B"):
+        difference = getattr(in_memory.system(), name) - getattr(from_file.system(), name)
+        assert abs(difference).max() == 0.0
+    with pytest.raises(InputError, match=r"^scene: support.fixed: found 'a'"):
+        scene_from(tables | {"support": {"fixed": ["a"]}}, BAR)
+
+
+def test_what_is_built_follows_what_is_changed() -> None:
+    scene = scene_of(mesh=BAR)
+    structure, system = scene.structure(), scene.system()
+    same = scene.changed(time={"cycles": 5}, models={"run": ("full",)})
+    assert same.structure() is structure
+    assert same.system() is system
+    watched = scene.changed(output={"points": ("middle",)})
+    assert watched.structure() is structure
+    assert watched.system().points != system.points
+    exact = scene.changed(joint={"law": "coulomb"})
+    assert np.all(np.isinf(exact.system().beta))
+    finer = scene.changed(mesh=refined(BAR))
+    assert (finer.system().n, scene.system().n) == (2 * system.n, system.n)
+    assert finer.changed(time={"cycles": 1}).named_mesh is finer.named_mesh
+    copied = scene.model_copy(update={"damping": scene.damping.model_copy(update={"mass": 3.0})})
+    assert abs(copied.system().C - 3.0 * system.M).max() == pytest.approx(0.0, abs=1e-12)
+    assert (copied.path, copied.named_mesh) == (scene.path, BAR)
+    assert scene.system() is system
+
+
+def test_bars_against_each_other_are_a_scene_too() -> None:
+    other = build_bar(
+        [("lower", 0.1, 10), ("rest", 0.1, 2)], {"held": 0.2}, origin=(0.0, 0.01, 0.0)
+    )
+    scene = scene_of(
+        ('fixed = ["fixed"]', 'fixed = ["held"]'),
+        ('on = "joint"', 'on = "joint"\nagainst = "lower"'),
+        mesh=merged([BAR, other]),
+    )
+    assert scene.system().contact_points == 11
+    assert scene.output_points == ("fixed", "junction", "middle", "free_end")
+
+
+@pytest.mark.parametrize(
+    ("name", "friction_limit_share", "period", "step", "n_steps", "length", "models"),
+    [
+        ("lap_joint_reference", 0.9, 1e-3, 5e-6, 600, 0.25, ("full",)),
+        ("lap_joint_case_I", 0.5, 5e-4, 2.5e-6, 1600, 0.5, ("full", "reduced")),
+        ("structure_harmonic", 0.5, 2e-3, 1e-5, 2400, 0.6, ("full", "reduced")),
+        ("structure_impulse", 0.5, None, 2e-6, 3000, 0.6, ("full", "reduced")),
+    ],
+)
+def test_examples_are_the_systems_of_the_paper(
+    name: str,
+    friction_limit_share: float,
+    period: float | None,
+    step: float,
+    n_steps: int,
+    length: float,
+    models: tuple[str, ...],
+) -> None:
+    scene = load_scene(EXAMPLES / f"{name}.toml")
+    assert scene.cycle_period == (None if period is None else pytest.approx(period))
+    assert scene.time_step == pytest.approx(step)
+    assert scene.n_steps == n_steps
+    assert scene.models.run == models
+    assert scene.named_mesh.size == pytest.approx(length)
+    (joint,) = scene.joint
+    limit = scene.system().w.sum()
+    assert scene.loads()[0].amplitude.peak_value == pytest.approx(friction_limit_share * limit)
+    # Bar speed 5000 m/s gives the resonances the paper prints.
+    assert math.sqrt(scene.material.E / scene.material.density) == pytest.approx(5000)
+    assert (joint.beta, joint.normal_force, scene.damping.stiffness) == (1e5, "equal", 1e-5)
+    if "reduced" in models:
+        assert (scene.reduction.reference, scene.reduction.modes) == ("paper", 5)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_example_is_valid(path: Path) -> None:
+    scene = load_scene(path)
+    assert scene.system().contact_points > 0
+    assert (scene.reduction.reference == "paper") == (
+        scene.named_mesh.dim == 1 < len(scene.models.run)
+    )

@@ -1,0 +1,198 @@
+"""Small systems for the tests of stepping, made by the public interface; SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from math import inf
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.loads import Amplitude, Harmonic
+from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged
+from skfem_joint.structure import Joint, Load, Material, Structure
+from skfem_joint.system import AppliedLoad, System
+
+E, DENSITY, WIDTH, THICKNESS, MU = 200e9, 8000.0, 0.05, 0.01, 0.7
+EA = E * WIDTH * THICKNESS
+STEEL = Material(E, DENSITY, 0.3)
+
+
+def struts(mesh: Any, joints: Sequence[Joint] = (), **changes: Any) -> Structure:
+    """Bars of the paper's material and section, held at ``fixed``."""
+    values = {"width": WIDTH, "thickness": THICKNESS, "fixed": ("fixed",), "joints": joints,
+              "stiffness_damping": 1e-5}  # fmt: skip
+    return Structure(mesh, STEEL, **{**values, **changes})
+
+
+@dataclass(frozen=True)
+class LapJoint:
+    """Lap joint in contact along its whole length; the default is the paper's reference system."""
+
+    length: float = 0.25
+    elements: int = 100
+    pressure: float = 8e6
+    friction: float = MU
+    beta: float = 1e5
+    normal_force: Any = "equal"
+    force: float = 63e3
+    frequency: float = 1000.0
+    load: Any = None
+    options: Mapping[str, Any] | None = None
+
+    @property
+    def tau(self) -> float:
+        """Friction limit per length, N/m."""
+        return self.friction * self.pressure * WIDTH
+
+    @property
+    def amplitude(self) -> Any:
+        return self.load or Harmonic(self.force, self.frequency)
+
+    @property
+    def joint(self) -> Joint:
+        return Joint("joint", self.pressure, self.friction, beta=self.beta,
+                     normal_force=self.normal_force)  # fmt: skip
+
+    @property
+    def system(self) -> System:
+        ends = {"fixed": 0.0, "free_end": self.length}
+        bar = build_bar([("joint", self.length, self.elements)], ends)
+        structure = struts(bar, [self.joint], **(self.options or {}))
+        return structure.system([Load("free_end", self.amplitude)])
+
+
+CASE_I = LapJoint(length=0.5, pressure=50e6, force=437.5e3, frequency=2000.0)
+
+
+def oscillator(
+    load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0.05, mass: float = 1.0
+) -> System:
+    """Single mass on a spring without friction, observed as ``mass``."""
+    omega, one = 2.0 * np.pi * frequency, np.ones((1, 1))
+    return System(
+        M=mass * one,
+        C=2.0 * damping_ratio * omega * mass * one,
+        K=omega**2 * mass * one,
+        B=np.zeros((0, 1)),
+        w=np.zeros(0),
+        beta=np.zeros(0),
+        loads=(AppliedLoad(np.ones(1), load, "mass"),),
+        P=one,
+        points=("mass",),
+    )
+
+
+def pressed(on: str = "joint", **changes: Any) -> Joint:
+    """Joint with the paper's pressure and friction."""
+    return Joint(on, **{"pressure": 8e6, "friction": MU, **changes})
+
+
+def plate(mesh: NamedMesh, joints: Sequence[Joint] = (), **changes: Any) -> Structure:
+    """Plates of the paper's material, held at ``left``."""
+    values = {"thickness": THICKNESS, "fixed": ("left",), "joints": joints}
+    return Structure(mesh, STEEL, **{**values, **changes})
+
+
+def reference_plate(
+    beta: float = 1e5, elements: tuple[int, int] = (20, 4), element: Any = ("quadrilateral", 1),
+    turn: Any = None, load: Any = None, **changes: Any,
+) -> tuple[Structure, System]:  # fmt: skip
+    """The paper's reference system as a plate, pulled along it and a little across."""
+    kind, order = element
+    mesh = build_plate([("joint", 0.25, elements[0])], WIDTH, elements[1], kind=kind, order=order)
+    direction = np.array([1.0, 0.2])
+    if turn is not None:
+        mesh, direction = turned(mesh, turn), turn @ direction
+    structure = plate(mesh, [pressed(beta=beta)], stiffness_damping=1e-5, **changes)
+    pull = Load("right", load or Harmonic(60e3, 1000.0), tuple(direction))
+    return structure, structure.system([pull])
+
+
+def turned(mesh: NamedMesh, turn: np.ndarray) -> NamedMesh:
+    """The same plate turned about the origin by a matrix (2, 2)."""
+    p = turn @ mesh.mesh.p
+    coordinates = np.vstack([p, np.zeros((1, p.shape[1]))]).T
+    return replace(mesh, mesh=replace(mesh.mesh, doflocs=p), coordinates=coordinates)
+
+
+def lapped_plates() -> tuple[Structure, System]:
+    """Two plates over each other, contact between two bodies, pulled apart."""
+    lower = build_plate([("lower_rest", 0.2, 4), ("lower_joint", 0.1, 4)], WIDTH, 2,
+                        prefix="lower_")  # fmt: skip
+    upper = build_plate([("upper_joint", 0.1, 5), ("upper_rest", 0.2, 4)], WIDTH, 2,
+                        prefix="upper_", origin=(0.2, 0.0))  # fmt: skip
+    joint = pressed("upper_joint", against="lower_joint")
+    structure = plate(merged([lower, upper]), [joint], fixed=("lower_left",))
+    return structure, structure.system([Load("upper_right", Harmonic(20e3, 500.0), (1.0, 0.0))])
+
+
+def dense_system(pairs: int = 6, singles: int = 0, n: int = 4, **changes: Any) -> System:
+    """Dense system with random points that slip in two directions and in one."""
+    generator = np.random.default_rng(7)
+    A = generator.standard_normal((n, n))
+    directions = generator.permutation(np.repeat([2, 1], [pairs, singles])).astype(np.int64)
+    values: dict[str, Any] = {
+        "M": np.eye(n),
+        "C": 0.02 * (A @ A.T + n * np.eye(n)),
+        "K": 4.0 * (A @ A.T + n * np.eye(n)),
+        "B": generator.standard_normal((int(directions.sum()), n)),
+        "w": generator.uniform(0.05, 0.3, pairs + singles),
+        "beta": np.full(pairs + singles, 1e3),
+        "loads": tuple(
+            AppliedLoad(generator.standard_normal(n), Harmonic(4.0, f, f), f"{f}") for f in (0.3, 1)
+        ),
+        "P": np.eye(n),
+        "points": tuple("abcdefgh"[:n]),
+        "directions": directions,
+    }
+    return System(**{**values, **changes})
+
+
+def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
+    """Two equal bars side by side that slip against each other: rows of B with two entries."""
+    bar = LapJoint(elements=n, beta=1.0).system
+    both = [sparse.csr_array(sparse.block_diag([A, A])) for A in (bar.M, bar.C, bar.K)]
+    rows = sparse.csr_array(sparse.hstack([sparse.eye_array(n), -sparse.eye_array(n)]))
+    vector = np.zeros(2 * n)
+    vector[n - 1] = 1.0
+    pull = AppliedLoad(vector, load or Harmonic(63e3, 1000.0), "end")
+    P = sparse.csr_array(np.eye(2 * n)[[n - 1, 2 * n - 1]])
+    M, C, K = both
+    return System(M, C, K, rows, bar.w, np.full(n, beta), (pull,), P, ("one", "other"))
+
+
+def order_of(errors: Sequence[float], steps: Sequence[float]) -> float:
+    """Slope of log error against log step."""
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+def differing(one: Any, other: Any, where: str = "") -> list[str]:
+    """Attributes of two results that are not equal to the bit, run times excepted."""
+    if is_dataclass(one):
+        names = [f.name for f in fields(one) if f.name not in ("wall_s", "preparation_s", "system")]
+        pairs = [(getattr(one, n), getattr(other, n), f"{where}.{n}") for n in names]
+        return [name for a, b, place in pairs for name in differing(a, b, place)]
+    if isinstance(one, tuple):
+        pairs = [(a, b, f"{where}[{i}]") for i, (a, b) in enumerate(zip(one, other, strict=True))]
+        return [name for a, b, place in pairs for name in differing(a, b, place)]
+    if isinstance(one, np.ndarray):
+        return [] if one.shape == other.shape and one.tobytes() == other.tobytes() else [where]
+    return [] if one == other else [where]
+
+
+def by_every_stepper(load: Any = None) -> dict[str, System]:
+    """One system for each stepper, and for each way into it."""
+    joint = LapJoint(elements=30, load=load)
+    basis = np.linalg.qr(np.vander(np.linspace(1 / 30, 1.0, 30), 6)[:, :5])[0]  # zero at the wall
+    return {
+        "chain": joint.system,
+        "Coulomb": LapJoint(elements=30, beta=inf, load=load).system,
+        "dense": joint.system.project(basis),
+        "linear": LapJoint(elements=30, friction=0.0, load=load).system,
+        "contact": reference_plate(1e5, (10, 2), load=load)[1],
+        "contact Coulomb": reference_plate(inf, (10, 2), load=load)[1],
+        "relative": relative_slips(load=load),
+    }

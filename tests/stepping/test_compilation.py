@@ -1,0 +1,147 @@
+"""Compiled code: when it is made, where it is kept, and what happens where it cannot be kept.
+
+All in processes of their own, because a process compiles a function once.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+HERE = Path(__file__).parent
+#: Runs a function in a forked process, which then has imported but not compiled anything.
+FORKED = """
+    import os, sys, traceback
+    def forked(function, *arguments):
+        child = os.fork()
+        if child == 0:
+            try:
+                function(*arguments)
+            except BaseException:
+                traceback.print_exc()
+                os._exit(1)
+            sys.stderr.flush()
+            os._exit(0)
+        assert os.waitpid(child, 0)[1] == 0, arguments
+"""
+#: Normalised friction at three slips, by a small function that calls another one.
+FORCES = """
+    import numpy as np
+    from skfem_joint.stepping import compiled
+    def forces(loaded):
+        sigma = np.zeros(3)
+        compiled.forces(np.full(3, 1e5), np.array([-1e-5, 0.0, 1e-5]), sigma)
+        assert np.allclose(sigma, [-0.5, 0.0, 0.5], rtol=1e-15)
+        assert bool(compiled.forces.stats.cache_hits) == loaded
+"""
+
+
+def errors_of(*code: str, **environment: str) -> str:
+    """Error output of code in a fresh interpreter that finds the helpers of the tests."""
+    paths = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
+    result = subprocess.run(
+        [sys.executable, "-W", "always", "-c", "\n".join(map(textwrap.dedent, code))],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths, **environment},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    return result.stderr
+
+
+def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
+    """The first steps ask for the load; from then on no function meets new types."""
+    code = """
+        import numpy as np
+        from numba.core.dispatcher import Dispatcher
+        from skfem_joint.loads import Amplitude
+        from skfem_joint.stepping.integrate import integrate
+        from stepping_systems import by_every_stepper
+
+        made, begun = [], []
+        compile = Dispatcher.compile
+
+        def counted(self, signature):
+            made.append((self.py_func.__name__, signature))
+            return compile(self, signature)
+
+        Dispatcher.compile = counted
+
+        class Watched(Amplitude):
+            peak_value = 30e3
+            corners = jumps = ()
+
+            def __init__(self, jump):
+                self.corners = self.jumps = jump
+
+            def _force(self, t):
+                if t.size in (2, 61) and t[-1] > 0.0:
+                    begun.append(len(made))
+                after = 20e3 * (t > self.jumps[0]) if self.jumps else 0.0
+                return 30e3 * np.sin(np.minimum(t, 4e-5) * 3e4) + after
+
+        def watch(kind, *jump):
+            run = integrate(by_every_stepper(Watched(jump))[kind], step=5e-7, n_steps=60)
+            assert run.friction_work.sum() > 0.0 and run.preparation_s > 0.0
+            assert begun[0] > 0, made
+            assert len(made) == begun[0], made[begun[0]:]
+
+        forked(watch, "Coulomb", 4.3e-5)
+        for kind in ("chain", "dense", "contact", "contact Coulomb", "relative"):
+            forked(watch, kind)
+    """
+    errors_of(FORKED, code)
+
+
+def test_a_run_without_friction_loads_no_compiler() -> None:
+    code = """
+        import sys
+        from stepping_systems import by_every_stepper
+        from skfem_joint.stepping.integrate import integrate
+        run = integrate(by_every_stepper()["linear"], step=1e-5, n_steps=20)
+        assert run.counters.friction_evaluations == 0 and run.peak[0] > 0.0
+        heavy = {"numba", "meshio", "pyvista", "vtkmodules", "matplotlib"}
+        assert "skfem" in sys.modules and not heavy & set(sys.modules)
+    """
+    errors_of(code)
+
+
+def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path: Path) -> None:
+    code = """
+        from pathlib import Path
+        forked(forces, False)
+        forked(forces, True)
+        for kind, size in (("nbc", 1000), ("nbi", 20), ("nb?", 0)):
+            files = list(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*." + kind))
+            assert files
+            for file in files:
+                file.write_bytes(file.read_bytes()[:size])
+            forked(forces, False)
+        forked(forces, True)
+    """
+    assert errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
+
+
+def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once() -> None:
+    before = "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = []"
+    after = "from skfem_joint.stepping import chain_solver, contact_problem, dense; forces(False)"
+    errors = errors_of(before, FORCES, after)
+    assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1
+    assert "NUMBA_CACHE_DIR" in errors
+
+
+def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path: Path) -> None:
+    code = """
+        import resource, signal
+        def full():
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+            forces(False)
+        forked(full)
+        forked(forces, False)  # what is left there does no harm when there is room again
+        forked(forces, True)
+    """
+    errors = errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path))
+    assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1

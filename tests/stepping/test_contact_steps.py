@@ -1,0 +1,269 @@
+"""The contact problem and its stepper: minimisers, symmetries, balances, condensation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+from stepping_systems import WIDTH, lapped_plates, plate, pressed, reference_plate
+
+from skfem_joint import friction
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import build_box, build_plate, merged
+from skfem_joint.stepping import steppers
+from skfem_joint.stepping.contact_problem import ContactProblem
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.structure import Load, Material, Structure
+from skfem_joint.system import System
+
+LAWS = [1e3, 1e5, 1e9, np.inf]
+ELEMENTS = [(kind, order) for kind in ("triangle", "quadrilateral") for order in (1, 2)]
+
+
+def problem(
+    beta: float, dense: bool, seed: int = 0, condition: float = 1e4
+) -> tuple[ContactProblem, np.ndarray, Any]:
+    """Random problem of points with one, two and no directions of slip, some without friction."""
+    random = np.random.default_rng(seed)
+    n = 40
+    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    A = (Q * np.geomspace(1.0, condition, n)) @ Q.T
+    A = 0.5 * (A + A.T)
+    order = random.permutation(n)
+    first, second = np.sort(order[:20]), np.full(20, -1)
+    second[:12] = order[20:32]
+    w = random.uniform(0.0, 30.0, 20)
+    w[::7] = 0.0
+    made = ContactProblem(A if dense else sparse.csr_array(A), first, second, w, np.full(20, beta))
+    g = random.normal(size=n) * 30.0
+    return made, g, (A, first, second, w)
+
+
+@pytest.mark.parametrize("beta", LAWS)
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_solution_balances_all_forces_on_the_graph_of_the_law(
+    beta: float, dense: bool, seed: int
+) -> None:
+    made, g, (A, first, second, w) = problem(beta, dense, seed)
+    found = made.solve(g, np.zeros_like(g), 1e-11)
+    assert found.converged
+    force = np.zeros_like(g)
+    for p, (i, j) in enumerate(zip(first, second, strict=True)):
+        rows = [i] if j < 0 else [i, j]
+        speed, size = np.linalg.norm(found.v[rows]), np.linalg.norm(found.sigma[rows])
+        if w[p] == 0.0:
+            assert size == 0.0
+            continue
+        force[rows] = w[p] * found.sigma[rows]
+        if np.isinf(beta):
+            assert size <= 1.0 + 1e-12
+            assert speed == 0.0 or size == pytest.approx(1.0, rel=1e-12)
+        else:
+            assert size == pytest.approx(float(friction.force(speed, beta)), rel=1e-9)
+        if speed > 0.0:
+            np.testing.assert_allclose(
+                found.sigma[rows] * speed, found.v[rows] * size, atol=1e-12 * speed
+            )
+    assert np.abs(A @ found.v + force - g).max() <= 1.1e-11 * np.abs(g).max()
+
+
+@pytest.mark.parametrize("beta", LAWS)
+def test_the_solution_depends_on_neither_start_nor_what_was_solved_before(beta: float) -> None:
+    made, g, _ = problem(beta, dense=False)
+    zero = np.zeros_like(g)
+    fresh = made.solve(g, zero, 1e-12).v
+    far = 1e3 * np.random.default_rng(1).normal(size=g.size)
+    np.testing.assert_allclose(made.solve(g, far, 1e-12).v, fresh, atol=1e-8 * np.abs(fresh).max())
+    for other in np.random.default_rng(2).normal(size=(5, g.size)):
+        made.solve(300.0 * other, zero, 1e-12)
+    again = made.solve(g, zero, 1e-12).v
+    np.testing.assert_allclose(again, fresh, atol=1e-9 * np.abs(fresh).max())
+
+
+@pytest.mark.parametrize("beta", LAWS)
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("size", [0.0, 1e-200])
+def test_without_force_all_comes_to_rest_wherever_it_starts(
+    beta: float, dense: bool, size: float
+) -> None:
+    made, g, _ = problem(beta, dense)
+    far = 1e3 * np.random.default_rng(1).normal(size=g.size)
+    found = made.solve(size * g, far, 1e-11)
+    assert found.converged
+    assert np.abs(found.v).max() <= size * np.abs(g).max()
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_never_accepted(beta: float, dense: bool, bad: float) -> None:
+    """The bodies do not touch: in the others all is as it should be."""
+    A: Any = np.diag([1.0, 2.0, 3.0, 4.0])
+    points = np.array([0, 2]), np.array([1, -1]), np.full(2, 5.0), np.full(2, beta)
+    made = ContactProblem(A if dense else sparse.csr_array(A), *points)
+    for unknown in range(4):
+        wrong = np.ones(4)
+        wrong[unknown] = bad
+        assert not made.solve(wrong, np.zeros(4), 1e-11).converged
+        assert not made.solve(np.ones(4), np.where(wrong == 1.0, 0.0, np.nan), 1e-11).converged
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_sweeps_that_leave_all_points_at_rest_are_not_the_end(dense: bool) -> None:
+    """Found by search: all points are held, one of them with more than its friction."""
+    A = np.array([[1.0, 0.40783138], [0.40783138, 1.0]])
+    w, g = np.array([1.95682578, 0.82512249]), np.array([-3.72516003, -1.19008965])
+    points = np.array([0, 1]), np.array([-1, -1]), w, np.full(2, np.inf)
+    made = ContactProblem(A if dense else sparse.csr_array(A), *points)
+    found = made.solve(g, np.array([15.26763545, -46.54703781]), 1e-11)
+    assert found.converged
+    assert np.any(found.v != 0.0)
+    np.testing.assert_allclose(A @ found.v + w * found.sigma, g, atol=1e-10)
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+def test_velocities_below_the_smallest_normal_number_keep_the_law(directions: int) -> None:
+    """Motion dies out by 1000 a point: far from the load its inverse overflows."""
+    n = 240
+    diagonals = [np.full(n - 1, -1.0), np.full(n, 1e3), np.full(n - 1, -1.0)]
+    A = sparse.csr_array(sparse.diags_array(diagonals, offsets=[-1, 0, 1]))
+    first = np.arange(0, n, directions)
+    second = first + 1 if directions == 2 else np.full(n, -1)
+    made = ContactProblem(A, first, second, np.full(first.size, 1e-3), np.full(first.size, 1e5))
+    g = np.zeros(n)
+    g[-1] = 10.0
+    found = made.solve(g, np.zeros(n), 1e-11)
+    assert found.converged
+    assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))
+
+
+# Runs
+
+
+def run(system: System, steps: int = 50, **changes: Any) -> Run:
+    values = {"step": 1e-3 / steps, "n_steps": steps, "save": Save(fields=True)} | changes
+    return integrate(system, **values)
+
+
+@pytest.mark.parametrize("beta", LAWS)
+def test_a_turned_plate_gives_the_turned_answer(beta: float) -> None:
+    structure, system = reference_plate(beta)
+    u = structure.expand(run(system).u)
+    c, s = np.cos(np.radians(37.0)), np.sin(np.radians(37.0))
+    turn = np.array([[c, -s], [s, c]])
+    structure, system = reference_plate(beta, turn=turn)
+    turned_u = structure.expand(run(system).u) @ turn
+    np.testing.assert_allclose(turned_u, u, rtol=0.0, atol=1e-10 * np.abs(u).max())
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+@pytest.mark.parametrize("rho", [1.0, 0.5])
+def test_the_energy_audit_closes(element: tuple[str, int], beta: float, rho: float) -> None:
+    _, system = reference_plate(beta, elements=(10, 2), element=element)
+    found = run(system, scheme=generalized_alpha(rho))
+    assert found.energy_residual < 1e-11
+    assert np.all(found.friction_work >= 0.0)
+    assert found.friction_work.sum() > 0.1 * found.input_work.sum()
+    np.testing.assert_allclose(found.friction_work_rows[-1], found.friction_work)
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+def test_a_solid_on_its_base_is_stepped_as_a_plate_is(beta: float) -> None:
+    sides = {"left": "left", "right": "right", "base": "front"}
+    mesh = build_box([("joint", 0.25, 6)], (WIDTH, 0.01), (2, 1), boundaries=sides)
+    structure = Structure(mesh, Material(200e9, 8000.0, 0.3), fixed=("left",),
+                          joints=[pressed("base", beta=beta)], stiffness_damping=1e-5)  # fmt: skip
+    load = Load("right", Harmonic(60e3, 1000.0), (1.0, 0.2, 0.0))
+    system = structure.system([load])
+    assert np.all(system.directions == 2)
+    found = run(system, 100)
+    assert found.energy_residual < 1e-11
+    assert found.friction_work.sum() > 0.1 * found.input_work.sum()
+    slip, force = system.slip_norm((system.B @ found.v.T).T), system.slip_norm(found.sigma)
+    np.testing.assert_allclose(force[slip > 0], friction.force(slip[slip > 0], beta), rtol=1e-7)
+
+
+@pytest.mark.parametrize("beta", LAWS)
+def test_condensing_changes_nothing(beta: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = build_plate([("linear", 0.2, 16), ("joint", 0.05, 4)], WIDTH, 4)
+    structure = plate(mesh, [pressed(beta=beta)], fixed=("right",))
+    system = structure.system([Load("left", Harmonic(12e3, 1000.0), (1.0, 0.1))])
+    condensed = run(system)
+    monkeypatch.setattr(steppers, "CONDENSED", 0)
+    on_all = run(system)
+    assert condensed.friction_work.sum() > 0.0
+    np.testing.assert_allclose(condensed.u, on_all.u, atol=1e-9 * np.abs(on_all.u).max())
+    np.testing.assert_allclose(
+        condensed.friction_work, on_all.friction_work, rtol=1e-6, atol=1e-9 * on_all.input_work[0]
+    )
+
+
+def test_forces_on_two_plates_are_in_balance() -> None:
+    structure, system = lapped_plates()
+    found = run(system, step=2e-5)
+    (patch,) = structure.patches
+    sigma = found.sigma[-1].reshape(-1, 2) * system.w[:, np.newaxis]
+    on_upper = np.zeros((structure.n_nodes, 2))
+    on_upper[patch.nodes] = -sigma
+    total = on_upper + patch.other.T @ sigma
+    assert np.abs(sigma).max() > 0.0
+    np.testing.assert_allclose(total.sum(axis=0), 0.0, atol=1e-9 * np.abs(sigma).sum())
+    x, y = structure.nodes.T
+    moment = (x * total[:, 1] - y * total[:, 0]).sum()
+    assert abs(moment) < 1e-9 * np.abs(sigma).sum()
+    # Virtual work: nodal forces go over to unknowns by the transpose of what gives displacements.
+    generalised = system.T.T @ total.ravel()
+    np.testing.assert_allclose(
+        generalised, -(system.B.T @ sigma.ravel()), atol=1e-9 * np.abs(sigma).max()
+    )
+
+
+def test_few_factorizations_serve_many_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steppers, "CONDENSED", 0)
+    _, system = reference_plate(1e5, elements=(30, 6))
+    counters = run(system, steps=200).counters
+    assert counters.factorizations < 0.5 * counters.steps
+    assert counters.newton_iterations < 8 * counters.steps
+    assert counters.linear_solves < 40 * counters.steps
+
+
+def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side() -> None:
+    """A roller along the lower edge takes one direction of its nodes: their force is along x."""
+    mesh = build_plate([("joint", 0.25, 10)], WIDTH, 2)
+    structure = plate(mesh, [pressed(beta=np.inf)], fixed_y=("bottom",))
+    system = structure.system([Load("right", Harmonic(60e3, 1000.0), (1.0, 0.0))])
+    assert set(system.directions) == {1, 2}
+    found = run(system)
+    assert found.energy_residual < 1e-10
+    assert found.slip_peak.shape == system.w.shape
+    assert found.sigma.shape[1] == system.directions.sum()
+    # The order of the points is the system's own: nothing else changes when they change places.
+    order = np.random.default_rng(0).permutation(system.w.size)
+    rows = np.concatenate([np.arange(*system.first_row[p : p + 2]) for p in order])
+    shuffled = replace(
+        system, B=sparse.csr_array(system.B[rows]), w=system.w[order], beta=system.beta[order],
+        directions=system.directions[order],
+    )  # fmt: skip
+    other = run(shuffled)
+    np.testing.assert_allclose(other.u, found.u, atol=1e-9 * np.abs(found.u).max())
+    atol = 1e-9 * found.friction_work.max()
+    np.testing.assert_allclose(other.friction_work, found.friction_work[order], atol=atol)
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+def test_a_loaded_body_beside_one_in_contact_at_rest(beta: float) -> None:
+    """Condensed, the contact has no force at all while the step has."""
+    sticks = build_plate([("joint", 0.1, 4)], WIDTH, 2, prefix="held_")
+    moves = build_plate([("free", 0.3, 12)], WIDTH, 3, origin=(0.5, 0.0))
+    structure = plate(merged([sticks, moves]), [pressed(beta=beta)], fixed=("held_left", "left"))
+    found = run(structure.system([Load("right", Harmonic(1e4, 1000.0), (1.0, 0.0))]))
+    assert found.friction_work.sum() == 0.0
+    assert found.energy_residual < 1e-10
+    assert np.abs(found.v).max() > 0.0

@@ -1,0 +1,137 @@
+"""Dense steps with points that slip in one direction and in two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from stepping_systems import dense_system
+
+from skfem_joint import friction
+from skfem_joint.loads import Harmonic
+from skfem_joint.stepping import dense
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import average_acceleration, generalized_alpha
+from skfem_joint.system import AppliedLoad, System
+
+
+def turn(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+# One step
+
+
+def problem(pairs: int, singles: int, n: int, seed: int = 0, beta: float = 1e5) -> Any:
+    """Step matrix, contact, right-hand side; the points with one direction come in between."""
+    generator = np.random.default_rng(seed)
+    A = generator.standard_normal((n, n))
+    directions = generator.permutation(np.repeat([2, 1], [pairs, singles]))
+    first = np.concatenate([[0], np.cumsum(directions)])
+    B = generator.standard_normal((first[-1], n))
+    w = generator.uniform(0.1, 2.0, pairs + singles)
+    H, g = A @ A.T + n * np.eye(n), 10.0 * generator.standard_normal(n)
+    return H, B, directions, first, w, np.full(w.size, beta), g
+
+
+def solve(H: Any, B: Any, first: Any, w: Any, beta: Any, g: Any) -> tuple[Any, Any, Any]:
+    """Velocity, friction by row, and what `minimum` tells, from rest."""
+    contact, places = dense.contact_of(B, first, w, beta)
+    memory = dense.make_memory(len(g), len(B), len(w))
+    found = dense.minimum(dense.Dense(H, contact), memory, g, np.zeros(len(g)), 1e-12)
+    return memory.velocity, memory.force[places.row], found
+
+
+@pytest.mark.parametrize("beta", [1.0, 1e3, 1e5])
+@pytest.mark.parametrize(("pairs", "singles", "n"), [(1, 0, 2), (20, 0, 6), (7, 9, 5), (0, 9, 4)])
+def test_step_meets_its_equation(pairs: int, singles: int, n: int, beta: float) -> None:
+    H, B, directions, first, w, betas, g = problem(pairs, singles, n, beta=beta)
+    q, force, found = solve(H, B, first, w, betas, g)
+    assert found.converged
+    assert found.newton_iterations < 40
+    expected = friction.force_vectors(B @ q, betas, directions)
+    residual = H @ q + B.T @ (np.repeat(w, directions) * expected) - g
+    assert np.abs(residual).max() < 1e-9 * np.abs(g).max()
+    np.testing.assert_allclose(force, expected, atol=1e-9)
+
+
+def test_newton_converges_quadratically() -> None:
+    # A wrong tangent would take tens of iterations from rest; the law is soft here.
+    H, B, _, first, w, beta, g = problem(20, 5, 6, beta=1.0)
+    found = solve(H, B, first, w, beta, g)[2]
+    assert found.newton_iterations <= 6
+    assert found.line_searches == 0
+    assert found.friction_evaluations == found.newton_iterations + 1
+
+
+# Runs
+
+
+def run_of(s: System, steps: int = 200, **options: Any) -> Run:
+    return integrate(s, step=0.02, n_steps=steps, save=Save(fields=True), **options)
+
+
+def assert_same(one: Run, other: Run) -> None:
+    np.testing.assert_allclose(other.point_u, one.point_u, rtol=0, atol=1e-12 * one.peak.max())
+    np.testing.assert_allclose(other.friction_work, one.friction_work, rtol=1e-9)
+    np.testing.assert_allclose(other.slip_peak, one.slip_peak, rtol=1e-9)
+
+
+@pytest.mark.parametrize("singles", [0, 5])
+def test_turned_slip_rows_change_nothing(singles: int) -> None:
+    s = dense_system(singles=singles)
+    B = s.B.copy()
+    for i, angle in zip(s.first_row[:-1][s.directions == 2], range(1, 99), strict=False):
+        B[i : i + 2] = turn(float(angle)) @ B[i : i + 2]
+    assert_same(run_of(s), run_of(replace(s, B=B)))
+
+
+def test_motion_along_one_direction_obeys_the_scalar_law() -> None:
+    s = dense_system(pairs=0, singles=6)
+    pairs = np.zeros((12, 4))
+    pairs[0::2], pairs[1::2] = 0.6 * s.B, -0.8 * s.B
+    one, other = run_of(s), run_of(replace(s, B=pairs, directions=np.full(6, 2)))
+    assert_same(one, other)
+    np.testing.assert_allclose(other.sigma[:, 0::2], 0.6 * one.sigma, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", [average_acceleration(), generalized_alpha(0.6)])
+def test_energy_and_works_of_each_point_add_up(scheme: Any) -> None:
+    s = dense_system(singles=5)
+    run = run_of(s, scheme=scheme, tolerance=1e-13)
+    assert run.energy_residual < 1e-12
+    du = np.diff(run.u @ s.B.T, axis=0)
+    mean = 0.5 * (run.sigma[1:] + run.sigma[:-1])
+    work = np.add.reduceat(mean * du, s.first_row[:-1], axis=1) * s.w
+    np.testing.assert_allclose(run.friction_work, work.sum(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(run.friction_work_rows[1:], np.cumsum(work, axis=0), atol=1e-9)
+    np.testing.assert_allclose(
+        run.slip_peak, friction.norms(run.u @ s.B.T, s.directions).max(axis=0), rtol=1e-12
+    )
+    assert np.all(work > -1e-12)
+
+
+def test_steady_circular_sliding_is_exact() -> None:
+    # A mass on isotropic springs, driven by a turning force, circles with radius r. The trapezoidal
+    # rule turns it at the rate W = 2/h tan(w h/2): (K - W^2 M) r + i (C W r + w sigma(W r)) = F.
+    M, C, K, w, beta, r = 2.0, 0.7, 30.0, 5.0, 40.0, 0.1
+    frequency, steps = 1.5, 60
+    h = 1.0 / frequency / steps
+    rate = 2.0 / h * np.tan(np.pi / steps)
+    normalised = float(friction.force(rate * r, beta))
+    F = (K - rate**2 * M) * r + 1j * (C * rate * r + w * normalised)
+    phase, one = float(np.angle(F)), np.eye(2)
+    loads = tuple(
+        AppliedLoad(e, Harmonic(abs(F), frequency, phase + shift))
+        for e, shift in zip(one, (np.pi / 2.0, 0.0), strict=True)
+    )
+    s = System(M * one, C * one, K * one, one, [w], beta, loads, one, ("x", "y"), np.array([2]))
+    start = (np.array([r, 0.0]), np.array([0.0, rate * r]))
+    run = integrate(s, cycles=3, steps_per_cycle=steps, initial=start)
+    np.testing.assert_allclose(np.hypot(*run.point_u.T), r, rtol=1e-9)
+    chord = steps * np.sin(2.0 * np.pi / steps)  # 2 pi for small steps: 2 pi r mu N a cycle
+    np.testing.assert_allclose(run.cycles.friction, chord * r * w * normalised, rtol=1e-9)
+    assert run.slip_peak[0] == pytest.approx(r, rel=1e-9)

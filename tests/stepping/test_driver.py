@@ -1,0 +1,454 @@
+"""The driver around the steppers: spans, rows, chunks, jumps, interruptions, failing steps."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from dataclasses import replace
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+import pytest
+from stepping_systems import (
+    DENSITY,
+    E,
+    LapJoint,
+    by_every_stepper,
+    differing,
+    order_of,
+    oscillator,
+)
+
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.loads import (
+    Amplitude,
+    HalfSine,
+    Harmonic,
+    MultiHarmonic,
+    Rectangle,
+    Table,
+    Triangle,
+    Versine,
+)
+from skfem_joint.stepping import integrate as driver
+from skfem_joint.stepping.integrate import HALVINGS, integrate
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.resolution import check_resolution, longest_step
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.steppers import Failure, Stepper
+
+REFERENCE = LapJoint()
+SMALL = LapJoint(elements=5).system
+STEPPERS = ["chain", "Coulomb", "dense", "linear", "contact", "contact Coulomb", "relative"]
+every_stepper = pytest.mark.parametrize("kind", STEPPERS)
+
+
+# How long, in which steps
+
+
+def test_all_ways_to_give_the_steps_are_one() -> None:
+    load = MultiHarmonic((Harmonic(2e4, 1000.0), Harmonic(1e4, 1500.0)))  # common period: 2 ms
+    system = LapJoint(elements=5, load=load).system
+    plain = integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
+    cycles = integrate(system, cycles=2, steps_per_cycle=200)
+    np.testing.assert_allclose(cycles.times, plain.times, rtol=1e-12)
+    np.testing.assert_allclose(cycles.point_u, plain.point_u, atol=1e-10 * plain.peak[0])
+    np.testing.assert_allclose(cycles.cycles.friction, plain.cycles.friction, rtol=1e-9)
+    duration = integrate(system, step=1e-5, duration=400e-5, cycle_steps=200)
+    assert differing(plain, duration) == []
+
+
+def test_a_plain_function_of_time_is_a_load() -> None:
+    harmonic = integrate(SMALL, step=1e-5, n_steps=200)
+    omega = 2.0 * pi * 1000.0
+    (load,) = SMALL.loads
+    plain = replace(SMALL, loads=(replace(load, amplitude=lambda t: 63e3 * np.sin(omega * t)),))
+    run = integrate(plain, step=1e-5, n_steps=200)
+    assert run.peak_of("free_end") == np.abs(run.point("free_end")).max()
+    np.testing.assert_allclose(run.point_u, harmonic.point_u, atol=1e-10 * harmonic.peak[0])
+    with pytest.raises(InputError, match="common period"):
+        integrate(plain, cycles=2, steps_per_cycle=100)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "step and n_steps"),
+        ({"step": 1e-5}, "step and n_steps"),
+        ({"n_steps": 10}, "step and n_steps"),
+        ({"duration": 1e-3}, "step and n_steps"),
+        ({"step": 1e-5, "n_steps": 10, "duration": 1e-4}, "step and n_steps"),
+        ({"cycles": 3}, "steps_per_cycle"),
+        ({"steps_per_cycle": 100}, "cycles"),
+        ({"cycles": 3, "steps_per_cycle": 100, "step": 1e-5}, "without step"),
+        ({"cycles": 3, "steps_per_cycle": 100, "cycle_steps": 10}, "cycle_steps"),
+        ({"cycles": 0, "steps_per_cycle": 100}, "cycles: found 0"),
+        ({"cycles": 3, "steps_per_cycle": -1}, "steps_per_cycle: found -1"),
+        ({"step": 1e-5, "duration": -1.0}, "duration: found -1"),
+        ({"step": 1e-5, "duration": inf}, "duration: found inf"),
+        ({"step": 0.0, "n_steps": 10}, "step: found 0"),
+        ({"step": np.nan, "n_steps": 10}, "step: found nan"),
+        ({"step": inf, "n_steps": 10}, "step: found inf"),
+        ({"step": 1e-5, "n_steps": 0}, "n_steps: found 0"),
+        ({"step": 1e-5, "n_steps": 10, "cycle_steps": 0}, "cycle_steps: found 0"),
+        ({"step": 1e-5, "n_steps": 10, "initial": (np.zeros(3), np.zeros(5))}, "initial"),
+        ({"step": 1e-5, "n_steps": 10, "initial": (np.full(5, np.nan), np.zeros(5))}, "initial"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        integrate(SMALL, **arguments)
+
+
+# Rows and chunks
+
+
+@every_stepper
+def test_rows_are_stored_at_the_asked_strides(kind: str) -> None:
+    system = by_every_stepper()[kind]
+    every = integrate(system, step=1e-5, n_steps=60, save=Save(fields=True))
+    save = Save(every=5, fields=True, fields_every=20)
+    some = integrate(system, step=1e-5, n_steps=60, save=save)
+    np.testing.assert_allclose(some.times, every.times[::5], rtol=1e-14)
+    np.testing.assert_array_equal(some.point_u, every.point_u[::5])
+    np.testing.assert_array_equal(some.point_v, every.point_v[::5])
+    for name in ("u", "v", "sigma", "friction_work_rows"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[::20])
+    np.testing.assert_array_equal(some.peak, every.peak)
+    scale = np.abs(every.u).max()
+    np.testing.assert_allclose((system.P @ every.u.T).T, every.point_u, atol=1e-12 * scale)
+    np.testing.assert_allclose(np.abs(every.point_u).max(axis=0), every.peak, rtol=1e-12)
+    slips = system.slip_norm((system.B @ every.u.T).T) if system.w.size else np.zeros((1, 0))
+    np.testing.assert_allclose(every.slip_peak, slips.max(axis=0), atol=1e-12 * scale)
+    np.testing.assert_array_equal(every.final[0], every.u[-1])
+    np.testing.assert_array_equal(every.friction_work_rows[-1], every.friction_work)
+
+
+@every_stepper
+@pytest.mark.parametrize("jumps", [False, True])
+def test_where_chunks_end_changes_no_bit(
+    kind: str, jumps: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
+    system = by_every_stepper(Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
+    options: dict[str, Any] = {"step": 5e-6, "n_steps": 60, "save": Save(every=4, fields=True),
+                               "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
+    whole = integrate(system, **options)
+    for most in (1, 7):
+        monkeypatch.setattr(driver, "MOST_STEPS_IN_A_CHUNK", most)
+        assert differing(whole, integrate(system, **options)) == []
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.7])
+def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
+    friction: float,
+) -> None:
+    system = LapJoint(elements=20, friction=friction).system
+    # The driver hands out at most 20,000 steps at a time; from there on nothing may grow.
+    counts = (50_000, 200_000) if friction else (40, 200)
+    used = []
+    for count in (counts[0], *counts):
+        tracemalloc.start()
+        run = integrate(system, step=1e-5, n_steps=count, save=Save(points=False))
+        used.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert run.times.size == run.point_u.size == run.u.size == run.amplitudes.size == 0
+        assert run.peak[0] > 0.0
+    assert used[2] < used[1] + 100_000
+
+
+def test_many_short_cycles_cost_no_more_than_their_steps() -> None:
+    """What is kept of each cycle is not gone through again after every chunk."""
+    seconds = []
+    for cycles in (500, 500, 4000):
+        begin = time.perf_counter()
+        run = integrate(SMALL, step=1e-5, n_steps=10 * cycles, cycle_steps=10)
+        seconds.append(time.perf_counter() - begin)
+        assert run.cycles.friction.shape == (cycles,)
+    assert seconds[2] < 3 * 8 * seconds[1]
+
+
+# Interruptions
+
+
+@every_stepper
+@pytest.mark.parametrize("jumps", [False, True])
+def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(
+    kind: str, jumps: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the middle of a chunk, when rows, works and counters have gone on already."""
+    system = by_every_stepper(Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
+    monkeypatch.setattr(driver, "MOST_STEPS_IN_A_CHUNK", 8)
+    options: dict[str, Any] = {"step": 5e-6, "save": Save(every=2, fields=True), "cycle_steps": 10}
+    calls = 0
+
+    def interrupted(*arguments: Any) -> Stepper:
+        stepper = choose(*arguments)
+        advance = stepper.advance
+
+        def half(h: float, amplitudes: Any, first: int, store: bool) -> int:
+            nonlocal calls
+            steps = amplitudes.shape[1] - 1
+            if steps > 0 and first >= 33:
+                calls += 1
+                advance(h, amplitudes[:, : steps // 2 + 1], first, store)
+                raise KeyboardInterrupt
+            return advance(h, amplitudes, first, store)
+
+        stepper.advance = half  # type: ignore[method-assign]
+        return stepper
+
+    choose = driver.choose
+    with monkeypatch.context() as patch:
+        patch.setattr(driver, "choose", interrupted)
+        run = integrate(system, n_steps=60, **options)
+    assert calls == 1
+    assert run.interrupted
+    done = run.counters.steps
+    assert 20 <= done <= 40
+    whole = integrate(system, n_steps=done, **options)
+    assert not whole.interrupted
+    assert differing(replace(run, interrupted=False), whole) == []
+
+
+# Steps that do not converge
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
+    """Let steps fail that ``refuses`` (first step, step size)."""
+    choose = driver.choose
+
+    def chosen(*arguments: Any) -> Stepper:
+        stepper = choose(*arguments)
+        advance = stepper.advance
+
+        def maybe(h: float, amplitudes: Any, first: int, store: bool) -> int:
+            steps = amplitudes.shape[1] - 1
+            for k in range(steps):
+                if refuses(first + k, h):
+                    done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
+                    stepper.failure = Failure(12.5, 3)
+                    return done
+            return advance(h, amplitudes, first, store)
+
+        stepper.advance = maybe  # type: ignore[method-assign]
+        return stepper
+
+    monkeypatch.setattr(driver, "choose", chosen)
+
+
+@pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])
+def test_steps_that_do_not_converge_are_halved(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = by_every_stepper()[kind]
+    fine = integrate(system, step=0.5e-5, n_steps=80, save=Save(every=2), cycle_steps=40)
+    refusing(monkeypatch, lambda first, h: h > 0.6e-5)
+    halved = integrate(system, step=1e-5, n_steps=40, cycle_steps=20)
+    assert halved.counters.halved_steps == halved.counters.steps == 40
+    assert halved.times.size == 41
+    np.testing.assert_allclose(halved.point_u, fine.point_u, atol=1e-9 * fine.peak[0])
+    np.testing.assert_allclose(halved.input_work, fine.input_work, rtol=1e-8)
+    np.testing.assert_allclose(halved.cycles.friction, fine.cycles.friction, rtol=1e-7)
+    assert halved.energy_residual < 1e-10
+
+
+def test_a_step_that_never_converges_is_an_error_that_says_where(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sizes: list[float] = []
+
+    def refuses(step: int, h: float) -> bool:
+        sizes.append(h)
+        return step >= 7
+
+    refusing(monkeypatch, refuses)
+    with pytest.raises(ConvergenceError) as caught:
+        integrate(LapJoint(elements=20).system, step=1e-5, n_steps=40)
+    message = str(caught.value)
+    for part in ("step 7 ", "7e-05 s", "12.5 N", "unknown 3"):
+        assert part in message
+    assert caught.value.exit_status == 3
+    assert min(sizes) == pytest.approx(1e-5 / 2**HALVINGS, rel=1e-6)
+
+
+class Broken(Amplitude):
+    """Load that is not a number from a time on."""
+
+    def _force(self, t: Any) -> Any:
+        return np.where(t < 1.55e-4, 1e3 * np.minimum(t / 1e-5, 1.0), np.nan)
+
+
+@every_stepper
+def test_a_solution_that_is_not_a_number_is_never_returned(kind: str) -> None:
+    with pytest.raises(ConvergenceError, match=r"step 15 at t = 0\.00015"):
+        integrate(by_every_stepper(Broken())[kind], step=1e-5, n_steps=40)
+
+
+@every_stepper
+def test_a_tolerance_below_round_off_still_ends(kind: str) -> None:
+    # Convergence is judged against the round-off of the residual, so zero asks for no more.
+    system = by_every_stepper()[kind]
+    loose = integrate(system, step=1e-5, n_steps=60)
+    tight = integrate(system, step=1e-5, n_steps=60, tolerance=0.0)
+    np.testing.assert_allclose(tight.point_u, loose.point_u, atol=1e-8 * loose.peak[0])
+
+
+# Loads that jump
+
+
+def under_rectangle(times: np.ndarray, load: Rectangle) -> np.ndarray:
+    """Exact displacement of the test oscillator (1 Hz, damping ratio 0.05) from rest."""
+    omega, zeta = 2 * np.pi, 0.05
+    damped = omega * np.sqrt(1 - zeta**2)
+
+    def step_response(t: np.ndarray) -> np.ndarray:
+        t = np.maximum(t, 0.0)
+        swing = np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t)
+        return (1 - np.exp(-zeta * omega * t) * swing) / omega**2
+
+    since = times - load.start
+    return load.peak * (step_response(since) - step_response(since - load.duration))
+
+
+@pytest.mark.parametrize("scheme", [generalized_alpha(0.5), generalized_alpha(1.0)])
+@pytest.mark.parametrize("table", [False, True])
+@pytest.mark.parametrize(
+    ("start", "duration"),
+    [
+        (0.0, 0.5),  # sets in at once
+        (0.25, 0.5),  # at step ends, which are these numbers exactly
+        (0.3, 0.6),  # at step ends up to round-off of 'number times step'
+        (0.3123, 0.537),  # inside steps
+        (0.30001, 0.6),  # inside a step, close to its end
+        (0.3123, 1e-4),  # both inside one step
+    ],
+)
+def test_loads_that_jump_keep_second_order(
+    start: float, duration: float, scheme: Scheme, table: bool
+) -> None:
+    exact_load = Rectangle(1.0, duration, start)
+    load = Table([start, start + duration], [1.0, 1.0]) if table else exact_load
+    counts = (200, 400, 800, 1600)
+    errors = []
+    for count in counts:
+        run = integrate(oscillator(load), step=2.0 / count, n_steps=count, scheme=scheme)
+        exact = under_rectangle(run.times, exact_load)
+        errors.append(np.abs(run.point("mass") - exact).max())
+        assert run.energy_residual < 1e-10
+    assert order_of(errors, [2.0 / count for count in counts]) > 1.8
+
+
+@pytest.mark.parametrize("beta", [1e3, inf])
+@pytest.mark.parametrize("end", [2e-4, 2.34e-4])
+def test_a_table_that_ends_above_zero_drops_to_zero_there(beta: float, end: float) -> None:
+    """As if the drop were written out, in a time that no step sees."""
+    ends = Table([0.0, 1e-4, end], [0.0, 40e3, 20e3])
+    written = Table([0.0, 1e-4, end, end + 1e-11], [0.0, 40e3, 20e3, 0.0])
+    joint = LapJoint(elements=20, beta=beta)
+    one, other = (
+        integrate(replace(joint, load=load).system, step=5e-7, n_steps=1000)
+        for load in (ends, written)
+    )
+    np.testing.assert_allclose(one.point_u, other.point_u, atol=1e-4 * one.peak[0])
+    np.testing.assert_allclose(one.friction_work, other.friction_work, rtol=1e-3, atol=1e-6)
+    assert one.energy_residual < 1e-10
+    # A step that is too long for the vibration that the drop sets off is refused, as for any jump.
+    with pytest.raises(InputError, match="jump"):
+        integrate(replace(joint, load=ends).system, step=5e-5, n_steps=20)
+
+
+@pytest.mark.parametrize("beta", [10.0, inf])
+@pytest.mark.parametrize("corner", [1e-4, 1.234e-4, 3e-4])
+def test_a_jump_in_a_joint_keeps_the_energy_balance_and_the_law(beta: float, corner: float) -> None:
+    joint = replace(REFERENCE, beta=beta, load=Rectangle(63e3, 2e-4, corner))
+    run = integrate(joint.system, step=1e-5, n_steps=100, save=Save(fields=True))
+    assert run.energy_residual < 1e-10
+    assert np.all(run.friction_work >= 0.0)
+    assert run.times.size == 101
+    # Nothing moves before the load sets in.
+    assert np.all(run.u[run.field_times <= corner * (1 - 1e-9)] == 0.0)
+    assert np.any(run.u[run.field_times > corner + 1e-5] != 0.0)
+
+
+def test_kinks_inside_steps_keep_second_order_and_the_stored_times() -> None:
+    joint = replace(REFERENCE, load=Triangle(63e3, 1.234e-4))
+
+    def tip(parts: int) -> np.ndarray:
+        save = Save(every=parts)
+        run = integrate(joint.system, step=1e-5 / parts, n_steps=60 * parts, save=save)
+        np.testing.assert_allclose(run.times, 1e-5 * np.arange(61), rtol=1e-12)
+        return run.point("free_end")
+
+    exact = tip(32)
+    errors = [float(np.abs(tip(parts) - exact).max()) for parts in (1, 2, 4)]
+    assert order_of(errors, [1.0, 0.5, 0.25]) > 1.7
+
+
+def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches() -> None:
+    # A load that is there at the start: the accelerations obey the law that velocities will.
+    joint = LapJoint(elements=50, beta=inf, load=Rectangle(63e3, 1.0))
+    run = integrate(joint.system, step=1e-6, n_steps=10, save=Save(fields=True))
+    sigma = run.sigma[0]
+    assert sigma[-1] == 1.0
+    assert np.all(np.abs(sigma) <= 1.0)
+    assert np.abs(sigma[0]) < 1e-6
+    assert run.energy_residual < 1e-10
+    quiet = replace(joint, load=Rectangle(0.5 * joint.tau * joint.length / 50, 1.0))
+    still = integrate(quiet.system, step=1e-6, n_steps=10, save=Save(fields=True))
+    assert np.all(still.u == 0.0)
+    assert still.sigma[-1, -1] == pytest.approx(0.5, rel=1e-12)
+
+
+# Steps that are too long for a load
+
+
+@pytest.mark.parametrize(
+    ("load", "step", "most"),
+    [
+        (Harmonic(1e3, 1000.0), 1e-3, 0.000125),
+        (Triangle(1e3, 1e-7, 1e-4), 1e-5, None),
+        (HalfSine(1e3, 1e-7, 1e-4), 1e-5, 5e-08),
+        (Harmonic(1e3, 0.1, pi / 2), 0.1, None),
+        (Rectangle(1e3, 1.0, 0.0), 0.1, None),
+    ],
+)
+def test_a_step_that_is_too_long_is_refused_with_the_one_that_does(
+    load: Amplitude, step: float, most: float | None
+) -> None:
+    system = LapJoint(load=load, elements=20).system
+    longest = longest_step(system, 100 * step)
+    assert longest < step
+    assert most is None or longest == pytest.approx(most, rel=1e-9)
+    with pytest.raises(InputError, match=f"step of at most {longest:.4g} s"):
+        integrate(system, step=step, n_steps=100)
+    check_resolution(system, longest, int(100 * step / longest))
+
+
+@pytest.mark.parametrize("load", [HalfSine(1.0, 1e-3, 0.5), Versine(1.0, 1e-3, 0.5)])
+def test_round_pulses_between_two_steps_are_never_missed(load: Amplitude) -> None:
+    with pytest.raises(InputError, match="too long for a pulse"):
+        integrate(oscillator(load), step=0.01, n_steps=100)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+@pytest.mark.parametrize("beta", [1e5, inf])
+def test_dissipating_schemes_do_not_overshoot_when_a_load_is_switched_on(
+    rho: float, beta: float
+) -> None:
+    joint = LapJoint(elements=20, beta=beta, load=Harmonic(63e3, 1000.0, pi / 2))
+    coarse = integrate(joint.system, step=1e-5, n_steps=200, scheme=generalized_alpha(rho))
+    fine = integrate(joint.system, step=1e-7, n_steps=20_000, save=Save(every=100))
+    assert np.abs(coarse.point_u - fine.point_u).max() < 0.1 * fine.peak[0]
+    assert coarse.energy_residual < 1e-10
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share: float) -> None:
+    """Static slip tau x^2 / (2 EA) over the active length a: 2 pi sqrt(3/20) a / c by Rayleigh."""
+    joint = LapJoint(elements=200, beta=inf)
+    load = Rectangle(share * float(joint.system.w.sum()), 1.0)
+    system = replace(joint, load=load).system
+    period = 2.0 * pi * np.sqrt(3.0 / 20.0) * share * joint.length / np.sqrt(E / DENSITY)
+    check_resolution(system, 0.095 * period, 10)
+    with pytest.raises(InputError, match="jump"):
+        check_resolution(system, 0.105 * period, 10)

@@ -1,0 +1,290 @@
+"""The elastic body of every dimension against theorems of elasticity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import (
+    DENSITY,
+    ELEMENTS,
+    NU,
+    PLANE,
+    SOLID,
+    THICKNESS,
+    WIDTH,
+    E,
+    block,
+    distorted,
+    mapped,
+    pressed,
+    structure,
+)  # fmt: skip
+from scipy import sparse
+from scipy.linalg import eigh
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import NamedMesh, build_bar
+from skfem_joint.structure import Load, Material, Structure
+
+LOAD = Harmonic(1.0, 1.0)
+
+
+def any_body(shape: str, order: int) -> NamedMesh:
+    """A body of no particular shape."""
+    body = distorted(block(shape, order, 2, (0.4, 0.3, 0.2)))
+    if body.mesh.dim() == 1:
+        return body
+
+    def bent(p: np.ndarray) -> np.ndarray:
+        q = p.copy()
+        q[0] += 0.2 * p[1]
+        q[1] += 0.5 * p[0] * p[1]
+        return q
+
+    return mapped(body, bent)
+
+
+def measure(body: NamedMesh) -> float:
+    from skfem import Basis, Functional
+
+    from skfem_joint.structure.nodes import Nodes
+
+    basis = Basis(body.mesh, Nodes(body).element, intorder=5)
+    return float(Functional(lambda p: 1.0 + 0.0 * p.x[0]).assemble(basis))
+
+
+def inner_dofs(some: Structure) -> tuple[np.ndarray, np.ndarray]:
+    border = np.zeros((some.n_nodes, some.dim), dtype=bool)
+    border[some.grid.basis.get_dofs(some.mesh.mesh.boundary_facets()).flatten()] = True
+    return np.flatnonzero(~border.ravel()), np.flatnonzero(border.ravel())
+
+
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_nodes_are_those_of_the_basis_and_sub_cells_lie_in_their_elements(
+    shape: str, order: int
+) -> None:
+    some = structure(any_body(shape, order))
+    np.testing.assert_allclose(some.nodes, some.grid.basis.doflocs.T, atol=1e-15)
+    for cell, element in zip(some.cells, some.cell_element, strict=True):
+        assert set(cell) <= set(some.grid.of_element[:, element])
+    parts = np.bincount(some.cell_element)
+    np.testing.assert_array_equal(parts, parts[0])
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_patch_test_constant_strain_is_reproduced(shape: str, order: int, plane: str) -> None:
+    some = structure(any_body(shape, order), plane=plane)
+    _, K = some.matrices()
+    d = some.dim
+    gradient = 1e-3 * np.random.default_rng(3).normal(size=(d, d))
+    u = (some.nodes @ gradient.T).ravel()
+    strain = 0.5 * (gradient + gradient.T)
+    mu = E / (2 * (1 + NU))
+    lame = E * NU / ((1 + NU) * (1 - 2 * NU))
+    if d == 2 and plane == "stress":
+        lame = E * NU / (1 - NU**2)
+    density = 0.5 * lame * np.trace(strain) ** 2 + mu * np.sum(strain**2)
+    if d == 1:
+        density = 0.5 * E * strain[0, 0] ** 2
+    across = {1: WIDTH * THICKNESS, 2: THICKNESS, 3: 1.0}[d]
+    energy = density * across * measure(some.mesh)
+    assert 0.5 * u @ (K @ u) == pytest.approx(energy, rel=1e-11)
+    # No force on inner nodes: solving for them gives the linear field back.
+    inner, outer = inner_dofs(some)
+    solved = sparse.linalg.spsolve(K[inner][:, inner].tocsc(), -K[inner][:, outer] @ u[outer])
+    np.testing.assert_allclose(solved, u[inner], rtol=0, atol=1e-11 * np.abs(u).max())
+
+
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_rigid_motions_strain_nothing_and_have_the_mass_of_the_body(shape: str, order: int) -> None:
+    some = structure(any_body(shape, order))
+    M, K = some.matrices()
+    d, x = some.dim, some.nodes
+    motions = [np.tile(axis, (some.n_nodes, 1)) for axis in np.eye(d)]
+    for i in range(d):
+        for j in range(i):
+            turn = np.zeros_like(x)
+            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
+            motions.append(turn)
+    flat = np.array(motions).reshape(len(motions), -1)
+    np.testing.assert_allclose(K @ flat.T, 0.0, atol=1e-9 * abs(K).max())
+    across = {1: WIDTH * THICKNESS, 2: THICKNESS, 3: 1.0}[d]
+    mass = DENSITY * across * measure(some.mesh)
+    inertia = flat @ (M @ flat.T)
+    np.testing.assert_allclose(inertia[:d, :d], mass * np.eye(d), rtol=1e-12, atol=1e-12 * mass)
+    # First moments: turning against translating.
+    if d == 2:
+        from skfem import Functional
+
+        basis = some.grid.basis
+        middle = [Functional(lambda p, c=c: p.x[c]).assemble(basis) for c in range(2)]
+        expected = DENSITY * across * np.array([-middle[1], middle[0]])
+        np.testing.assert_allclose(inertia[2, :2], expected, rtol=1e-10)
+
+
+def gradient_of_harmonic(x: np.ndarray) -> np.ndarray:
+    """Gradient (..., d) of a harmonic potential: in equilibrium for any constants."""
+    if x.shape[-1] == 2:
+        return np.stack([np.exp(x[..., 0]) * np.cos(x[..., 1]),
+                         -np.exp(x[..., 0]) * np.sin(x[..., 1])], axis=-1)  # fmt: skip
+    a = np.exp(np.sqrt(2.0) * x[..., 0])
+    y, z = x[..., 1], x[..., 2]
+    return np.stack([np.sqrt(2.0) * a * np.cos(y) * np.cos(z), -a * np.sin(y) * np.cos(z),
+                     -a * np.cos(y) * np.sin(z)], axis=-1)  # fmt: skip
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_displacement_converges_at_the_order_of_the_element(shape: str, order: int) -> None:
+    errors, counts = [], (2, 4) if (shape, order) == ("hex", 2) else (3, 6)
+    for n in counts:
+        body = mapped(block(shape, order, n), skewed)
+        some = structure(body)
+        _, K = some.matrices()
+        inner, outer = inner_dofs(some)
+        solution = gradient_of_harmonic(some.nodes).ravel()
+        solution[inner] = sparse.linalg.spsolve(
+            K[inner][:, inner].tocsc(), -K[inner][:, outer] @ solution[outer]
+        )
+        basis = some.grid.basis
+        exact = gradient_of_harmonic(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
+        squared = sum(
+            np.sum((np.asarray(basis.interpolate(solution[c :: some.dim])) - exact[..., c]) ** 2
+                   * basis.dx)
+            for c in range(some.dim)
+        )  # fmt: skip
+        errors.append(np.sqrt(squared))
+    observed = np.log(errors[0] / errors[1]) / np.log(counts[1] / counts[0])
+    assert observed == pytest.approx(order + 1, abs=0.25)
+
+
+def skewed(p: np.ndarray) -> np.ndarray:
+    return np.vstack([p[:1] + 0.2 * p[:1] * p[1:2], p[1:]])
+
+
+def bar(elements: int, length: float = 0.25, **changes: Any) -> Structure:
+    body = build_bar([("joint", length, elements)], {"fixed": 0.0, "free_end": length})
+    return structure(body, **{"fixed": ["fixed"], **changes})
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_bar_frequencies_converge_at_second_order_to_the_closed_form(mass: str) -> None:
+    exact = 5000.0 / (4 * 0.25) * (2 * np.arange(1, 5) - 1)
+    errors = []
+    for n in (20, 40, 80):
+        system = bar(n, mass=mass).system()
+        squares = eigh(system.K.toarray(), system.M.toarray(), eigvals_only=True)[:4]
+        errors.append(np.sqrt(squares) / (2 * np.pi) / exact - 1.0)
+    # A consistent mass bounds the frequencies from above (Rayleigh), a lumped one here from below.
+    assert np.all(np.array(errors) < 0.0 if mass == "lumped" else np.array(errors) > 0.0)
+    np.testing.assert_allclose(np.log2(errors[1] / errors[2]), 2.0, atol=0.03)
+
+
+@pytest.mark.parametrize(("shape", "order"), [one for one in ELEMENTS if one[1] == 1])
+def test_lumped_mass_is_diagonal_and_keeps_the_total(shape: str, order: int) -> None:
+    some = structure(any_body(shape, order))
+    consistent, lumped = some.matrices()[0], replace(some, mass="lumped").matrices()[0]
+    assert lumped.sum() == pytest.approx(consistent.sum(), rel=1e-12)
+    assert abs(lumped - sparse.diags_array(lumped.diagonal())).max() == 0.0
+    assert lumped.diagonal().min() > 0.0
+
+
+def test_lumped_mass_is_refused_where_row_sums_vanish() -> None:
+    with pytest.raises(InputError, match="second order"):
+        structure(block("tri", 2), mass="lumped")
+
+
+@pytest.mark.parametrize("elements", [1, 7, 100])
+def test_static_tip_of_a_bar_is_exact_at_any_number_of_elements(elements: int) -> None:
+    system = bar(elements).system([Load("free_end", LOAD), Load("joint", LOAD)])
+    u = np.linalg.solve(system.K.toarray(), 1e4 * system.load_vectors())
+    tip = system.points.index("free_end")
+    stretch = 1e4 * 0.25 / (E * WIDTH * THICKNESS)
+    # A force at the end, and one spread along the bar.
+    np.testing.assert_allclose((system.P @ u)[tip], [stretch, stretch / 2], rtol=1e-11)
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_tension_without_contraction_is_that_of_a_bar(shape: str, order: int) -> None:
+    body = distorted(block(shape, order, 2, (0.16, 0.05, 0.02)))
+    some = structure(body, material=Material(E, DENSITY, 0.0))
+    pull = (2.0, *[0.0] * (some.dim - 1))
+    system = some.system([Load("right", LOAD, pull)], ["corner"])
+    u = sparse.linalg.spsolve(system.K.tocsc(), 1e4 * system.loads[0].vector)
+    area = 0.05 * THICKNESS if some.dim == 2 else 0.05 * 0.02
+    tip = 1e4 * 0.16 / (E * area)
+    expected = [tip, tip, *[0.0] * (some.dim - 1)]
+    np.testing.assert_allclose(system.P @ u, expected, rtol=1e-9, atol=1e-9 * tip)
+    # The row of a load is what it works on.
+    np.testing.assert_allclose(system.P[[0]].toarray()[0], system.loads[0].vector)
+
+
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_regions_have_their_own_properties(shape: str, order: int) -> None:
+    body = block(shape, order, 2, (0.4, 0.3, 0.2))
+    dim = body.mesh.dim()
+    own = {"E": E / 2, "density": 100.0}
+    if dim < 3:
+        own["thickness"] = 2 * THICKNESS
+    some = structure(body, material=Material(E, DENSITY, 0.0), regions={"rest": own})
+    M, K = some.matrices()
+    unit = np.eye(dim)[0]
+    ones, stretch = np.tile(unit, some.n_nodes), np.outer(some.nodes[:, 0], unit).ravel()
+    area = {1: WIDTH * THICKNESS, 2: 0.3 * THICKNESS, 3: 0.3 * 0.2}[dim]
+    more = 2.0 if dim < 3 else 1.0
+    assert ones @ (M @ ones) == pytest.approx(area * 0.2 * (DENSITY + more * 100.0), rel=1e-12)
+    stiffness = E * area * 0.2 * (1.0 + more / 2)
+    assert stretch @ (K @ stretch) == pytest.approx(stiffness, rel=1e-12)
+
+
+def test_an_inclined_bar_has_the_same_system_and_its_vectors_lie_along_it() -> None:
+    straight = bar(20, joints=[pressed()])
+    along = np.array([0.6, 0.64, 0.48])
+    body = straight.mesh
+    coordinates = np.outer(body.mesh.p[0], along) + np.array([1.0, -2.0, 0.5])
+    inclined = replace(straight, mesh=replace(body, coordinates=coordinates))
+    one, two = straight.system(), inclined.system()
+    for name in ("M", "K", "w"):
+        assert abs(getattr(one, name) - getattr(two, name)).max() == 0.0
+    np.testing.assert_allclose(inclined.in_space(np.array([[2.0]])), [2.0 * along], rtol=1e-12)
+    np.testing.assert_array_equal(inclined.positions, coordinates)
+
+
+def test_supports_at_both_ends_are_eliminated_and_displacements_expanded() -> None:
+    body = build_bar([("joint", 1.0, 4)], {"fixed": 0.0, "middle": 0.5, "other_end": 1.0})
+    some = structure(body, fixed=["fixed", "other_end"])
+    system = some.system([Load("middle", LOAD)])
+    u = np.linalg.solve(system.K.toarray(), system.loads[0].vector)
+    # Two bars of half the length hold the middle, each of stiffness 2 EA.
+    tip = 1.0 / (4.0 * E * WIDTH * THICKNESS)
+    assert (system.P @ u)[0] == pytest.approx(tip, rel=1e-12)
+    expanded = some.expand(np.array([[1.0, 2.0, 3.0]]))
+    np.testing.assert_array_equal(expanded[..., 0], [[0.0, 1.0, 2.0, 3.0, 0.0]])
+    reduced = system.project(np.eye(3)[:, :2])
+    np.testing.assert_array_equal(reduced.expand(np.array([1.0, 2.0])), [0.0, 1.0, 2.0, 0.0, 0.0])
+
+
+def test_proportional_damping() -> None:
+    system = structure(block("quad"), stiffness_damping=2e-5, mass_damping=3.0).system()
+    expected = 2e-5 * system.K + 3.0 * system.M
+    assert abs(system.C - expected).max() < 1e-14 * abs(expected).max()
+
+
+def test_loads_on_regions_and_points_and_names_of_rows() -> None:
+    some = structure(block("tri", 2), [pressed("base")], fixed=())
+    loads = [
+        Load("rest", LOAD, (0.0, -3.0)),
+        Load("corner", LOAD, (3.0, 4.0)),
+        Load("rest", LOAD, (1.0, 0.0)),
+        Load("rest", LOAD, (0.0, -1.0)),
+    ]
+    free = replace(some, joints=(), fixed=("left",)).system(loads)
+    assert free.points == ("rest", "corner", "rest.2", "corner.x", "corner.y")
+    assert [load.on for load in free.loads] == ["rest", "corner", "rest.2", "rest"]
+    shares = some.grid.even_shares("rest")
+    assert shares.sum() == pytest.approx(1.0, rel=1e-14)
+    np.testing.assert_allclose(shares @ some.nodes, [0.75, 0.5], rtol=1e-12)

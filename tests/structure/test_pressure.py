@@ -1,0 +1,347 @@
+"""Pressure, bolts and interpolation against closed forms."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import (
+    MU,
+    PLANE,
+    SOLID,
+    WIDTH,
+    block,
+    distorted,
+    pressed,
+    structure,
+)  # fmt: skip
+from scipy.integrate import quad
+from skfem import MeshTri
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.structure import Bolt, Bolts, PressureTable, Structure
+from skfem_joint.structure.bolts import disc_moments, ring_integrals
+from skfem_joint.structure.location import interpolation, local_coordinates
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.pressure import pressure_integrals
+
+LENGTH = 0.1
+AXIAL = PressureTable((0.0, 0.013, 0.04, 0.041, 0.09, 0.2), (0.0, 0.0, 6e6, 1e6, 2e6, 2e6))
+TWO_BOLTS = Bolts(
+    (Bolt((0.03, 0.026), 20e3, 0.008, 0.004), Bolt((0.07, 0.02), 5e3, 0.006)), reach=0.01
+)
+
+
+def square(size: float, n: int, seed: int | None = None) -> np.ndarray:
+    """Triangles (t, 3, 2) that cover a square around the origin."""
+    line = np.linspace(-size / 2, size / 2, n + 1)
+    mesh = MeshTri.init_tensor(line, line)
+    p = mesh.p.copy()
+    if seed is not None:
+        inner = mesh.interior_nodes()
+        shift = np.random.default_rng(seed).uniform(-0.2, 0.2, (2, inner.size))
+        p[:, inner] += shift * size / n
+    return np.moveaxis(p[:, mesh.t], 0, -1).swapaxes(0, 1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_disc_inside_triangles_has_its_area_and_no_moment_about_its_centre(n: int) -> None:
+    centre, radius = np.array([0.11, -0.07]), 0.3
+    total = disc_moments(square(1.0, n, seed=n), centre, radius).sum(axis=0)
+    np.testing.assert_allclose(total, [np.pi * radius**2, 0.0, 0.0], rtol=1e-13, atol=1e-15)
+
+
+def test_disc_cut_by_an_edge_is_a_circular_segment() -> None:
+    half = np.array([[[0.2, -9.0], [0.2, 9.0], [-9.0, 0.0]]])
+    for triangle in (half, half[:, ::-1]):  # the sense of rotation does not matter
+        angle = np.arccos(0.2)
+        area = np.pi - (angle - 0.2 * np.sin(angle))
+        moment = -2.0 / 3.0 * np.sin(angle) ** 3
+        np.testing.assert_allclose(
+            disc_moments(triangle, np.zeros(2), 1.0), [[area, moment, 0.0]], rtol=1e-13, atol=1e-15
+        )
+
+
+def test_disc_that_holds_a_triangle_gives_the_triangle() -> None:
+    triangle = np.array([[[0.1, 0.2], [0.5, 0.1], [0.3, 0.6]]])
+    centroid = triangle.mean(axis=1)
+    np.testing.assert_allclose(
+        disc_moments(triangle, np.zeros(2), 1.0), 0.09 * np.array([[1.0, *centroid[0]]]), rtol=1e-13
+    )
+
+
+@pytest.mark.parametrize("n", [2, 5, 23])
+def test_a_ring_gives_every_mesh_its_area_and_its_centre(n: int) -> None:
+    triangles = square(1.0, n, seed=n)
+    centre = np.array([0.05, 0.08])
+    # The ring is narrower than any element.
+    ring = ring_integrals(triangles, centre, 0.30, 0.301)
+    area = np.pi * (0.301**2 - 0.30**2)
+    assert ring.min() >= 0.0
+    assert ring.sum() == pytest.approx(area, rel=1e-10)
+    np.testing.assert_allclose(np.einsum("nk,nkc->c", ring, triangles) / area, centre, rtol=1e-9)
+
+
+def test_pressure_with_kinks_is_integrated_exactly_in_every_dimension() -> None:
+    kinks = (-0.33, 0.0, 0.1, 0.21)
+    pressure = PressureTable(kinks, (1.0, 5.0, 0.0, 2.0), (3.0, 0.0))
+
+    def profile(x: float) -> float:
+        return float(pressure(np.array([x, 0.0])))
+
+    exact = quad(profile, -0.5, 0.5, points=kinks)[0]
+    moment = quad(lambda x: x * profile(x), -0.5, 0.5, points=kinks)[0]
+    x = np.array([-0.5, -0.1, 0.02, 0.5])
+    line = np.stack([x[:-1], x[1:]], axis=1)[..., None]
+    tilted = square(1.0, 3, seed=3) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
+    for corners, axis in (
+        (line, (1.0,)),
+        (line * [1.0, 0.0], (1.0, 0.0)),
+        (square(1.0, 1), (1.0, 0.0)),
+        (square(1.0, 6, seed=3), (1.0, 0.0)),
+        (tilted, (1.0, 0.0, 0.0)),
+    ):
+        table = PressureTable(kinks, (1.0, 5.0, 0.0, 2.0), axis)
+        integrals = pressure_integrals(corners, table)
+        assert integrals.sum() == pytest.approx(exact, rel=1e-12)
+        # Hat functions reproduce x: the forces have the pressure's centre.
+        assert np.sum(integrals * corners[..., 0]) == pytest.approx(moment, rel=1e-12)
+
+
+def test_a_narrow_peak_of_pressure_inside_one_element_of_a_bar_is_not_missed() -> None:
+    body = build_bar([("joint", 0.25, 5)], {"fixed": 0.0, "free_end": 0.25})
+    positions = (0.0, 0.1226, 0.1230, 0.1270, 0.1274, 0.25)
+    table = PressureTable(positions, (0.0, 0.0, 400e6, 400e6, 0.0, 0.0))
+    (patch,) = structure(body, [pressed(pressure=table)], ["fixed"]).patches
+    assert patch.clamping_force == pytest.approx(400e6 * 0.0044 * WIDTH, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["equal", "consistent"])
+def test_tables_on_bars_give_the_integral_with_the_hat_functions(kind: str) -> None:
+    table = PressureTable((0.0, 0.1, 0.25), (0.0, 6e6, 2e6))
+    total = WIDTH * (0.1 * 6e6 / 2 + 0.15 * (6e6 + 2e6) / 2)
+    body = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
+    (patch,) = structure(body, [pressed(pressure=table, normal_force=kind)], ["fixed"]).patches
+    assert patch.clamping_force == pytest.approx(total, rel=1e-12)
+    if kind == "equal":
+        np.testing.assert_allclose(patch.normal_force, total / 10, rtol=1e-12)
+        return
+
+    def share(node: int) -> float:
+        h = 0.025
+        ends = (max(0.0, (node - 1) * h), node * h, min(0.25, (node + 1) * h))
+        return WIDTH * sum(
+            quad(lambda x: float(table(np.array([x]))) * (1 - abs(x / h - node)), a, b)[0]
+            for a, b in pairwise(ends)
+        )
+
+    np.testing.assert_allclose(patch.normal_force, [share(n) for n in range(1, 11)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("elements", [1, 10, 100])
+@pytest.mark.parametrize("kind", ["equal", "consistent"])
+def test_equal_forces_share_all_and_consistent_ones_by_length(elements: int, kind: str) -> None:
+    body = build_bar([("joint", 0.25, elements)], {"fixed": 0.0, "free_end": 0.25})
+    w = structure(body, [pressed(normal_force=kind)], ["fixed"]).system().w
+    share = MU * 8e6 * WIDTH * 0.25 / elements
+    last = share if kind == "equal" else share / 2
+    np.testing.assert_allclose(w, [*[share] * (elements - 1), last], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["equal", "consistent"])
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_both_kinds_of_force_carry_the_whole_pressure(shape: str, order: int, kind: str) -> None:
+    on = "base" if shape in ("tet", "hex") else "joint"
+    some = structure(block(shape, order, 2, (0.2, 0.1, 0.1)), [pressed(on, normal_force=kind)])
+    area = 0.2 * 0.1 if on == "base" else 0.1 * 0.1
+    (patch,) = some.patches
+    assert patch.clamping_force == pytest.approx(8e6 * area, rel=1e-12)
+    assert (patch.held_force == 0.0) == (kind == "equal")
+
+
+@pytest.mark.parametrize("turn", [0.0, 37.0])
+def test_pressure_turns_with_its_axis(turn: float) -> None:
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    triangles = square(1.0, 4, seed=2)
+    along = PressureTable((-0.2, 0.3), (1.0, 4.0))
+    across = PressureTable((-0.2, 0.3), (1.0, 4.0), (2 * c, 2 * s))
+    np.testing.assert_allclose(
+        pressure_integrals(triangles @ np.array([[c, s], [-s, c]]), across),
+        pressure_integrals(triangles, along),
+        rtol=1e-12,
+    )
+
+
+def in_plan(kind: str, order: int, n: int) -> Structure:
+    strips = [("joint", LENGTH, 2 * n), ("rest", 0.04, 2)]
+    return structure(
+        distorted(build_plate(strips, WIDTH, n, kind=kind, order=order)), [pressed()], fixed=()
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize(
+    ("pressure", "total"),
+    [
+        (8e6, 8e6 * LENGTH * WIDTH),
+        (AXIAL, WIDTH * (0.027 * 3e6 + 0.001 * 3.5e6 + 0.049 * 1.5e6 + 0.01 * 2e6)),
+        (TWO_BOLTS, 25e3),
+    ],
+    ids=["constant", "table", "bolts"],
+)
+def test_total_normal_force_is_exact_on_every_mesh(
+    kind: Any, order: int, pressure: Any, total: float
+) -> None:
+    for n in (2, 5):
+        strips = [("joint", LENGTH, 2 * n), ("rest", 0.04, 2)]
+        body = distorted(build_plate(strips, WIDTH, n, kind=kind, order=order))
+        for fixed in ((), ("left",)):
+            (patch,) = structure(body, [pressed(pressure=pressure)], fixed).patches
+            assert patch.clamping_force == pytest.approx(total, rel=1e-12)
+            assert patch.normal_force.min() > 0.0
+            if pressure == 8e6:
+                np.testing.assert_allclose(patch.normal_force, 8e6 * patch.area, rtol=1e-12)
+
+
+def test_bolts_press_bars_faces_and_plates_with_their_force_and_moment() -> None:
+    bar = build_bar([("joint", LENGTH, 7)], {"fixed": 0.0})
+    on_bar = Bolts((Bolt((0.03, 0.005), 20e3, 0.008, 0.004), Bolt((0.07, 0.0), 5e3, 0.006)), 0.01)
+    plate = distorted(build_plate([("joint", LENGTH, 7)], WIDTH, 4, order=2))
+    solid = distorted(block("hex", 1, 4, (LENGTH, WIDTH, 0.02)))
+    on_face = Bolts(tuple(Bolt((*b.at, 0.5), b.force, b.head_radius, b.hole_radius)
+                          for b in TWO_BOLTS.bolts), 0.01)  # fmt: skip
+    for body, on, bolts in ((bar, "joint", on_bar), (plate, "joint", TWO_BOLTS),
+                            (solid, "base", on_face)):  # fmt: skip
+        fixed = ("fixed",) if body is bar else ("left",)
+        some = structure(body, [pressed(on, pressure=bolts)], fixed)
+        (patch,) = some.patches
+        d = min(some.dim, 2)
+        exact = sum(bolt.force * np.array(bolt.at[:d]) for bolt in bolts.bolts)
+        found = patch.normal_force @ some.nodes[patch.nodes][:, :d]
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
+        np.testing.assert_allclose(patch.bolt_shares, 1.0, rtol=1e-10)
+        assert patch.clamping_force == pytest.approx(25e3, rel=1e-12)
+
+
+def test_a_bolt_beside_the_edge_gives_its_whole_force_to_what_it_presses() -> None:
+    plate = build_plate([("joint", LENGTH, 7)], WIDTH, 4)
+    # Half of a ring: just what is still allowed.
+    inside = Bolts((Bolt((LENGTH - 1e-9, 0.025), 1e3, 0.01, 0.005),))
+    patch = structure(plate, [pressed(pressure=inside)]).patches[0]
+    assert patch.clamping_force == pytest.approx(1e3, rel=1e-12)
+    assert patch.bolt_shares[0] == pytest.approx(0.5, abs=1e-6)
+    outside = Bolts((Bolt((LENGTH + 0.001, 0.02), 1e3, 0.01), Bolt((1, 1), 1, 0.01)))
+    with pytest.raises(InputError) as caught:
+        structure(plate, [pressed(pressure=outside)])
+    text = str(caught.value)
+    assert "bolt at (0.101, 0.02)" in text
+    assert "43.6 % lies on the contact" in text
+    assert " 0 % lies on the contact" in text
+
+
+@pytest.mark.parametrize("on", ["joint", "bottom"])
+def test_only_nodes_that_the_pressure_reaches_are_in_contact(on: str) -> None:
+    # The pressure ends at a line of nodes, to round-off.
+    plate = build_plate([("joint", LENGTH, 30)], WIDTH, 2, kind="triangle", order=2)
+    for cell in (7, 11, 19):
+        end = cell * LENGTH / 30 * (1 - 1e-15)
+        table = PressureTable((0.0, end, end + 0.01, 0.2), (0.0, 0.0, 1e6, 1e6))
+        some = structure(plate, [pressed(on, pressure=table)])
+        assert some.nodes[some.patches[0].nodes, 0].min() > end - 1e-9
+
+
+def test_the_cone_under_the_head_widens_with_depth() -> None:
+    bolt = Bolt((0.0, 0.0), 1.0, 0.008, spreading_angle=45.0)
+    assert Bolts((bolt,), reach=0.01).outer_radius(bolt) == pytest.approx(0.018, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"at": (np.nan, 0.0)}, "bolt.at"),
+        ({"force": -1.0}, "force: found -1.0, must be >= 0"),
+        ({"head_radius": 0.001}, "head_radius: found 0.001, must be > hole_radius, 0.002"),
+        ({"hole_radius": -0.002}, "hole_radius"),
+        (
+            {"spreading_angle": 90.0},
+            r"spreading_angle: found 90.0, must be in \[0, 90\), in degrees",
+        ),
+    ],
+)
+def test_bolts_that_make_no_sense_are_refused(change: dict[str, Any], message: str) -> None:
+    values = {"at": (0.0, 0.0), "force": 1.0, "head_radius": 0.004, "hole_radius": 0.002} | change
+    with pytest.raises(InputError, match=message):
+        Bolt(**values)
+
+
+def test_groups_of_bolts_and_axes_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(InputError, match="found none"):
+        Bolts(())
+    with pytest.raises(InputError, match="reach"):
+        Bolts((Bolt((0, 0), 1.0, 1.0),), reach=-1.0)
+    with pytest.raises(InputError, match="axis"):
+        PressureTable((0.0, 1.0), (1.0, 1.0), (0.0, 0.0))
+    with pytest.raises(InputError, match="increasing"):
+        PressureTable((1.0, 0.0), (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("positions", "values"),
+    [
+        ((0.0,), (1.0,)),
+        ((0.0, 1.0), (1.0,)),
+        ((0.0, np.nan), (1.0, 1.0)),
+        ((0.0, 1.0), (1.0, -1.0)),
+        ((0.0, 1.0), (1.0, np.inf)),
+    ],
+)
+def test_pressure_tables_that_make_no_sense_are_refused(positions: Any, values: Any) -> None:
+    with pytest.raises(InputError, match="pressure"):
+        PressureTable(positions, values)
+
+
+@pytest.mark.parametrize("shape", ["line", "tri", "quad", "tet", "hex"])
+def test_points_are_found_where_scikit_fem_maps_them(shape: str) -> None:
+    grid = Nodes(distorted(block(shape, 1, 3), 0.3))
+    mesh, d = grid.mesh.mesh, grid.dim
+    on, elements = "joint", grid.mesh.regions["joint"]
+    local = np.random.default_rng(2).uniform(0.05, 0.3, (d, elements.size))
+    if d == 3:  # solids are pressed by faces: the face z = 0 is that of zeta = 0 or another one
+        on = "base"
+        elements = mesh.f2t[0, grid.mesh.boundaries["base"]]
+        middle = mesh.p[:, mesh.facets[:, grid.mesh.boundaries["base"]]].mean(axis=1).T
+        local = local_coordinates(grid, elements, middle).T
+    x = mesh.mapping().F(local[:, :, None], elements)[:, :, 0].T
+    np.testing.assert_allclose(local_coordinates(grid, elements, x), local.T, atol=1e-11)
+    values, gap = interpolation(grid, on, x)
+    np.testing.assert_array_equal(gap, 0.0)
+    expected = np.zeros((len(x), grid.n_nodes))
+    for i, nodes in enumerate(grid.of_element):
+        expected[np.arange(len(x)), nodes[elements]] = grid.element.lbasis(local, i)[0]
+    np.testing.assert_allclose(values.toarray(), expected, atol=1e-11)
+    # Every vertex lies in an element, whatever the round-off.
+    vertices = grid.nodes_of(on)
+    values, gap = interpolation(grid, on, grid.nodes[vertices] * (1 + 1e-16))
+    np.testing.assert_array_equal(gap, 0.0)
+    np.testing.assert_array_equal(values.toarray(), np.eye(grid.n_nodes)[vertices])
+
+
+@pytest.mark.parametrize(("shape", "on"), [("tri", "rest"), ("quad", "rest"), ("quad", "right"),
+                                           ("tet", "right"), ("hex", "right")])  # fmt: skip
+def test_points_outside_know_their_distance(shape: str, on: str) -> None:
+    grid = Nodes(block(shape, 1, 4))
+    beside = [0.4] * (grid.dim - 1)
+    points = np.array([[1.003, *beside], [3.0, *beside], [1.1, *beside]])
+    values, gap = interpolation(grid, on, points)
+    assert gap[0] == 0.0  # in contact, by extrapolation
+    np.testing.assert_allclose(values[[0]] @ grid.nodes, points[:1], rtol=1e-12)
+    assert gap[1:] == pytest.approx([2.0, 0.1], rel=0.01)
+    assert values[[1, 2]].nnz == 0
+    if shape in ("quad", "hex"):
+        # An element has no reference coordinates for a point beyond its horizon.
+        far = np.full((1, grid.dim), 40.0)
+        assert np.isnan(local_coordinates(grid, np.array([0]), far)).all()

@@ -1,0 +1,186 @@
+"""Friction on matrices of one's own: any basis, rows of one's own, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from bodies import ELEMENTS, LAP, SIDE, block, lap, pressed, side, structure
+from scipy import sparse
+from skfem.helpers import dot
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.structure import contact, point_friction
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.system import System
+from skfem_joint.unknowns import Contact, slips_as_unknowns
+
+
+def basis_of(body: Any) -> Any:
+    nodes = Nodes(body)
+    element = nodes.element if body.mesh.dim() == 1 else skfem.ElementVector(nodes.element)
+    return skfem.Basis(body.mesh, element, intorder=nodes.quadrature)
+
+
+def matrices(basis: Any) -> tuple[Any, Any]:
+    """Mass and stiffness of a solid of unit depth, by scikit-fem's own forms."""
+    K = skfem.asm(linear_elasticity(*lame_parameters(200e9, 0.3)), basis)
+    M = skfem.asm(skfem.BilinearForm(lambda u, v, _: 8000.0 * dot(u, v)), basis)
+    return M, K
+
+
+def same_up_to_order(one: System, two: System) -> None:
+    """Natural frequencies, limits and directions agree."""
+    small = 1e3 * one.M.diagonal().mean() / one.M.diagonal().mean()
+    values = [
+        np.sort(sparse.linalg.eigsh(s.K + small * s.M, 6, s.M, sigma=0.0, v0=np.ones(s.n),
+                                    return_eigenvectors=False))
+        for s in (one, two)
+    ]  # fmt: skip
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
+    np.testing.assert_allclose(np.sort(one.w), np.sort(two.w), rtol=1e-12)
+    np.testing.assert_array_equal(np.sort(one.directions), np.sort(two.directions))
+
+
+@pytest.mark.parametrize(("shape", "order"), [one for one in ELEMENTS if one[0] != "line"])
+def test_contact_on_a_basis_is_that_of_the_structure(shape: str, order: int) -> None:
+    body = block(shape, order, 2, (0.2, 0.1, 0.1))
+    for on in ("base",) if shape in ("tet", "hex") else ("base", "joint"):
+        some = structure(body, [pressed(on)], ["right"], plane="strain")
+        mine = some.system()
+        basis = basis_of(body)
+        # Plane strain has the constants of the solid.
+        M, K = matrices(basis)
+        thickness = 0.01 if some.dim == 2 else 1.0
+        rows = contact(basis, on, pressure=8e6, friction=0.7, thickness=thickness)
+        theirs = System.from_matrices(
+            thickness * M, thickness * K, fixed=basis.get_dofs("right"), contact=rows
+        )
+        same_up_to_order(mine, theirs)
+
+
+def test_contact_against_another_body_is_that_of_the_structure() -> None:
+    for body, joint, fixed in ((lap(), LAP, "lower_left"), (side(), SIDE, "lower_left")):
+        mine = structure(body, [joint], [fixed], plane="strain").system()
+        basis = basis_of(body)
+        M, K = matrices(basis)
+        rows = contact(
+            basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=0.01
+        )
+        theirs = System.from_matrices(0.01 * M, 0.01 * K, fixed=basis.get_dofs(fixed), contact=rows)
+        same_up_to_order(mine, theirs)
+
+
+def chain(n: int = 12) -> tuple[sparse.csr_array, sparse.csr_array]:
+    off = -np.ones(n - 1)
+    K = sparse.diags_array([2 * np.ones(n), off, off], offsets=[0, 1, -1])
+    return sparse.csr_array(sparse.eye_array(n)), sparse.csr_array(K)
+
+
+def test_rows_of_ones_own_become_unknowns_and_displacements_come_back() -> None:
+    M, K = chain()
+    rows = [np.eye(12)[3] - np.eye(12)[7], np.eye(12)[5] + 0.5 * np.eye(12)[6]]
+    joint = point_friction(rows[0], 10.0) + point_friction(rows[1], 5.0, beta=1e4)
+    system = System.from_matrices(
+        M, K, fixed=[0], contact=joint,
+        loads={"tip": (11, lambda t: 3.0 * np.sin(t))}, points={"mean": np.full(12, 1 / 12)},
+    )  # fmt: skip
+    u = np.random.default_rng(0).normal(size=system.n)
+    full = system.expand(u)
+    assert full[0] == 0.0
+    np.testing.assert_allclose(system.B @ u, np.array(rows) @ full, rtol=1e-12)
+    np.testing.assert_array_equal(system.B.data, 1.0)
+    np.testing.assert_allclose(u @ (system.K @ u), full @ (K @ full), rtol=1e-12)
+    np.testing.assert_allclose(system.P @ u, [full[11], full.mean()], rtol=1e-12)
+    assert system.points == ("tip", "mean")
+    np.testing.assert_allclose(system.load_amplitudes(np.array([0.5])), [[3.0 * np.sin(0.5)]])
+    # The same rows, taken first as they are.
+    plain = System(M=M, C=None, K=K, B=sparse.csr_array(np.array(rows)), w=[10.0, 5.0], beta=1e4)
+    inner, arrangement = slips_as_unknowns(plain)
+    q = np.random.default_rng(1).normal(size=inner.n)
+    np.testing.assert_allclose(plain.B @ (arrangement.forward @ q), inner.B @ q, rtol=1e-12)
+    np.testing.assert_allclose(arrangement.inverse @ (arrangement.forward @ q), q, rtol=1e-12)
+
+
+def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports() -> None:
+    M, K = chain(6)
+    rows = np.zeros((2, 6))
+    rows[:, 2:4] = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    free = System.from_matrices(M, K, contact=point_friction(rows, 1.0))
+    held = System.from_matrices(M, K, fixed=[2], contact=point_friction(rows, 1.0))
+    gone = System.from_matrices(M, K, fixed=[2, 3], contact=point_friction(rows, 1.0))
+    assert [list(s.directions) for s in (free, held, gone)] == [[2], [1], []]
+    u = np.random.default_rng(0).normal(size=held.n)
+    np.testing.assert_allclose(held.slip_norm(held.B @ u), abs(held.expand(u)[3]), rtol=1e-12)
+
+
+def test_a_beam_has_no_tangent_of_its_own_but_takes_a_row() -> None:
+    mesh = skfem.MeshLine(np.linspace(0.0, 1.0, 9)).with_boundaries({"wall": lambda x: x[0] == 0.0})
+    basis = skfem.Basis(
+        mesh.with_subdomains({"foot": lambda x: x[0] > 0.5}), skfem.ElementLineHermite()
+    )
+    with pytest.raises(InputError, match="point_friction"):
+        contact(basis, "foot", pressure=1e6, friction=0.5)
+    K = skfem.asm(skfem.BilinearForm(lambda u, v, _: 21.0 * u.hess[0, 0] * v.hess[0, 0]), basis)
+    M = skfem.asm(skfem.BilinearForm(lambda u, v, _: 7.8 * u * v), basis)
+    tip = int(basis.nodal_dofs[0, -1])
+    row = np.bincount([tip], minlength=basis.N).astype(float)
+    system = System.from_matrices(
+        M, K, fixed=basis.get_dofs("wall"), contact=point_friction(row, 1.0), points={"tip": tip}
+    )
+    assert (system.n, system.contact_points) == (16, 1)
+
+
+def refused(match: str, **changes: Any) -> None:
+    M, K = chain(4)
+    values: dict[str, Any] = {"M": M, "K": K} | changes
+    with pytest.raises(InputError, match=match):
+        System.from_matrices(values.pop("M"), values.pop("K"), **values)
+
+
+def test_matrices_that_would_be_wrong_in_silence_are_refused() -> None:
+    _M, K = chain(4)
+    crooked = K.copy()
+    crooked[0, 1] = -0.9
+    refused("K: is not symmetric", K=crooked)
+    refused("K: is indefinite", K=-K)
+    refused("M: is not positive definite", M=sparse.diags_array([1.0, 1.0, 0.0, 1.0]))
+    refused(r"K: found shape \(3, 3\), must be \(4, 4\)", K=K[:3, :3])
+    refused("K: must be finite", K=K * np.nan)
+    refused(r"C: is not symmetric", C=crooked)
+    refused("fixed: found", fixed=[7])
+    refused(
+        r"load 'a': found shape \(3,\), must be \(4,\)", loads={"a": (np.ones(3), Harmonic(1, 1))}
+    )
+    refused("load 'a': found unknown 9", loads={"a": (9, Harmonic(1, 1))})
+    refused("contact: B: found shape", contact=Contact.none(3))
+    same = point_friction(np.eye(4)[1], 1.0)
+    refused("depend on each other", contact=same + same)
+    for row, limit, beta in ((np.zeros(4), 1.0, 1.0), (np.ones((3, 4)), 1.0, 1.0),
+                             (np.ones(4), -1.0, 1.0), (np.ones(4), 1.0, 0.0)):  # fmt: skip
+        with pytest.raises(InputError, match="point_friction"):
+            point_friction(row, limit, beta)
+
+
+def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit() -> None:
+    M, K = chain(4)
+    plain = System(
+        M=M, C=None, K=K, B=sparse.eye_array(4, format="csr")[:2], w=[1.0, 2.0], beta=1e5
+    )
+    assert plain.C.nnz == 0 or abs(plain.C).max() == 0.0
+    np.testing.assert_array_equal(plain.beta, [1e5, 1e5])
+    with pytest.raises(InputError, match=r"K: found shape \(4, 3\)"):
+        replace(plain, K=K[:, :3])
+    with pytest.raises(InputError, match="w: friction limits"):
+        replace(plain, w=-plain.w)
+    with pytest.raises(InputError, match="beta: must be positive"):
+        plain.with_beta(np.nan)
+    with pytest.raises(InputError, match="basis: found shape"):
+        plain.project(np.ones((3, 2)))
+    with pytest.raises(InputError, match="T: found shape"):
+        replace(plain, T=np.ones((5, 3)))

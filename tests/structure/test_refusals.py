@@ -1,0 +1,246 @@
+"""What only the mesh can tell is refused with its key; what looks like a slip is said."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import LAP, SIDE, block, lap, mapped, pressed, side, structure
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import build_bar, build_plate, merged, named
+from skfem_joint.structure import (
+    Bolt,
+    Bolts,
+    Joint,
+    Load,
+    Material,
+    PressureTable,
+    Structure,
+    doubts,
+)  # fmt: skip
+
+LOAD = Harmonic(1.0, 1.0)
+
+
+def problems(*arguments: Any, **changes: Any) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        structure(*arguments, **changes)
+    assert caught.value.exit_status == 2
+    return caught.value.problems
+
+
+def test_every_mistake_is_reported_at_once_by_its_key() -> None:
+    body = block("tri")
+    body = replace(body, mesh=body.mesh.with_subdomains({"hollow": np.zeros(0, dtype=np.int64)}))
+    found = "\n".join(
+        problems(
+            body,
+            [
+                pressed("bolt", beta=0.0),
+                pressed(friction=-0.1, pressure=-1.0),
+                pressed(),
+                pressed("hollow"),
+                pressed("rest", against="joint"),
+                pressed("corner"),
+                pressed("base", against="rest"),
+                pressed("top", normal_force="even"),
+            ],
+            ["wall"],
+            fixed_z=["left"],
+            material=Material(0.0, np.nan, 0.5),
+            thickness=-1.0,
+            plane="shell",
+            mass="none",
+            stiffness_damping=-1.0,
+            mass_damping=np.inf,
+            regions={"top": {}, "joint": {"colour": 1.0, "E": 0.0}, "nowhere": {}},
+        )
+    )
+    for fragment in (
+        "joint 'bolt'.on: found 'bolt', no such name", "beta: found 0.0",
+        "friction: found -0.1", "pressure: found -1.0", "overlaps joint 'joint'",
+        "found 'hollow', a region that is empty", "belong to the same body",
+        "found 'corner', which is a point", "'rest', which is a region; a boundary is needed",
+        "normal_force: found 'even'", "support.fixed: found 'wall', no such", "no z direction",
+        "material.E: found 0.0", "material.density: found nan", "material.poisson: found 0.5",
+        "section.thickness: found -1.0", "plane: found 'shell'", "mass: found 'none'",
+        "damping.stiffness", "damping.mass", "regions.top: found 'top', which is a boundary",
+        "property: found 'colour'", "regions.joint.E: found 0.0", "regions.nowhere",
+    ):  # fmt: skip
+        assert fragment in found
+
+
+@pytest.mark.parametrize(
+    ("shape", "changes", "message"),
+    [
+        ("line", {"width": None}, "section.width: missing, a bar needs it"),
+        ("line", {"thickness": None}, "section.thickness: missing"),
+        ("quad", {"thickness": None}, "section.thickness: missing, a plate needs it"),
+        ("quad", {"width": 1.0}, "a plate has none"),
+        ("hex", {"thickness": 1.0}, "a solid has none"),
+        ("quad", {"material": Material(1.0, 1.0)}, "material.poisson: missing"),
+        ("tet", {"material": Material(1.0, 1.0)}, "material.poisson: missing"),
+        ("hex", {"joints": [pressed("joint")]}, "a boundary is needed"),
+        ("line", {"joints": [pressed("right")]}, "is a point; a region is needed"),
+        ("quad", {"joints": [pressed("jonit")]}, "did you mean 'joint'"),
+    ],
+)
+def test_each_dimension_asks_for_what_it_needs(
+    shape: str, changes: dict[str, Any], message: str
+) -> None:
+    assert any(message in problem for problem in problems(block(shape), **changes))
+
+
+def test_overrides_of_regions_that_share_elements_are_refused() -> None:
+    body = block("quad")
+    both = body.mesh.with_subdomains({"all": np.arange(body.mesh.t.shape[1])})
+    (found,) = problems(
+        replace(body, mesh=both), regions={"joint": {"E": 1.0}, "all": {"E": 2.0, "density": 1.0}}
+    )
+    assert "found E, which region 'joint' also sets" in found
+
+
+def test_tables_must_cover_their_joint_along_their_axis() -> None:
+    for shape, axis in (("line", None), ("quad", (0.0, 1.0)), ("hex", (1.0, 0.0, 0.0))):
+        on = "base" if shape == "hex" else "joint"
+        table = PressureTable((0.0, 0.3), (1e6, 1e6), axis)
+        (found,) = problems(block(shape), [pressed(on, pressure=table)])
+        assert "pressure.positions: found 0 to 0.3 m, must cover the joint" in found
+    table = PressureTable((0.0, 1.0), (1e6, 1e6), (1.0, 0.0, 0.0))
+    (found,) = problems(block("quad"), [pressed(pressure=table)])
+    assert "pressure.axis" in found
+
+
+def test_bodies_that_nothing_holds_are_refused_and_friction_or_closed_contact_holds() -> None:
+    for shape in ("line", "quad", "hex"):
+        on = "base" if shape == "hex" else "joint"
+        structure(block(shape), [pressed(on)], fixed=())
+        (found,) = problems(block(shape), [pressed(on, friction=0.0)], fixed=())
+        assert "is left unsupported" in found
+        (found,) = problems(block(shape), fixed=())
+        assert "'joint', 'rest' is left unsupported: it can move or turn freely" in found
+    # A point held leaves turning; another one beside it, held across, does not.
+    body = named(block("quad").mesh, points={"a": 0, "b": int(block("quad").mesh.p.shape[1]) - 1})
+    structure(body, fixed=["a"], fixed_y=["b"])
+    problems(body, fixed=["a"])
+    (found,) = problems(lap(), [replace(LAP, friction=0.0)], ["lower_left"])
+    assert "'upper_joint', 'upper_rest' is left unsupported" in found
+    assert len(problems(lap(), [LAP], [])) == 2
+
+
+def test_joints_that_do_not_overlap_are_refused_with_place_and_distance() -> None:
+    lower = build_plate([("lower", 0.2, 4)], 0.05, 2, prefix="lower_")
+    upper = build_plate([("upper", 0.2, 4)], 0.05, 2, prefix="upper_", origin=(0.1, 0.0))
+    body, joint = merged([lower, upper]), Joint("upper", 1e6, 0.5, "lower")
+    message = (
+        r"'upper': 6 of its 15 pressed nodes do not overlap with 'lower'; the farthest, at \(0.3, "
+        r"0.*\), is about 0.1 m from it"
+    )
+    with pytest.raises(InputError, match=message):
+        structure(body, [joint], ["lower_left"])
+    # Bolts that press only where both are: the rest of the region is no contact.
+    bolts = replace(joint, pressure=Bolts((Bolt((0.12, 0.025), 1e3, 0.01),)))
+    (patch,) = structure(body, [bolts], ["lower_left"]).patches
+    assert patch.clamping_force == pytest.approx(1e3)
+    # Edges side by side, but not on each other.
+    apart = side()
+    shifted = apart.mesh.p.copy()
+    shifted[1, np.unique(apart.mesh.t[:, apart.body == 1])] += 0.02
+    with pytest.raises(InputError, match="5 of its 5 pressed nodes do not overlap with 'face'"):
+        structure(mapped(apart, lambda _: shifted), [SIDE], ["base"])
+    far = build_bar([("far", 0.1, 2)], {"far_end": 0.1})
+    far = replace(far, coordinates=far.coordinates + np.array([0.3, 0.0, 0.0]))
+    bars = merged([build_bar([("bar", 0.2, 4)], {"fixed": 0.0}), far])
+    with pytest.raises(InputError, match="do not overlap with 'bar'"):
+        structure(bars, [Joint("far", 1e6, 0.5, "bar")], ["fixed"])
+
+
+def test_what_is_pressed_on_another_body_must_not_be_supported() -> None:
+    with pytest.raises(InputError, match=r"3 of its nodes are supported, the first at \(0.2, 0\)"):
+        structure(lap((4, 3)), [LAP], ["lower_left"], fixed_y=["upper_left"])
+    # The other body may be: its nodes do not move, the slip is the whole displacement.
+    held = structure(lap(), [LAP], ["lower_left", "lower_joint"]).system()
+    assert held.contact_points > 0
+
+
+def test_joints_on_borders_that_cannot_slip_are_refused() -> None:
+    body = block("quad")
+    inner = np.flatnonzero(body.mesh.f2t[1] >= 0)[:2]
+    mesh = body.mesh.with_boundaries({"outline": body.mesh.boundary_facets(), "inner": inner})
+    body = replace(body, mesh=mesh)
+    for joint, message in (
+        (pressed("outline"), r"'outline': it turns by 90 degrees at"),
+        (pressed("inner"), "runs inside a body"),
+        (pressed("base", pressure=Bolts((Bolt((0.0, 0.0), 1.0, 1.0),))), "bolts press areas"),
+    ):
+        with pytest.raises(InputError, match=message):
+            structure(body, [joint], ["top"])
+    with pytest.raises(InputError, match="no free node: all its nodes are supported"):
+        structure(body, [pressed()], ["joint"])
+    with pytest.raises(InputError, match=r"'right' shares a node, at \(1, 0\)"):
+        structure(body, [pressed("base"), pressed("right")], ["top"])
+
+
+def test_loads_and_points_must_exist_have_a_direction_and_be_free() -> None:
+    some = structure(block("quad"))
+    with pytest.raises(InputError) as caught:
+        some.system(
+            [Load("nose", LOAD, (1, 0)), Load("right", LOAD, (0, 0)), Load("top", LOAD),
+             Load("top", LOAD, (1, 0, 0))], ["tail", "right"],
+        )  # fmt: skip
+    text = str(caught.value)
+    for fragment in (
+        "load on 'nose': found 'nose', no such name in the mesh; a region or boundary or point",
+        "load on 'right': direction: found [0, 0], must be 2 finite numbers",
+        "load on 'top': direction: missing, must be given as 2 numbers, e.g. [1.0, 0.0]",
+        "found [1, 0, 0]", "points: found 'tail'",
+    ):  # fmt: skip
+        assert fragment in text
+    with pytest.raises(InputError, match="load on 'left': a support holds it"):
+        some.system([Load("left", LOAD, (1, 0))])
+    with pytest.raises(InputError, match="points: 'left' is supported and does not move"):
+        some.system(points=["left"])
+
+
+def said(joint: Joint, force: float = 1e3, elements: int = 40, **changes: Any) -> list[str]:
+    body = build_plate([("joint", 0.1, elements), ("rest", 0.1, 10)], 0.05, elements // 2)
+    some = structure(body, [joint], ["right"], **changes)
+    return doubts(some, some.system([Load("left", Harmonic(force, 1.0), (1.0, 0.0))], []))
+
+
+def bolted(at: tuple[float, float], force: float = 20e3) -> Joint:
+    return pressed(pressure=Bolts((Bolt(at, force, 0.009, 0.005),), 0.01))
+
+
+def test_a_sound_structure_raises_no_doubt() -> None:
+    assert said(pressed()) == []
+    assert said(bolted((0.05, 0.025))) == []
+
+
+@pytest.mark.parametrize(
+    ("joint", "changes", "sentence"),
+    [
+        (pressed(), {"thickness": 1e-5}, "is the mesh in metres"),
+        (pressed(), {"thickness": 10.0}, "is the mesh in metres"),
+        (pressed(), {"force": 30e3}, "more than all joints can hold by friction, 2.8e\\+04 N"),
+        (pressed(friction=0.0), {}, "Joint 'joint' carries no friction"),
+        (bolted((0.003, 0.025)), {}, "of its ring on the joint"),
+        (bolted((0.05, 0.025)), {"elements": 8}, "refine the mesh"),
+    ],
+)
+def test_what_looks_wrong_is_said(joint: Joint, changes: dict[str, Any], sentence: str) -> None:
+    (found,) = said(joint, **changes)
+    assert re.search(sentence, found)
+
+
+def test_a_structure_takes_a_mesh_of_scikit_fem_as_it_is() -> None:
+    from skfem import MeshLine
+
+    mesh = MeshLine().refined(3).with_boundaries({"wall": lambda x: x[0] == 0.0})
+    some = Structure(mesh, Material(200e9, 8000.0), width=0.05, thickness=0.01, fixed=["wall"])
+    assert some.system().n == 8

@@ -1,0 +1,353 @@
+"""Slip directions and slip unknowns: every dimension, edges, faces, supports and second bodies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import (
+    DENSITY,
+    ELEMENTS,
+    LAP,
+    MU,
+    PLANE,
+    SIDE,
+    SOLID,
+    THICKNESS,
+    block,
+    distorted,
+    lap,
+    mapped,
+    pressed,
+    side,
+    structure,
+    turned,
+    two_bars,
+)  # fmt: skip
+from scipy import sparse
+
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import build_bar, build_plate, merged
+from skfem_joint.structure import Bolt, Bolts, Joint, Load, Structure
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.patch import manifold_of, slip_directions
+from skfem_joint.system import System
+
+LOAD = Harmonic(1.0, 1.0)
+
+
+def check_form(some: Structure, system: System) -> None:
+    """Matrices are symmetric, each slip is one unknown, and it is the slip."""
+    for A in (system.M, system.C, system.K):
+        assert isinstance(A, sparse.csr_array)
+        assert abs(A - A.T).max() <= 1e-16 * abs(A).max()
+    np.testing.assert_array_equal(system.B.data, 1.0)
+    np.testing.assert_array_equal(np.diff(system.B.indptr), 1)
+    assert np.unique(system.B.indices).size == system.B.shape[0]
+    # Unknowns and displacements determine each other.
+    u = np.random.default_rng(4).standard_normal(system.n)
+    back = some.arrangement.inverse @ system.expand(u)
+    np.testing.assert_allclose(back, u, rtol=1e-10, atol=1e-12)
+    slips, first = system.B @ u, system.first_row
+    displacement = some.expand(u)
+    np.testing.assert_array_equal(displacement[some.held], 0.0)
+    for patch in some.patches:
+        relative = patch.relative(displacement)
+        if patch.normal is not None:
+            across = np.einsum("kc,kc->k", relative, patch.normal)
+            np.testing.assert_allclose(across, 0.0, atol=1e-12)
+        for d in range(patch.directions.shape[1]):
+            has = np.any(patch.directions[:, d] != 0.0, axis=1)
+            np.testing.assert_array_equal(system.directions[patch.points[has]] > d, True)
+            expected = np.sum(relative * patch.directions[:, d], axis=1)[has]
+            np.testing.assert_allclose(
+                slips[first[patch.points[has]] + d], expected, rtol=1e-10, atol=1e-12
+            )
+
+
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_on_its_base_a_body_slips_in_its_own_directions(shape: str, order: int) -> None:
+    if shape in ("tet", "hex"):
+        joints = [pressed("base")]
+    else:
+        joints = [pressed(), pressed("rest", pressure=1e6)]
+    some = structure(distorted(block(shape, order)), joints, stiffness_damping=1e-5)
+    system = some.system()
+    check_form(some, system)
+    expected = {"line": 1, "tri": 2, "quad": 2, "tet": 2, "hex": 2}[shape]
+    np.testing.assert_array_equal(system.directions, expected)
+    assert np.linalg.eigvalsh(system.K.toarray())[0] > 0.0
+    assert np.linalg.eigvalsh(system.M.toarray())[0] > 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0])
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_pressed_by_its_border_a_body_slips_along_it_and_stays_on_it(
+    shape: str, order: int, angle: float
+) -> None:
+    some = structure(turned(block(shape, order), angle), [pressed("base")], ["top"])
+    system = some.system()
+    check_form(some, system)
+    (patch,) = some.patches
+    turn = np.radians(angle)
+    normal = [np.sin(turn), -np.cos(turn)] if some.dim == 2 else [0.0, 0.0, -1.0]
+    np.testing.assert_allclose(patch.normal, [normal] * patch.nodes.size, atol=1e-13)
+    if some.dim == 2:
+        tangent = [np.cos(turn), np.sin(turn)]
+        np.testing.assert_allclose(patch.directions[:, 0], [tangent] * patch.nodes.size, atol=1e-13)
+    # Force by tributary area.
+    area = THICKNESS if some.dim == 2 else 1.0
+    assert patch.clamping_force == pytest.approx(8e6 * area, rel=1e-12)
+    np.testing.assert_allclose(patch.normal_force, 8e6 * patch.area, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_supports_take_slip_directions(shape: str, order: int) -> None:
+    body = block(shape, order)
+    on = "base"
+    free = structure(body, [pressed(on)], ["top"])
+    last = "xyz"[free.dim - 1]
+    # Held across the border changes nothing; held along it, a direction is gone.
+    across = structure(body, [pressed(on)], ["top"], **{f"fixed_{last}": [on]})
+    check_form(across, across.system())
+    assert abs(free.T @ free.T.T - across.T @ across.T.T).max() < 1e-14
+    along = structure(body, [pressed(on)], ["top"], fixed_x=["left"])
+    system = along.system()
+    check_form(along, system)
+    (patch,) = along.patches
+    left = np.isin(along.nodes_of(on), along.nodes_of("left"))
+    if along.dim == 2:
+        np.testing.assert_array_equal(np.sort(patch.held_nodes), along.nodes_of(on)[left])
+        rows = (2 * patch.held_nodes[:, None] + np.arange(2)).ravel()
+        assert along.T[rows].nnz == 0
+    else:
+        held = np.isin(patch.nodes, along.nodes_of("left"))
+        np.testing.assert_array_equal(system.directions[patch.points[held]], 1)
+        np.testing.assert_array_equal(system.directions[patch.points[~held]], 2)
+
+
+def test_an_inclined_support_leaves_what_is_perpendicular_to_it_and_the_normal() -> None:
+    normal = np.array([[0.6, 0.0, 0.8], [0.6, 0.0, 0.8]])
+    held = np.array([[True, False, False], [False, True, False]])
+    found = slip_directions(normal, held)
+    np.testing.assert_allclose(np.abs(found[0]), [[0, 1, 0], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(np.abs(found[1]), [[0.8, 0, 0.6], [0, 0, 0]], atol=1e-12)
+
+
+def ring(n: int) -> Any:
+    """Half of a ring of quadrilaterals, pressed by its inner border."""
+    body = build_plate(
+        [("joint", np.pi, n)], 0.5, 2, boundaries={"inner": "bottom", "outer": "top"}
+    )
+
+    def bent(p: np.ndarray) -> np.ndarray:
+        r, a = 1.0 + p[1], np.pi - p[0]
+        return np.array([r * np.cos(a), r * np.sin(a)])
+
+    return mapped(body, bent)
+
+
+def test_normals_of_a_ring_are_those_of_the_circle() -> None:
+    some = structure(ring(20), [pressed("inner")], ["outer"])
+    (patch,) = some.patches
+    inside = np.abs(some.nodes[patch.nodes, 1]) > 1e-9
+    np.testing.assert_allclose(patch.normal[inside], -some.nodes[patch.nodes][inside], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(patch.normal, axis=1), 1.0, rtol=1e-14)
+    # Tangents go on from node to node, all the way round.
+    order = np.argsort(np.arctan2(some.nodes[patch.nodes, 1], some.nodes[patch.nodes, 0]))
+    tangents = patch.directions[order, 0]
+    assert np.einsum("kc,kc->k", tangents[1:], tangents[:-1]).min() > 0.9
+    check_form(some, some.system())
+    with pytest.raises(InputError, match=r"turns by .* degrees at .*at most 30"):
+        structure(ring(5), [pressed("inner")], ["outer"]).system()
+
+
+def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes() -> None:
+    for shape in ("tet", "hex"):
+        body = block(shape, 1, 4)
+
+        def bent(p: np.ndarray) -> np.ndarray:
+            q = p.copy()
+            q[2] = p[2] + 0.1 * ((p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2) * (1 - p[2])
+            return q
+
+        body = mapped(body, bent)
+        nodes = Nodes(body)
+        ones = np.ones(body.mesh.t.shape[1])
+        _, _, normals = manifold_of(nodes, "base", ones, ones, "joint 'base'")
+        on = np.linalg.norm(normals, axis=1) > 0
+        x = nodes.nodes[on] - 0.5
+        exact = np.stack([0.2 * x[:, 0], 0.2 * x[:, 1], -np.ones(len(x))], axis=1)
+        exact /= np.linalg.norm(exact, axis=1)[:, None]
+        inner = np.all(np.abs(x[:, :2]) < 0.4, axis=1)
+        np.testing.assert_allclose(normals[on][inner], exact[inner], atol=1e-2)
+
+
+def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law() -> None:
+    for shape in ("line", "tri"):
+        body = block(shape, 1)
+        elements = np.arange(body.mesh.t.shape[1])
+        body = replace(body, mesh=body.mesh.with_subdomains({"whole": elements}))
+        one = structure(body, [pressed("whole")]).system()
+        two = structure(body, [pressed("joint"), pressed("rest")]).system()
+        np.testing.assert_allclose(two.B.T @ two.on_rows(two.w), one.B.T @ one.on_rows(one.w))
+        with pytest.raises(InputError, match=r"'rest' shares a node, .*of another law, beta"):
+            structure(body, [pressed("joint"), pressed("rest", beta=np.inf)])
+
+
+def balanced(some: Structure, system: System) -> None:
+    """Friction forces, as the system applies them, are in balance over both bodies."""
+    forces = np.random.default_rng(7).standard_normal(system.B.shape[0])
+    first = system.first_row
+    applied = np.zeros((some.n_nodes, some.dim))
+    for patch in some.patches:
+        force = np.zeros((patch.nodes.size, some.dim))
+        for d in range(patch.directions.shape[1]):
+            has = np.any(patch.directions[:, d] != 0.0, axis=1)
+            rows = first[patch.points[has]] + d
+            force[has] += forces[rows, None] * patch.directions[has, d]
+        applied[patch.nodes] += force
+        applied -= patch.other.T @ force
+    # Those forces on all nodes are the friction forces B^T f of the unknowns.
+    np.testing.assert_allclose(some.T.T @ applied.ravel(), system.B.T @ forces, rtol=0, atol=1e-10)
+    size = np.abs(applied).sum()
+    np.testing.assert_allclose(applied.sum(axis=0), 0.0, atol=1e-13 * size)
+    for i in range(some.dim):
+        for j in range(i):
+            moment = some.nodes[:, i] * applied[:, j] - some.nodes[:, j] * applied[:, i]
+            assert abs(moment.sum()) < 1e-12 * size
+    for body in (0, 1):
+        assert np.abs(applied[some.body == body].sum(axis=0)).max() > 1e-3
+
+
+@pytest.mark.parametrize("elements", [(4, 4), (5, 3), (3, 7)])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
+def test_action_equals_reaction_between_two_plates(
+    kind: str, order: int, elements: tuple[int, int]
+) -> None:
+    body = lap(elements, order, kind, (2, 2) if elements == (4, 4) else (3, 2))
+    bolts = Bolts((Bolt((0.25, 0.025), 20e3, 0.02, 0.005),), 0.01)
+    for joint in (LAP, replace(LAP, pressure=bolts)):
+        some = structure(body, [joint], ["lower_left"])
+        system = some.system()
+        check_form(some, system)
+        balanced(some, system)
+        (patch,) = some.patches
+        # Interpolation reproduces linear fields, and picks the nodes where they match.
+        np.testing.assert_allclose(patch.other.sum(axis=1), 1.0, rtol=1e-14)
+        np.testing.assert_allclose(patch.other @ some.nodes, some.nodes[patch.nodes], atol=1e-14)
+        if elements == (4, 4):
+            np.testing.assert_array_equal(patch.other.data, 1.0)
+            assert patch.other.nnz == patch.nodes.size
+
+
+@pytest.mark.parametrize("elements", [(4, 4), (5, 3)])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("angle", [0.0, 40.0])
+def test_action_equals_reaction_between_two_edges(
+    order: int, elements: tuple[int, int], angle: float
+) -> None:
+    some = structure(
+        turned(side(elements, order), angle), [SIDE], ["lower_left"], fixed_y=["upper_right"]
+    )
+    system = some.system()
+    check_form(some, system)
+    balanced(some, system)
+    assert some.patches[0].clamping_force == pytest.approx(8e6 * 0.1 * THICKNESS, rel=1e-12)
+
+
+@pytest.mark.parametrize("below", [20, 13, 33])
+def test_action_equals_reaction_between_two_bars(below: int) -> None:
+    some = two_bars(20, below)
+    system = some.system([Load("upper_end", LOAD), Load("upper_joint", LOAD)])
+    check_form(some, system)
+    balanced(some, system)
+    # Loads work on what is observed, beside the joint and on it.
+    rates = np.random.default_rng(1).normal(size=system.n)
+    work = rates @ system.load_vectors()
+    np.testing.assert_allclose((system.P @ rates)[:2], work, rtol=1e-12)
+
+
+def test_a_pile_of_three_plates_slips_at_both_faces() -> None:
+    plates = [
+        build_plate([(f"joint{i}", 0.1, n), (f"rest{i}", 0.05, 2)], 0.05, 2, prefix=f"{i}_")
+        for i, n in enumerate((2, 5, 3))
+    ]
+    body = merged(plates)
+    joints = [Joint("joint2", 1e6, 0.5, "joint1"), Joint("joint1", 1e6, 0.5, "joint0")]
+    some = structure(body, joints, ["0_left"])
+    system = some.system()
+    check_form(some, system)
+    # Without slip, what the lowest does linearly, all do where they are pressed.
+    field = (some.nodes @ np.array([[1e-3, 2e-4], [3e-4, -1e-3]])).ravel()
+    field[np.repeat(some.body > 0, 2) | some.held.ravel()] = 0.0
+    q = some.arrangement.inverse @ field
+    q[system.B.indices] = 0.0
+    expanded = some.expand(q)
+    for patch in some.patches:
+        np.testing.assert_allclose(patch.relative(expanded), 0.0, atol=1e-17)
+    circle = [*joints, Joint("joint0", 1e6, 0.5, "joint2")]
+    with pytest.raises(InputError, match="in a circle"):
+        structure(body, circle, ["0_right"]).system()
+
+
+def test_a_turned_structure_has_turned_matrices() -> None:
+    angle = 33.0
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    straight = structure(lap((5, 3), 2), [LAP], ["lower_left"])
+    other = structure(turned(lap((5, 3), 2), angle), [LAP], ["lower_left"])
+    one = straight.system([Load("upper_right", LOAD, (1.0, 0.5))])
+    two = other.system([Load("upper_right", LOAD, (c - 0.5 * s, s + 0.5 * c))])
+    R = sparse.kron(sparse.eye_array(one.n // 2), np.array([[c, -s], [s, c]]))
+    for name in ("M", "K"):
+        A = getattr(one, name)
+        assert abs(R @ A @ R.T - getattr(two, name)).max() < 1e-12 * abs(A).max()
+    np.testing.assert_allclose(two.w, one.w, rtol=1e-12)
+    np.testing.assert_allclose(two.loads[0].vector, R @ one.loads[0].vector, atol=1e-14)
+
+
+def test_a_strip_without_contraction_is_the_strut() -> None:
+    n = 6
+    body = build_plate([("joint", 0.1, n), ("rest", 0.15, n)], 0.05, 1)
+    strip = structure(body, [pressed()], ["left"], fixed_y=["joint", "rest"],
+                      material=replace(structure(body).material, poisson=0.0))  # fmt: skip
+    bar = structure(
+        build_bar([("joint", 0.1, n), ("rest", 0.15, n)], {"left": 0.0, "right": 0.25}), [pressed()]
+    )
+    wide = strip.system([Load("right", LOAD, (1.0, 0.0))], ["right"])
+    strut = bar.system([Load("right", LOAD)])
+    # Both nodes of a cross-section move alike; nodes are numbered column by column.
+    together = np.repeat(np.eye(2 * n), 2, axis=0)
+    for name in ("M", "K"):
+        dense = getattr(strut, name).toarray()
+        np.testing.assert_allclose(
+            together.T @ getattr(wide, name) @ together, dense, atol=1e-12 * np.abs(dense).max()
+        )
+    np.testing.assert_array_equal(wide.directions, 1)
+    np.testing.assert_allclose(wide.w.reshape(-1, 2).sum(axis=1), strut.w, rtol=1e-12)
+    assert wide.points == ("right", "right.x", "right.y")
+
+
+def test_two_solids_pressed_on_each_other_are_in_balance() -> None:
+    for shape, order in SOLID:
+        lower = block(shape, order, 2, (0.2, 0.1, 0.05))
+        upper = mapped(
+            block(shape, order, 3, (0.2, 0.1, 0.05)), lambda p: p + np.array([[0], [0], [0.05]])
+        )
+        rename = {f"upper_{k}": v for k, v in upper.mesh.boundaries.items()}
+        regions = {f"upper_{k}": v for k, v in upper.mesh.subdomains.items()}
+        upper = replace(
+            upper, points={}, mesh=replace(upper.mesh, _boundaries=rename, _subdomains=regions)
+        )
+        joint = Joint("upper_base", 8e6, MU, "top")
+        some = structure(merged([lower, upper]), [joint], ["base"])
+        system = some.system()
+        check_form(some, system)
+        balanced(some, system)
+        motion = np.tile([1.0, 0.0, 0.0], some.n_nodes)
+        mass = DENSITY * 2 * 0.2 * 0.1 * 0.05
+        assert motion @ (some.matrices()[0] @ motion) == pytest.approx(mass, rel=1e-12)

@@ -1,0 +1,364 @@
+"""Runs that are killed go on from their checkpoints: every file as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skfem_joint import cli, output
+from skfem_joint.analysis import study
+from skfem_joint.scene import load_scene
+from skfem_joint.stepping.checkpoint import Checkpoints
+
+ROOT = Path(__file__).parent.parent
+
+
+class KilledError(Exception):
+    """Ends a run as a kill would: nothing of it is left but its files."""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Callable[..., Path]:
+    def write(
+        steps: int = 200, cycles: int = 30, output: str = "", run: str = '"full", "reduced"'
+    ) -> Path:
+        mesh = (ROOT / "meshes" / "structure.msh").as_posix()
+        text = (
+            f'[mesh]\nfile = "{mesh}"\n[material]\nE = 200e9\ndensity = 8000.0\n'
+            "[section]\nwidth = 0.05\nthickness = 0.01\n"
+            '[support]\nfixed = ["fixed"]\n'
+            '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'
+            '[[load]]\non = "free_end"\nkind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
+            f"[time]\ncycles = {cycles}\nsteps_per_cycle = {steps}\n"
+            f"[models]\nrun = [{run}]\n[output]\n{output}\n"
+        )
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def results(folder: Path) -> tuple[Mapping[str, Any], Mapping[str, bytes]]:
+    """Summary without times, and the arrays of the history as bytes."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    for model in summary["models"].values():
+        del model["wall_s"], model["offline_s"]
+    with np.load(folder / "history.npz", allow_pickle=False) as history:
+        return summary, {name: history[name].tobytes() for name in history}
+
+
+def assert_only_whole_files(folder: Path) -> int:
+    """Number of files below a folder, all of which can be read."""
+    count = 0
+    for path in folder.rglob("*"):
+        if path.is_dir() or path.name.startswith("."):
+            continue
+        count += 1
+        if path.suffix == ".json":
+            json.loads(path.read_text(encoding="utf-8"))
+        elif path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                assert all(arrays[name].size >= 0 for name in arrays)
+        elif path.suffix == ".png":
+            from matplotlib.image import imread
+
+            assert imread(path).ndim == 3
+        elif path.suffix == ".csv":
+            assert np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
+        elif path.suffix == ".pvd":
+            for data in ET.parse(path).getroot().findall(".//DataSet"):
+                assert (folder / str(data.get("file"))).is_file()
+        elif path.suffix == ".vtu":
+            import pyvista
+
+            assert pyvista.read(path).n_points > 0
+        else:
+            raise AssertionError(f"{path} should not be there")
+    return count
+
+
+def launch(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "skfem_joint", *map(str, arguments)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+    )  # fmt: skip
+
+
+def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
+    scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = scene(cycles=200, output="every = 10")
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
+    rng = np.random.default_rng(5)
+    out = tmp_path / "out"
+    arguments = ("run", path, "--out", out, "--checkpoint-every", "400", "--resume")
+    kills = 0
+    for _ in range(6):
+        checkpoint = out / f"checkpoint_{('full', 'full', 'reduced')[kills % 3]}.npz"
+        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+        process = launch(*arguments)
+        try:
+            # Let it get one checkpoint further, then anything from nothing to many more.
+            end = time.monotonic() + 30.0
+            while process.poll() is None and time.monotonic() < end:
+                if checkpoint.exists() and checkpoint.stat().st_mtime_ns != before:
+                    break
+                time.sleep(0.002)
+            time.sleep(float(rng.uniform(0.0, 0.1)))
+            process.send_signal(signal.SIGKILL)
+        finally:
+            process.kill()
+            process.communicate()
+        kills += process.returncode == -signal.SIGKILL
+        assert_only_whole_files(out)
+        if process.returncode == 0:
+            break
+    assert kills >= 3
+    process = launch(*arguments)
+    _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 0, said
+    assert results(out) == results(tmp_path / "whole")
+    assert sorted(file.name for file in out.rglob("*")) == ["history.npz", "summary.json"]
+
+
+#: Scenes of each kind, with what distinguishes them from the first one.
+KINDS = {
+    "bar": "structure_harmonic.toml",
+    "bar under an impulse": "structure_impulse.toml",
+    "plate": "plate_reference.toml",
+    "two plates": "two_plates.toml",
+}
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
+    kind: str, model: str, tmp_path: Path
+) -> None:
+    """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
+    scene = load_scene(ROOT / "examples" / KINDS[kind])
+    output_table = {"vtk": True, "plots": False, "history": True, "frames": 12}
+    changes: dict[str, Any] = {
+        "output": output_table,
+        "models": {"run": (model,)},
+    }
+    if scene.time.cycles is None:
+        times = {"duration": 20 * scene.time_step}
+    else:
+        times = {"cycles": 2, "steps_per_cycle": 12}
+    scene = scene.changed(**changes, time=times)
+    whole, out = tmp_path / "whole", tmp_path / "out"
+
+    def kill(label: str, done: int, total: int) -> None:
+        if label == f"{model} model" and done >= total // 2:
+            raise KilledError
+
+    with output.prepare(scene, whole):
+        output.write(study.run_scene(scene), whole)
+    # Chunks end where the time is up: they must not show in the results.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("skfem_joint.stepping.integrate.MOST_STEPS_IN_A_CHUNK", 5)
+        with pytest.raises(KilledError), output.prepare(scene, out):
+            study.run_scene(scene, kill, Checkpoints(out, every=1))
+    with output.prepare(scene, out):
+        checkpoints = Checkpoints(out, every=1, resume=True)
+        assert len(checkpoints.files()) == 1
+        resumed = study.run_scene(scene, None, checkpoints)
+        output.write(resumed, out)
+        checkpoints.remove()
+    assert results(out) == results(whole)
+    names = [sorted(path.relative_to(f) for path in f.rglob("*.vtu")) for f in (whole, out)]
+    assert names[0] == names[1]
+    assert len(names[0]) > 10
+    for name in names[0]:
+        assert (whole / name).read_bytes() == (out / name).read_bytes(), name
+
+
+def test_killed_while_it_writes_leaves_whole_files(
+    scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 40", run='"full"')
+    out = tmp_path / "out"
+    rng = np.random.default_rng(7)
+    seen = set()
+    for _ in range(3):
+        shutil.rmtree(out, ignore_errors=True)
+        process = launch("run", path, "--out", out)
+        try:
+            end = time.monotonic() + 30.0
+            while not list(out.glob("*.json")) and time.monotonic() < end:
+                time.sleep(0.002)
+            time.sleep(float(rng.uniform(0.0, 1.2)))
+            process.send_signal(signal.SIGKILL)
+        finally:
+            process.kill()
+            process.communicate()
+        seen.add(assert_only_whole_files(out))
+    assert cli.main(["run", str(path), "--out", str(out)]) == 0
+    assert_only_whole_files(out)
+    assert not list(out.rglob(".*"))  # what the killed ones had begun is cleared
+
+
+def test_a_finished_model_is_not_run_again(
+    scene: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = scene(cycles=4), tmp_path / "out"
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
+    original = study._MAKERS["reduced"]
+
+    def killed(*_: Any) -> Any:
+        raise KilledError
+
+    monkeypatch.setitem(study._MAKERS, "reduced", killed)
+    arguments = ["run", str(path), "--out", str(out), "--checkpoint-every", "300"]
+    with pytest.raises(KilledError):
+        cli.main(arguments)
+    assert [file.name for file in out.iterdir()] == ["checkpoint_full.npz"]
+    monkeypatch.setitem(study._MAKERS, "reduced", original)
+    steps: list[str] = []
+    scene_read = study.run_scene
+
+    def watched(what: Any, progress: Any, checkpoints: Any) -> Any:
+        return scene_read(what, lambda label, done, total: steps.append(label), checkpoints)
+
+    monkeypatch.setattr(study, "run_scene", watched)
+    assert cli.main([*arguments, "--resume"]) == 0
+    assert set(steps) == {"reduced model"}
+    assert results(out) == results(tmp_path / "whole")
+    assert not list(out.glob("checkpoint_*"))
+
+
+def test_nothing_is_lost_without_resume(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "checkpoint_full.npz").write_bytes(b"hours of work")
+    arguments = ["run", str(scene()), "--out", str(out), "--checkpoint-every", "300"]
+    assert cli.main(arguments) == 2
+    assert "go on with --resume" in capsys.readouterr().err
+    assert (out / "checkpoint_full.npz").read_bytes() == b"hours of work"
+    assert cli.main([*arguments, "--resume"]) == 2
+    assert "cannot be read as a checkpoint" in capsys.readouterr().err
+
+
+def test_another_scene_or_mesh_is_refused(
+    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = scene(cycles=2, run='"full"'), tmp_path / "out"
+    text = path.read_text(encoding="utf-8")
+    mesh = (ROOT / "meshes" / "structure.msh").read_text(encoding="utf-8")
+    (tmp_path / "own.msh").write_text(mesh, encoding="utf-8")
+    text = text.replace((ROOT / "meshes" / "structure.msh").as_posix(), "own.msh")
+    path.write_text(text, encoding="utf-8")
+    out.mkdir()
+    study.run_scene(load_scene(path), checkpoints=Checkpoints(out, every=100))
+    arguments = ["run", str(path), "--out", str(out), "--resume"]
+    for change in (("friction = 0.7", "friction = 0.71"), ("cycles = 2", "cycles = 3")):
+        path.write_text(text.replace(*change), encoding="utf-8")
+        assert cli.main(arguments) == 2
+        assert "another scene or mesh" in capsys.readouterr().err
+    path.write_text(text, encoding="utf-8")
+    (tmp_path / "own.msh").write_text(mesh.replace("0.6 ", "0.601 "))
+    assert cli.main(arguments) == 2
+    assert "another scene or mesh" in capsys.readouterr().err
+    (tmp_path / "own.msh").write_text(mesh, encoding="utf-8")
+    assert cli.main(arguments) == 0
+
+
+@pytest.mark.parametrize("steps", ["0", "-3"])
+def test_steps_between_checkpoints_must_be_positive(
+    steps: str, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["run", str(scene()), "--out", str(out), f"--checkpoint-every={steps}"]) == 2
+    assert "--checkpoint-every: found" in capsys.readouterr().err
+    assert not out.exists()
+
+
+# A disk that fills up
+
+
+@pytest.mark.parametrize("kilobytes", [6, 60])
+def test_a_limit_on_file_sizes_leaves_whole_files(
+    kilobytes: int, scene: Callable[..., Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')
+
+    def limited() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024 * kilobytes, 1024 * kilobytes))
+
+    arguments = ("run", path, "--out", out, "--checkpoint-every", "100")
+    process = launch(*arguments, preexec_fn=limited)
+    _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 2, said
+    assert "File too large" in said or "is the disk full?" in said
+    assert "Traceback" not in said
+    assert_only_whole_files(out)
+    assert not list(out.rglob(".*"))
+
+
+def test_a_full_disk_of_a_library_is_told_without_a_traceback(
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Numba keeps compiled code in files of its own."""
+
+    def full(*_: Any) -> Any:
+        raise OSError(28, "No space left on device", "cache")
+
+    monkeypatch.setitem(study._MAKERS, "full", full)
+    assert cli.main(["run", str(scene()), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "No space left on device: 'cache'" in said
+    assert said.count("\n") == 1
+
+
+def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(
+    scene: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = scene(cycles=2, output="plots = true\nvtk = true\nframes = 2", run='"full"')
+    real = os.replace
+    counts = set()
+    for allowed in range(40):
+        left = [allowed]
+
+        def full(source: Any, target: Any, left: list[int] = left) -> None:
+            if left[0] == 0:
+                raise OSError(28, "No space left on device")
+            left[0] -= 1
+            real(source, target)
+
+        monkeypatch.setattr("skfem_joint.files.os.replace", full)
+        out = tmp_path / f"out{allowed}"
+        status = cli.main(["run", str(path), "--out", str(out), "--checkpoint-every", "100"])
+        said = capsys.readouterr().err
+        counts.add(assert_only_whole_files(out))
+        assert not list(out.rglob(".*"))
+        if status == 0:
+            break
+        assert status == 2
+        assert "No space left on device" in said
+    assert status == 0
+    assert len(counts) > 5
