@@ -319,7 +319,7 @@ class Found(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What `march` did: steps, stored rows of points and fields, work, the last solution."""
+    """What `march` did, in its order: steps, stored rows, work, the last residual and its place."""
 
     steps: int
     rows: int
@@ -490,7 +490,9 @@ def march(
     for j in range(places.point.size):
         sums.friction_work[j] = rubbed[places.point[j]]
         sums.slip_peak[j] = farthest[places.point[j]]
-    return Outcome(
+    # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
+    # and numba does not look for that before it uses what it got.
+    return (
         steps, rows, field_rows, iterations, largest, nested, descents, searches, evaluations,
         residual, unknown,
     )  # fmt: skip

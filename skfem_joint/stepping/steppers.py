@@ -198,7 +198,7 @@ class CompiledStepper(Stepper):
 
         c, r = self.start.coefficients(h), self.recorder
         problem = self.problem(c)
-        outcome = compiled.march(
+        done = compiled.march(
             amplitudes.shape[1] - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
@@ -217,6 +217,7 @@ class CompiledStepper(Stepper):
             r.sums(),
             r.free_rows(),
         )
+        outcome = compiled.Outcome(*done)
         r.rows += outcome.rows
         r.field_rows += outcome.field_rows
         for name in self.COUNTS:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 import tracemalloc
 from dataclasses import replace
 from math import inf, pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -452,3 +455,38 @@ def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share: flo
     check_resolution(system, 0.095 * period, 10)
     with pytest.raises(InputError, match="jump"):
         check_resolution(system, 0.105 * period, 10)
+
+
+INTERRUPTED = """
+import signal, sys
+import numpy as np
+import skfem_joint as sj
+from skfem_joint.scene import load_scene
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+system = load_scene(sys.argv[1]).system()
+sj.integrate(system, cycles=1, steps_per_cycle=200)
+signal.signal(signal.SIGALRM, interrupt)
+rng = np.random.default_rng(3)
+counted = 0
+for _ in range(120):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, rng.uniform(5e-3, 5e-2))
+        counted += sj.integrate(system, cycles=4000, steps_per_cycle=200).interrupted
+    except KeyboardInterrupt:
+        pass  # before the first step
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+print(counted)
+"""
+
+
+def test_an_interrupt_at_any_instant_ends_a_run_and_not_the_process() -> None:
+    """A signal that comes while compiled code runs is raised once it is back in Python."""
+    scene = Path(__file__).parents[2] / "examples" / "structure_harmonic.toml"
+    ran = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, str(scene)], capture_output=True, text=True, timeout=120
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert int(ran.stdout) > 60
