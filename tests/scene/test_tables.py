@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from pydantic import BaseModel
 from scene_texts import Change, problems_of, scene_of
@@ -508,4 +507,4 @@ def test_every_key_says_what_it_means() -> None:
     for table in tables:
         for name, field in table.model_fields.items():
             assert field.description, f"{table.__name__}.{name}"
-    assert np.all([(table.__doc__ or "").strip() for table in tables])
+    assert all((table.__doc__ or "").strip() for table in tables)
