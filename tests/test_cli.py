@@ -469,6 +469,7 @@ def test_ctrl_c_on_a_terminal(scene: Callable[..., Path], tmp_path: Path) -> Non
         stderr=terminal,
         text=True,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's job ignores it
     )
     os.close(terminal)
     try:
