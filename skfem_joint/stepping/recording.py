@@ -195,7 +195,7 @@ class Recorder:
     field_rows: int = 0
     halved_steps: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
-    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
+    boundaries: list[FloatArray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         n, m, p = self.system.n, self.system.w.size, len(self.system.points)
@@ -273,9 +273,7 @@ class Recorder:
         """All that was filled in so far, for a checkpoint."""
         arrays = {name: getattr(self, name)[: self.field_rows] for name in _FIELDS}
         arrays |= {name: getattr(self, name)[: self.rows] for name in _POINTS}
-        marks = self.boundaries
-        arrays |= {f"cycle_{k}": np.array([mark[k] for mark in marks]) for k in range(4)}
-        return arrays | self.mark()
+        return arrays | {"boundaries": self._marks()} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
@@ -291,29 +289,27 @@ class Recorder:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
             setattr(self, name, int(saved[name]))
-        if "cycle_0" in saved:
-            marks = zip(*(saved[f"cycle_{k}"] for k in range(4)), strict=True)
-            self.boundaries = [(a, b, float(c), d) for a, b, c, d in marks]
+        if "boundaries" in saved:
+            self.boundaries = list(saved["boundaries"])
         del self.boundaries[int(saved["cycles"]) :]
 
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""
-        works = self.input_work.copy(), self.dissipated.copy(), float(self.friction_work.sum())
-        self.boundaries.append((*works, self.peak.copy()))
+        works = self.input_work, self.dissipated, [self.friction_work.sum()], self.peak
+        self.boundaries.append(np.concatenate(works))
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
         self.peak[:] = 0.0
 
+    def _marks(self) -> FloatArray:
+        """Works up to the end of each cycle, and the peaks in it: one row each."""
+        width = self.input_work.size + 3 + self.peak.size
+        return np.reshape(self.boundaries, (len(self.boundaries), width))
+
     def _cycles(self) -> Cycles:
-        zero = np.zeros(len(self.system.loads)), np.zeros(2), 0.0, np.zeros(self.peak.size)
-        marks: list[Any] = [zero, *self.boundaries]
-        dissipated = np.diff(np.array([mark[1] for mark in marks]), axis=0)
-        return Cycles(
-            input=np.diff(np.array([mark[0] for mark in marks]), axis=0),
-            viscous=dissipated[:, 0],
-            scheme=dissipated[:, 1],
-            friction=np.diff([mark[2] for mark in marks]),
-            peak=np.array([mark[3] for mark in marks[1:]]).reshape(-1, self.peak.size),
-        )
+        marks, k = self._marks(), self.input_work.size
+        works = np.diff(marks[:, : k + 3], axis=0, prepend=0.0)
+        peak = marks[:, k + 3 :]
+        return Cycles(works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2], peak)
 
     def finish(
         self,

@@ -169,6 +169,10 @@ def coefficients_of(row: list[float]) -> Coefficients:
     return Coefficients._make([*row[:-1], bool(row[-1])])
 
 
+#: Steppers whose loop is compiled.
+_READY: set[type[Stepper]] = set()
+
+
 class CompiledStepper(Stepper):
     """Steps of which a compiled loop does many at a time, in place.
 
@@ -189,8 +193,11 @@ class CompiledStepper(Stepper):
         self.observed = compressed(self.system.P)
 
     def prepare(self, h: float) -> None:
-        """Compile the loop and prepare a step of ``h``."""
-        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+        """Compile the loop, once in a process, and prepare a step of ``h``."""
+        self.problem(self.start.coefficients(h))
+        if type(self) not in _READY:
+            self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+            _READY.add(type(self))
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
@@ -212,10 +219,10 @@ class CompiledStepper(Stepper):
             self.loads,
             np.ascontiguousarray(amplitudes),
             self.observed,
-            self.now,
-            self.room,
-            r.sums(),
-            r.free_rows(),
+            tuple(self.now),
+            tuple(self.room),
+            tuple(r.sums()),
+            tuple(r.free_rows()),
         )
         outcome = compiled.Outcome(*done)
         r.rows += outcome.rows
@@ -364,7 +371,6 @@ class ContactStepper(PlainStepper):
         self.points = _Points(*contact_unknowns(s), s.w, s.beta).chosen(s.w > 0.0)
         self.w_rows = s.on_rows(s.w)
         self.v_before = self.now.v
-        self.now = self.now._replace(sigma=self._law())
 
     def _law(self) -> FloatArray:
         """Normalised friction at the velocity now, by slip row; 0 for Coulomb points at rest."""
