@@ -31,7 +31,7 @@ from skfem_joint.stepping.compiled import (
 )
 from skfem_joint.stepping.recording import compressed
 from skfem_joint.stepping.schemes import Coefficients, State, factorised
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved, coefficients_of
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
 #: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
@@ -65,7 +65,7 @@ class Chain(NamedTuple):
 
 
 #: What of the memory steps depend on.
-REMEMBERED = ("parameter", "old_parameter", "wary", "middle")
+REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
 
 class Memory(NamedTuple):
@@ -73,6 +73,7 @@ class Memory(NamedTuple):
 
     parameter: Any  #: (n,) of the law's graph at the last step
     old_parameter: Any  #: (n,) and at the one before
+    scale: Any  #: (1,) kappa of the chain that they are for, s/m
     wary: Any  #: (1,) steps left in which not to start from the steps before
     middle: Any  #: (1,) where eliminations met last
     velocity: Any  #: (n,) what the last step found: the first row of ``work``
@@ -90,6 +91,7 @@ def make_memory(n: int) -> Memory:
     return Memory(
         parameter=np.zeros(n),
         old_parameter=np.zeros(n),
+        scale=np.zeros(1),
         wary=np.zeros(1, dtype=np.int64),
         middle=np.full(1, n // 2, dtype=np.int64),
         velocity=work[0],
@@ -254,7 +256,6 @@ class ChainStepper(CompiledStepper):
         self.limits[self.contact], self.beta[self.contact] = s.w, s.beta
         self.dynamics = (bands(s.M), bands(s.C), bands(s.K))
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
-        self.current: Coefficients | None = None
         self.first_chunk = max(1, 2_000_000 // s.n)
 
     def restart(self, amplitudes: FloatArray) -> bool:
@@ -273,7 +274,7 @@ class ChainStepper(CompiledStepper):
             sigma += found[1]
         elif np.any(right):
             acceleration = factorised(self.system.M)(right)
-        self.current = None
+        self.memory.scale[:] = 0.0
         self.started(acceleration, sigma)
         return True
 
@@ -310,12 +311,12 @@ class ChainStepper(CompiledStepper):
     def problem(self, c: Coefficients) -> Chain:
         """Problem of the next step, whose parameter the memory is scaled to."""
         chain: Chain = self.matrices(c)
-        if self.current != c:
+        if self.memory.scale[0] != chain.kappa:
             # The parameter's scale changes with the step: start again from the law's point.
             _, v, _, _, sigma = self.now
             parameter = friction.parameter(v, sigma, chain.kappa, self.beta)
             self.memory.parameter[:] = self.memory.old_parameter[:] = parameter
-            self.current = c
+            self.memory.scale[:] = chain.kappa
         return chain
 
     def state(self) -> State:
@@ -323,14 +324,11 @@ class ChainStepper(CompiledStepper):
         return self.now._replace(sigma=self.now.sigma[self.contact])
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """State, memory, and the step size that the parameter is scaled to."""
-        current = [] if self.current is None else [self.current]
-        memory = {name: np.array(getattr(self.memory, name)) for name in REMEMBERED}
-        return super().saved() | memory | {"current": np.array(current, dtype=float)}
+        """State and memory."""
+        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in REMEMBERED}
 
     def restore(self, saved: Saved) -> None:
         """Take up a saved state."""
         super().restore(saved)
         for name in REMEMBERED:
             getattr(self.memory, name)[:] = saved[name]
-        self.current = next((coefficients_of(row) for row in saved["current"].tolist()), None)

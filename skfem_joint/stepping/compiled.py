@@ -331,20 +331,8 @@ class Found(NamedTuple):
     unknown: int
 
 
-class Outcome(NamedTuple):
-    """What `march` did, in its order: steps, stored rows, work, the last residual and its place."""
-
-    steps: int
-    rows: int
-    field_rows: int
-    newton_iterations: int
-    largest_iterations: int
-    nested_solves: int
-    descents: int
-    line_searches: int
-    friction_evaluations: int
-    residual: float
-    unknown: int
+#: What `march` counts, in its order.
+COUNTS = (*Found._fields[1:6], "largest_iterations")
 
 
 def product(A, x, y):
@@ -389,15 +377,17 @@ def _product_of_full(A, x, y):
 @compiled
 def march(
     n_steps, first_step, strides, c, matrices, problem, memory, w, places, tolerance,
-    loads, amplitude, observed, state, room, sums, stored,
+    loads, amplitude, observed, state, room, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
 
     ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
     ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
     of the problem, N; ``loads`` and ``observed`` load vectors and named points (`Compressed`);
-    ``amplitude`` (loads, n_steps + 1) is in N. With fewer than ``n_steps`` steps one did not
-    converge, and the state is that before it.
+    ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of COUNTS.
+
+    Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
+    than ``n_steps`` steps one did not converge, and the state is that before it.
     """
     M, C, K = matrices
     u, v, a, d, sigma = state
@@ -410,7 +400,6 @@ def march(
         rubbed[places.point[j]] = friction_work[j]
         farthest[places.point[j]] = slip_peak[j]
     steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
-    iterations, largest, nested, descents, searches, evaluations = 0, 0, 0, 0, 0, 0
     for step in range(1, n_steps + 1):
         for i in range(n):
             u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
@@ -423,12 +412,12 @@ def march(
             for e in range(loads.start[k], loads.start[k + 1]):
                 right[loads.column[e]] += amplitude[k, step] * loads.value[e]
         found = solve(problem, memory, right, v, tolerance)
-        iterations += found.newton_iterations
-        largest = max(largest, found.newton_iterations)
-        nested += found.nested_solves
-        descents += found.descents
-        searches += found.line_searches
-        evaluations += found.friction_evaluations
+        counts[0] += found.newton_iterations
+        counts[1] += found.nested_solves
+        counts[2] += found.descents
+        counts[3] += found.line_searches
+        counts[4] += found.friction_evaluations
+        counts[5] = max(counts[5], found.newton_iterations)
         residual, unknown = found.residual, found.unknown
         if not found.converged:
             for i in range(n):
@@ -505,7 +494,4 @@ def march(
         slip_peak[j] = farthest[places.point[j]]
     # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
     # and numba does not look for that before it uses what it got.
-    return (
-        steps, rows, field_rows, iterations, largest, nested, descents, searches, evaluations,
-        residual, unknown,
-    )  # fmt: skip
+    return steps, rows, field_rows, residual, unknown

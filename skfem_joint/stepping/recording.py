@@ -159,16 +159,6 @@ def compressed(A: Any) -> Compressed:
     return Compressed(A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data.astype(float))
 
 
-class Sums(NamedTuple):
-    """What steps add up in place; see `Run` for what each is."""
-
-    input_work: FloatArray
-    dissipated: FloatArray  #: viscous and scheme dissipation, J
-    friction_work: FloatArray
-    peak: FloatArray
-    slip_peak: FloatArray
-
-
 class Rows(NamedTuple):
     """Where rows are stored: fields, and displacement and velocity of the named points.
 
@@ -212,9 +202,9 @@ class Recorder:
         self.slip_peak = np.zeros(m)
         self.vectors = self.system.load_vectors()
 
-    def sums(self) -> Sums:
-        """What the compiled steps add up."""
-        return Sums(self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak)
+    def sums(self) -> tuple[FloatArray, ...]:
+        """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
+        return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
 
     def free_rows(self) -> Rows:
         """Views of the stored rows from the next free one on."""

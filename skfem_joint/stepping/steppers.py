@@ -11,7 +11,6 @@ the contact alone; where contact is nearly everywhere it runs on all unknowns.
 
 from __future__ import annotations
 
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -160,13 +159,8 @@ class Stepper(ABC):
         self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
         self.start.frequency = float(saved["start"])
         for row in saved["steps"].tolist():
-            self.matrices(coefficients_of(row))
+            self.matrices(Coefficients._make([*row[:-1], bool(row[-1])]))
         self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
-
-
-def coefficients_of(row: list[float]) -> Coefficients:
-    """Coefficients from the row of numbers that a checkpoint holds."""
-    return Coefficients._make([*row[:-1], bool(row[-1])])
 
 
 #: Steppers whose loop is compiled.
@@ -205,7 +199,8 @@ class CompiledStepper(Stepper):
 
         c, r = self.start.coefficients(h), self.recorder
         problem = self.problem(c)
-        done = compiled.march(
+        counted = np.array([self.counts.get(name, 0) for name in compiled.COUNTS])
+        steps, rows, field_rows, residual, unknown = compiled.march(
             amplitudes.shape[1] - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
@@ -221,18 +216,17 @@ class CompiledStepper(Stepper):
             self.observed,
             tuple(self.now),
             tuple(self.room),
-            tuple(r.sums()),
+            r.sums(),
             tuple(r.free_rows()),
+            counted,
         )
-        outcome = compiled.Outcome(*done)
-        r.rows += outcome.rows
-        r.field_rows += outcome.field_rows
-        for name in self.COUNTS:
-            add = max if name == "largest_iterations" else operator.add
-            self.counts[name] = add(self.counts[name], getattr(outcome, name))
-        self.failure = Failure(outcome.residual, outcome.unknown)
-        self.start.done(outcome.steps)
-        return int(outcome.steps)
+        r.rows += rows
+        r.field_rows += field_rows
+        found = dict(zip(compiled.COUNTS, counted.tolist(), strict=True))
+        self.counts |= {name: found[name] for name in self.COUNTS}
+        self.failure = Failure(residual, unknown)
+        self.start.done(steps)
+        return int(steps)
 
     def problem(self, c: Coefficients) -> Any:
         """Problem of the next step."""
