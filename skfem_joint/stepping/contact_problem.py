@@ -236,10 +236,7 @@ class Solution:
     v: FloatArray  #: velocity, m/s
     sigma: FloatArray  #: normalised friction by unknown; zero off the contact
     converged: bool
-    iterations: int  #: Newton steps
-    evaluations: int  #: of the law on all points
-    linear_solves: int  #: with the factor kept
-    factorizations: int
+    counts: dict[str, int]  #: work done, by the names of `Counters`
     residual: float  #: largest force residual, N, at the unknown ``where``
     where: int
 
@@ -339,10 +336,13 @@ class ContactProblem:
             length, trials = self._search(v, d, g, Av)
             evaluations += trials
             v += length * d
-        factorizations = self.factorizations - factorizations
-        return Solution(
-            v, sigma, converged, iteration, evaluations, solves, factorizations, residual, where
-        )
+        counts = {
+            "newton_iterations": iteration,
+            "friction_evaluations": evaluations,
+            "linear_solves": solves,
+            "factorizations": self.factorizations - factorizations,
+        }
+        return Solution(v, sigma, converged, counts, residual, where)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
         size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())

@@ -261,13 +261,8 @@ def minimum(problem, memory, right, v, tolerance):
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
     B, w, beta = contact.B, contact.w, contact.beta
-    r, A, direction, d_slip, trial = (
-        memory.r,
-        memory.A,
-        memory.direction,
-        memory.d_slip,
-        memory.trial,
-    )
+    r, A, trial = memory.r, memory.A, memory.trial
+    direction, d_slip = memory.direction, memory.d_slip
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(right[i]))

@@ -26,9 +26,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
-# What a recorder holds, by kind: rows of fields, rows of named points, sums and numbers.
-_FIELDS = ("u", "v", "sigma", "work")
-_POINTS = ("point_u", "point_v")
+# What a recorder holds beside rows: sums and numbers.
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 
@@ -162,13 +160,13 @@ def compressed(A: Any) -> Compressed:
 class Rows(NamedTuple):
     """Where rows are stored: fields, and displacement and velocity of the named points.
 
-    ``work`` is the friction work of each contact point up to the row, J.
+    They are named as in `Run`.
     """
 
     u: FloatArray
     v: FloatArray
     sigma: FloatArray
-    work: FloatArray
+    friction_work_rows: FloatArray
     point_u: FloatArray
     point_v: FloatArray
 
@@ -194,7 +192,7 @@ class Recorder:
         points = self.n_steps // every + 1 if self.save.points else 0
         self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
         self.sigma = np.zeros((fields, self.system.B.shape[0]))
-        self.work = np.zeros((fields, m))
+        self.friction_work_rows = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
@@ -209,8 +207,13 @@ class Recorder:
     def free_rows(self) -> Rows:
         """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
-        fields = self.u[f:], self.v[f:], self.sigma[f:], self.work[f:]
+        fields = self.u[f:], self.v[f:], self.sigma[f:], self.friction_work_rows[f:]
         return Rows(*fields, self.point_u[k:], self.point_v[k:])
+
+    def _filled(self) -> dict[str, FloatArray]:
+        """Rows that are stored so far, by their names in `Run`."""
+        ends = 4 * [self.field_rows] + 2 * [self.rows]
+        return {n: getattr(self, n)[:end] for n, end in zip(Rows._fields, ends, strict=True)}
 
     def store(self, step: int, state: State) -> None:
         """Store what is due after ``step`` steps."""
@@ -222,7 +225,7 @@ class Recorder:
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
             self.u[k], self.v[k], self.sigma[k] = state.u, state.v, state.sigma
-            self.work[k] = self.friction_work
+            self.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
 
     def observe(self, u: FloatArray) -> None:
@@ -261,9 +264,7 @@ class Recorder:
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that was filled in so far, for a checkpoint."""
-        arrays = {name: getattr(self, name)[: self.field_rows] for name in _FIELDS}
-        arrays |= {name: getattr(self, name)[: self.rows] for name in _POINTS}
-        return arrays | {"boundaries": self._marks()} | self.mark()
+        return self._filled() | {"boundaries": self._marks()} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
@@ -272,7 +273,7 @@ class Recorder:
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
-        for name in (*_FIELDS, *_POINTS):
+        for name in Rows._fields:
             if name in saved:
                 getattr(self, name)[: len(saved[name])] = saved[name]
         for name in _SUMS:
@@ -314,20 +315,14 @@ class Recorder:
         counts: Mapping[str, int] | None = None,
     ) -> Run:
         """Close the run; ``counts`` are those of the stepper, by the names of `Counters`."""
-        k, f = self.rows, self.field_rows
         every, fields_every = self.save.strides
-        times = self.h * every * np.arange(k, dtype=np.float64)
+        times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
             system=self.system,
             times=times,
-            point_u=self.point_u[:k],
-            point_v=self.point_v[:k],
             amplitudes=self.system.load_amplitudes(times).T,
-            field_times=self.h * fields_every * np.arange(f, dtype=np.float64),
-            u=self.u[:f],
-            v=self.v[:f],
-            sigma=self.sigma[:f],
-            friction_work_rows=self.work[:f],
+            field_times=self.h * fields_every * np.arange(self.field_rows, dtype=np.float64),
+            **self._filled(),
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),

@@ -348,7 +348,7 @@ class _Condensed:
             v=v,
             sigma=sigma,
             converged=found.converged and bool(np.all(np.isfinite(v))),
-            linear_solves=found.linear_solves + 2,
+            counts=found.counts | {"linear_solves": found.counts["linear_solves"] + 2},
             where=int(self.contact[found.where]),
         )
 
@@ -425,12 +425,10 @@ class ContactStepper(PlainStepper):
         at_rest = self.system.slip_norm(self.now.v[self.unknown]) == 0.0
         v[self.unknown[self.system.on_rows(at_rest)]] = 0.0
         found = matrices.solve(right, v, self.tolerance)
-        counts = self.counts
-        counts["newton_iterations"] += found.iterations
-        counts["friction_evaluations"] += found.evaluations
-        counts["largest_iterations"] = max(counts["largest_iterations"], found.iterations)
-        counts["linear_solves"] += found.linear_solves
-        counts["factorizations"] += found.factorizations
+        for name, count in found.counts.items():
+            self.counts[name] += count
+        most = max(self.counts["largest_iterations"], found.counts["newton_iterations"])
+        self.counts["largest_iterations"] = most
         if not found.converged:
             self.failure = Failure(found.residual, found.where)
             return None
