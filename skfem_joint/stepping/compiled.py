@@ -377,14 +377,17 @@ def march(
     """
     M, C, K = matrices
     u, v, a, d, sigma = state
+    row_place, point_place = places
+    load_start, load_column, load_value = loads
+    seen_start, seen_column, seen_value = observed
     input_work, dissipated, friction_work, peak, slip_peak = sums
     stored_u, stored_v, stored_sigma, stored_work, stored_point_u, stored_point_v = stored
     right, image, y, change, drift, slip_change, slip_now, rubbed, farthest = room
     v_new, sigma_new = memory.velocity, memory.force
     n, m = u.size, rubbed.size
-    for j in range(places.point.size):
-        rubbed[places.point[j]] = friction_work[j]
-        farthest[places.point[j]] = slip_peak[j]
+    for j in range(point_place.size):
+        rubbed[point_place[j]] = friction_work[j]
+        farthest[point_place[j]] = slip_peak[j]
     steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
     for step in range(1, n_steps + 1):
         for i in range(n):
@@ -394,9 +397,9 @@ def march(
         product(K, u, image)
         for i in range(n):
             right[i] -= image[i]
-        for k in range(loads.start.size - 1):
-            for e in range(loads.start[k], loads.start[k + 1]):
-                right[loads.column[e]] += amplitude[k, step] * loads.value[e]
+        for k in range(load_start.size - 1):
+            for e in range(load_start[k], load_start[k + 1]):
+                right[load_column[e]] += amplitude[k, step] * load_value[e]
         found = solve(problem, memory, right, v, tolerance)
         counts[0] += found.newton_iterations
         counts[1] += found.nested_solves
@@ -442,10 +445,10 @@ def march(
                 numerical += mean[i] * image[i]
         dissipated[0] += viscous
         dissipated[1] += numerical
-        for k in range(loads.start.size - 1):
+        for k in range(load_start.size - 1):
             f = 0.5 * (amplitude[k, step - 1] + amplitude[k, step])
-            for e in range(loads.start[k], loads.start[k + 1]):
-                input_work[k] += f * loads.value[e] * change[loads.column[e]]
+            for e in range(load_start[k], load_start[k + 1]):
+                input_work[k] += f * load_value[e] * change[load_column[e]]
         moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
         for p in range(m):
             rubbed[p] += 0.5 * w[p] * (sigma[p] + sigma_new[p]) * moved[p]
@@ -456,11 +459,11 @@ def march(
             farthest[q - m] = max(farthest[q - m], hypot(slip[q - m], slip[q]))
             sigma[q] = sigma_new[q]
         store = stored_point_u.shape[0] > 0 and (first_step + step) % strides[0] == 0
-        for k in range(observed.start.size - 1):
+        for k in range(seen_start.size - 1):
             x, rate = 0.0, 0.0
-            for e in range(observed.start[k], observed.start[k + 1]):
-                x += observed.value[e] * u[observed.column[e]]
-                rate += observed.value[e] * v[observed.column[e]]
+            for e in range(seen_start[k], seen_start[k + 1]):
+                x += seen_value[e] * u[seen_column[e]]
+                rate += seen_value[e] * v[seen_column[e]]
             peak[k] = max(peak[k], abs(x))
             if store:
                 stored_point_u[rows, k] = x
@@ -470,14 +473,14 @@ def march(
             for i in range(n):
                 stored_u[field_rows, i] = u[i]
                 stored_v[field_rows, i] = v[i]
-            for j in range(places.row.size):
-                stored_sigma[field_rows, j] = sigma[places.row[j]]
-            for j in range(places.point.size):
-                stored_work[field_rows, j] = rubbed[places.point[j]]
+            for j in range(row_place.size):
+                stored_sigma[field_rows, j] = sigma[row_place[j]]
+            for j in range(point_place.size):
+                stored_work[field_rows, j] = rubbed[point_place[j]]
             field_rows += 1
-    for j in range(places.point.size):
-        friction_work[j] = rubbed[places.point[j]]
-        slip_peak[j] = farthest[places.point[j]]
+    for j in range(point_place.size):
+        friction_work[j] = rubbed[point_place[j]]
+        slip_peak[j] = farthest[point_place[j]]
     # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
     # and numba does not look for that before it uses what it got.
     return steps, rows, field_rows, residual, unknown

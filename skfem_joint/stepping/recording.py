@@ -183,7 +183,6 @@ class Recorder:
     field_rows: int = 0
     halved_steps: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
-    boundaries: list[FloatArray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         n, m, p = self.system.n, self.system.w.size, len(self.system.points)
@@ -199,6 +198,8 @@ class Recorder:
         self.peak, self.run_peak = np.zeros(p), np.zeros(p)
         self.slip_peak = np.zeros(m)
         self.vectors = self.system.load_vectors()
+        # Works up to the start and to the end of each cycle, and the peaks in the cycle.
+        self.boundaries = [np.zeros(len(self.system.loads) + 3 + p)]
 
     def sums(self) -> tuple[FloatArray, ...]:
         """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
@@ -264,7 +265,7 @@ class Recorder:
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that was filled in so far, for a checkpoint."""
-        return self._filled() | {"boundaries": self._marks()} | self.mark()
+        return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
@@ -291,15 +292,10 @@ class Recorder:
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
         self.peak[:] = 0.0
 
-    def _marks(self) -> FloatArray:
-        """Works up to the end of each cycle, and the peaks in it: one row each."""
-        width = self.input_work.size + 3 + self.peak.size
-        return np.reshape(self.boundaries, (len(self.boundaries), width))
-
     def _cycles(self) -> Cycles:
-        marks, k = self._marks(), self.input_work.size
-        works = np.diff(marks[:, : k + 3], axis=0, prepend=0.0)
-        peak = marks[:, k + 3 :]
+        marks, k = np.array(self.boundaries), self.input_work.size
+        works = marks[1:] - marks[:-1]
+        peak = marks[1:, k + 3 :]
         return Cycles(works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2], peak)
 
     def finish(
