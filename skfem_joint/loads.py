@@ -63,6 +63,8 @@ class Amplitude(ABC):
     def jumps(self) -> tuple[float, ...]:
         """Those of the corners (s) at which the value jumps, be it at the time or just after it."""
         t = np.array(self.corners)
+        if t.size == 0:
+            return ()
         force = self([np.nextafter(t, -np.inf), t, np.nextafter(t, np.inf)])
         least = _LEAST_JUMP * (self.peak_value or np.abs(force).max(initial=0.0))
         return tuple(t[np.ptp(force, axis=0) > least].tolist())

@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
+from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
 from skfem_joint import friction
@@ -35,7 +36,6 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.files import holding
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import Scene, load_scene
-from skfem_joint.stepping.explicit import runge_kutta, stable_step
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system import System
 

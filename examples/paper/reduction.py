@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from benchmarks.explicit import runge_kutta, stable_step
 from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, OWN, PLAIN, aim_rows, energy_error, run
 from paper.page import Item, printed
@@ -18,7 +19,6 @@ from skfem_joint.analysis.study import Model
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.loads import RampAndHold
-from skfem_joint.stepping.explicit import runge_kutta, stable_step
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system import System

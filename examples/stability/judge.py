@@ -12,9 +12,9 @@ from math import inf
 from multiprocessing import get_context
 
 import numpy as np
+from benchmarks.explicit import stable_step
 
 from skfem_joint.errors import JointError
-from skfem_joint.stepping.explicit import stable_step
 from stability import checks
 from stability.problem import Case
 from stability.references import modelled, reference, run

@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import inf, pi
 
 import numpy as np
+from benchmarks.explicit import runge_kutta
 from scipy.linalg import eigh
 
 from skfem_joint.analysis.pseudo_static import loop, peak_displacement
@@ -13,7 +14,6 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import own_basis
 from skfem_joint.reduction.friction_points import gauss_points, merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
-from skfem_joint.stepping.explicit import runge_kutta
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha

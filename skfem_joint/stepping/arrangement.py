@@ -145,7 +145,7 @@ def _csr(A: Any) -> Any:
 
 
 def choose(
-    system: Arranged,
+    to: Arranged,
     scheme: Scheme,
     u: FloatArray,
     v: FloatArray,
@@ -159,15 +159,13 @@ def choose(
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    arguments = (system.system, scheme, u, v, tolerance, recorder)
-    if system.kind == "linear":
-        return LinearStepper(*arguments)
-    if system.kind == "contact":
-        return ContactStepper(*arguments)
-    if system.kind == "dense":
+    stepper: type[Stepper] = LinearStepper if to.kind == "linear" else ContactStepper
+    if to.kind == "chain":
+        from skfem_joint.stepping.chain import ChainStepper
+
+        stepper = ChainStepper
+    elif to.kind == "dense":
         from skfem_joint.stepping.dense import DenseStepper
 
-        return DenseStepper(*arguments)
-    from skfem_joint.stepping.chain import ChainStepper
-
-    return ChainStepper(*arguments)
+        stepper = DenseStepper
+    return stepper(to.system, scheme, u, v, tolerance, recorder)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
+from scipy.linalg import lapack
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray
@@ -29,8 +29,9 @@ from skfem_joint.stepping.compiled import (
     slips,
     solve,
 )
+from skfem_joint.stepping.recording import compressed
 from skfem_joint.stepping.schemes import Coefficients, State, factorised
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved, coefficients_of
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
 #: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
@@ -64,7 +65,7 @@ class Chain(NamedTuple):
 
 
 #: What of the memory steps depend on.
-REMEMBERED = ("parameter", "old_parameter", "wary", "middle")
+REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
 
 class Memory(NamedTuple):
@@ -72,6 +73,7 @@ class Memory(NamedTuple):
 
     parameter: Any  #: (n,) of the law's graph at the last step
     old_parameter: Any  #: (n,) and at the one before
+    scale: Any  #: (1,) kappa of the chain that they are for, s/m
     wary: Any  #: (1,) steps left in which not to start from the steps before
     middle: Any  #: (1,) where eliminations met last
     velocity: Any  #: (n,) what the last step found: the first row of ``work``
@@ -89,6 +91,7 @@ def make_memory(n: int) -> Memory:
     return Memory(
         parameter=np.zeros(n),
         old_parameter=np.zeros(n),
+        scale=np.zeros(1),
         wary=np.zeros(1, dtype=np.int64),
         middle=np.full(1, n // 2, dtype=np.int64),
         velocity=work[0],
@@ -103,10 +106,11 @@ def make_memory(n: int) -> Memory:
 
 def levels_of(n: int) -> NDArray[np.int64]:
     """Where the levels of a chain of ``n`` unknowns begin, and where the last one ends."""
-    sizes = [n]
-    while sizes[-1] >= SHORTEST:
-        sizes.append((sizes[-1] + 1) // 2)
-    return np.cumsum([0, *sizes])
+    starts = [0, n]
+    while n >= SHORTEST:
+        n = (n + 1) // 2
+        starts.append(starts[-1] + n)
+    return np.array(starts)
 
 
 def bands(A: Any) -> Bands:
@@ -149,7 +153,7 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
         mixed=0 if np.all(regular) else 1 if np.any(regular) else 2,
         inverse_beta=1.0 / np.where(regular, beta, 1.0),
         kappa=float(kappa),
-        hold=np.where(kind[:n] == COULOMB, w[:n], -1.0),
+        hold=w[:n] if np.all(kind == COULOMB) else np.where(kind[:n] == COULOMB, w[:n], -1.0),
         pivot=np.zeros(n),
         stretch=np.full(n, -1),
     )
@@ -176,7 +180,7 @@ def _halved(
 def _solve(H0: FloatArray, H1: FloatArray, right: FloatArray) -> FloatArray:
     if H0.size == 1:
         return right / H0
-    return np.asarray(linalg.solveh_banded(np.array([np.append(0.0, H1), H0]), right))
+    return np.asarray(lapack.dptsv(H0, H1, right)[2])
 
 
 @compiled
@@ -195,9 +199,6 @@ def _solve_chain(problem, memory, right, v, tolerance):
     chain, n = problem, right.size
     s, s_new, slip, r = memory.parameter, memory.new_parameter, memory.work[2], memory.work[4]
     v_new, sigma_new, wary = memory.velocity, memory.force, memory.wary[0]
-    for i in range(n):
-        s_new[i] = 2.0 * s[i] - memory.old_parameter[i]
-        memory.rights[i] = right[i]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
     if chain.mixed == 2:
         count, converged, memory.middle[0] = passes_of(
@@ -212,6 +213,10 @@ def _solve_chain(problem, memory, right, v, tolerance):
         if near:
             _regularise(chain.kind, v_new, sigma_new, chain.kappa, chain.inverse_beta, s_new)
     if not converged:
+        for i in range(n):
+            memory.rights[i] = right[i]
+            if not near:
+                s_new[i] = 2.0 * s[i] - memory.old_parameter[i]
         more, tier, converged, residual, unknown = solve_step(
             chain, memory.rights, memory.parameters, memory.work, memory.trial, tolerance,
             wary > 0 and not near,
@@ -245,15 +250,13 @@ class ChainStepper(CompiledStepper):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         s = self.system
-        self.contact = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
+        self.contact = compressed(s.B).column
         self.places = Places(self.contact, self.contact)
         self.limits, self.beta = np.zeros(s.n), np.full(s.n, np.inf)
         self.limits[self.contact], self.beta[self.contact] = s.w, s.beta
         self.dynamics = (bands(s.M), bands(s.C), bands(s.K))
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
-        self.current: Coefficients | None = None
         self.first_chunk = max(1, 2_000_000 // s.n)
-        self.now = self.now._replace(sigma=np.zeros(s.n))
 
     def restart(self, amplitudes: FloatArray) -> bool:
         """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
@@ -271,7 +274,7 @@ class ChainStepper(CompiledStepper):
             sigma += found[1]
         elif np.any(right):
             acceleration = factorised(self.system.M)(right)
-        self.current = None
+        self.memory.scale[:] = 0.0
         self.started(acceleration, sigma)
         return True
 
@@ -301,17 +304,19 @@ class ChainStepper(CompiledStepper):
         (M0, M1), (C0, C1), (K0, K1) = self.dynamics
         self.counts["factorizations"] += 1
         H = Bands(c.c_M * M0 + C0 + c.c_K * K0, c.c_M * M1 + C1 + c.c_K * K1)
-        return build_chain(H, self.limits, self.beta)
+        chain = build_chain(H, self.limits, self.beta)
+        self.limits = chain.w[: self.limits.size]  # few arrays stay near, many do not
+        return chain
 
     def problem(self, c: Coefficients) -> Chain:
         """Problem of the next step, whose parameter the memory is scaled to."""
         chain: Chain = self.matrices(c)
-        if self.current != c:
+        if self.memory.scale[0] != chain.kappa:
             # The parameter's scale changes with the step: start again from the law's point.
             _, v, _, _, sigma = self.now
             parameter = friction.parameter(v, sigma, chain.kappa, self.beta)
             self.memory.parameter[:] = self.memory.old_parameter[:] = parameter
-            self.current = c
+            self.memory.scale[:] = chain.kappa
         return chain
 
     def state(self) -> State:
@@ -319,14 +324,11 @@ class ChainStepper(CompiledStepper):
         return self.now._replace(sigma=self.now.sigma[self.contact])
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """State, memory, and the step size that the parameter is scaled to."""
-        current = [] if self.current is None else [self.current]
-        memory = {name: np.array(getattr(self.memory, name)) for name in REMEMBERED}
-        return super().saved() | memory | {"current": np.array(current, dtype=float)}
+        """State and memory."""
+        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in REMEMBERED}
 
     def restore(self, saved: Saved) -> None:
         """Take up a saved state."""
         super().restore(saved)
         for name in REMEMBERED:
             getattr(self.memory, name)[:] = saved[name]
-        self.current = next((coefficients_of(row) for row in saved["current"].tolist()), None)

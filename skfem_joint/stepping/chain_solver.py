@@ -440,10 +440,8 @@ def _nested(chain, g, s, work, tolerance):
     levels = start.size - 1
     for k in range(levels - 1):
         fine, coarse, end = start[k], start[k + 1], start[k + 2]
-        n_coarse = end - coarse
-        shift = coarse - fine - 1 - 2 * (n_coarse - 1)  # fine index of the first coarse node
-        for j in range(n_coarse):
-            i = fine + 2 * j + shift
+        for j in range(end - coarse):
+            i = fine + 2 * j + (coarse - fine - 1) % 2  # the last node stays
             t = g[i]
             if i > fine:
                 t += 0.5 * g[i - 1]
@@ -458,10 +456,8 @@ def _nested(chain, g, s, work, tolerance):
         if k == levels - 1:
             s[a:b] = 0.0
         else:
-            n_coarse = start[k + 2] - b
-            shift = b - a - 1 - 2 * (n_coarse - 1)
-            for j in range(n_coarse):
-                i = a + 2 * j + shift
+            for j in range(start[k + 2] - b):
+                i = a + 2 * j + (b - a - 1) % 2
                 s[i] = s[b + j]
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))

@@ -80,9 +80,7 @@ class Checkpoint:
 
     path: Path  #: file, ``.npz``
     origin: str  #: fingerprint of what the run comes from: its scene and mesh
-    every: int | None = (
-        None  #: steps after which to save, at the next end of a chunk; never if not given
-    )
+    every: int | None = None  #: steps after which to save, where a chunk ends; None: never
     resume: bool = False  #: whether to go on from the file if it is there
 
     def due(self, done: int, saved: int, n_steps: int) -> bool:
@@ -103,14 +101,8 @@ class Checkpoint:
         InputError
             If the file cannot be written; the one before it stays.
         """
-        notes = {
-            "form": _FORM,
-            "version": __version__,
-            "origin": self.origin,
-            "run": run,
-            "done": done,
-            "elapsed": elapsed,
-        }
+        notes = {"form": _FORM, "version": __version__, "origin": self.origin}
+        notes |= {"run": run, "done": done, "elapsed": elapsed}
         arrays: dict[str, Any] = {
             f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
         }

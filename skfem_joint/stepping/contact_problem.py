@@ -79,13 +79,9 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     x = r + largest * v[i]
     y = s + largest * v[j]
     size = hypot(x, y)
-    if size == 0.0:
-        v[i] = 0.0
-        v[j] = 0.0
-        return
     speed = resolvent(size / w[p], largest / w[p], beta[p])[0]
-    v[i] = speed * (x / size)
-    v[j] = speed * (y / size)
+    v[i] = speed * (x / size) if size != 0.0 else 0.0
+    v[j] = speed * (y / size) if size != 0.0 else 0.0
 
 
 def _left(A, i, g, v):
@@ -118,7 +114,8 @@ def _sweep(A, first, second, block, w, beta, g, v, backward):
 
 
 @compiled
-def _speed(first, second, p, v):
+def _size(first, second, p, v):
+    """Norm of a vector at a point."""
     return abs(v[first[p]]) if second[p] < 0 else hypot(v[first[p]], v[second[p]])
 
 
@@ -135,30 +132,18 @@ def _subtract_friction(first, second, w, beta, v, r, sigma, held):
     for p in range(first.size):
         if w[p] == 0.0:
             continue
-        i = first[p]
-        j = second[p]
-        speed = _speed(first, second, p, v)
-        if beta[p] == inf and speed == 0.0:
-            size = abs(r[i]) if j < 0 else hypot(r[i], r[j])
-            share = 1.0 / max(w[p], size)
-            sigma[i] = r[i] * share
-            held[i] = True
-            if j >= 0:
-                sigma[j] = r[j] * share
-                held[j] = True
-        elif speed == 0.0:
-            sigma[i] = 0.0
-            if j >= 0:
-                sigma[j] = 0.0
+        speed = _size(first, second, p, v)
+        holds = beta[p] == inf and speed == 0.0
+        if holds:
+            share = 1.0 / max(w[p], _size(first, second, p, r))
         else:
-            # The inverse of the speed may be infinite, its products then are not numbers.
             share = 1.0 if beta[p] == inf else 2.0 / pi * arctangent(beta[p] * speed)
-            sigma[i] = v[i] / speed * share
-            if j >= 0:
-                sigma[j] = v[j] / speed * share
-        r[i] -= w[p] * sigma[i]
-        if j >= 0:
-            r[j] -= w[p] * sigma[j]
+        for i in (first[p], second[p]):
+            if i >= 0:
+                held[i] = holds
+                # The inverse of the speed may be infinite, its products then are not numbers.
+                sigma[i] = r[i] * share if holds else v[i] / speed * share if speed != 0.0 else 0.0
+                r[i] -= w[p] * sigma[i]
     largest = 0.0
     where = 0
     for i in range(r.size):
@@ -179,7 +164,7 @@ def _tangent(first, second, w, beta, v, out):
         out[p, :] = 0.0
         if w[p] == 0.0:
             continue
-        speed = _speed(first, second, p, v)
+        speed = _size(first, second, p, v)
         if beta[p] == inf:
             along = 0.0
             across = w[p] / speed if speed > 0.0 else 0.0
@@ -187,12 +172,8 @@ def _tangent(first, second, w, beta, v, out):
             z = beta[p] * speed
             along = w[p] * 2.0 / pi * beta[p] / (1.0 + z * z)
             across = w[p] * 2.0 / pi * arctangent(z) / speed if speed > 0.0 else along
-        if j < 0:
-            out[p, 0] = along
-        elif speed == 0.0:
-            out[p, 0] = along
-            out[p, 2] = along
-        else:
+        out[p, 0] = out[p, 2] = along
+        if j >= 0 and speed > 0.0:
             x = v[i] / speed
             y = v[j] / speed
             out[p, 0] = across + (along - across) * x * x
@@ -227,7 +208,7 @@ def _round_off(first, second, w, beta, v):
         if w[p] > 0.0:
             change = 1.0
             if beta[p] != inf:
-                z = beta[p] * _speed(first, second, p, v)
+                z = beta[p] * _size(first, second, p, v)
                 change += 2.0 / pi * z / (1.0 + z * z)
             largest = max(largest, w[p] * change)
     return largest
@@ -239,10 +220,9 @@ def _add_blocks(first, second, blocks, x, y):
     for p in range(first.size):
         i = first[p]
         j = second[p]
-        if j < 0:
-            y[i] += blocks[p, 0] * x[i]
-        else:
-            y[i] += blocks[p, 0] * x[i] + blocks[p, 1] * x[j]
+        y[i] += blocks[p, 0] * x[i]
+        if j >= 0:
+            y[i] += blocks[p, 1] * x[j]
             y[j] += blocks[p, 1] * x[i] + blocks[p, 2] * x[j]
 
 
@@ -256,10 +236,7 @@ class Solution:
     v: FloatArray  #: velocity, m/s
     sigma: FloatArray  #: normalised friction by unknown; zero off the contact
     converged: bool
-    iterations: int  #: Newton steps
-    evaluations: int  #: of the law on all points
-    linear_solves: int  #: with the factor kept
-    factorizations: int
+    counts: dict[str, int]  #: work done, by the names of `Counters`
     residual: float  #: largest force residual, N, at the unknown ``where``
     where: int
 
@@ -322,10 +299,6 @@ class ContactProblem:
         _round_off(*laws, x)
         _add_blocks(none, none, block, x, y)
 
-    def keep(self, tangents: FloatArray, held: BoolArray) -> None:
-        """Factorise again what was ``kept``."""
-        self._factorise(tangents, held)
-
     def solve(
         self, g: FloatArray, start: FloatArray, tolerance: float, force: float = 0.0
     ) -> Solution:
@@ -363,10 +336,13 @@ class ContactProblem:
             length, trials = self._search(v, d, g, Av)
             evaluations += trials
             v += length * d
-        factorizations = self.factorizations - factorizations
-        return Solution(
-            v, sigma, converged, iteration, evaluations, solves, factorizations, residual, where
-        )
+        counts = {
+            "newton_iterations": iteration,
+            "friction_evaluations": evaluations,
+            "linear_solves": solves,
+            "factorizations": self.factorizations - factorizations,
+        }
+        return Solution(v, sigma, converged, counts, residual, where)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
         size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())
@@ -388,11 +364,11 @@ class ContactProblem:
                 return d, solves
         else:
             solves = 0
-        self._factorise(tangents, held)
+        self.keep(tangents, held)
         d, more, _ = self._conjugate_gradients(r, tangents, held, MOST_SOLVES)
         return d, solves + more
 
-    def _factorise(self, tangents: FloatArray, held: BoolArray) -> None:
+    def keep(self, tangents: FloatArray, held: BoolArray) -> None:
         """Keep the factor of A + tangent on the unknowns that are not held."""
         self.factorizations += 1
         self.kept = tangents.copy(), held.copy()
@@ -400,16 +376,12 @@ class ContactProblem:
         both = second >= 0
         i, j = first[both], second[both]
         moving = np.flatnonzero(~held)
+        rows, columns = np.concatenate([first, j, i, j]), np.concatenate([first, j, j, i])
+        values = np.concatenate([tangents[:, 0], tangents[both, 2], *2 * [tangents[both, 1]]])
         if isinstance(self.A, np.ndarray):
             T = self.A.copy()
-            T[first, first] += tangents[:, 0]
-            T[j, j] += tangents[both, 2]
-            T[i, j] += tangents[both, 1]
-            T[j, i] += tangents[both, 1]
+            T[rows, columns] += values
         else:
-            rows = np.concatenate([first, j, i, j])
-            columns = np.concatenate([first, j, j, i])
-            values = np.concatenate([tangents[:, 0], tangents[both, 2], *2 * [tangents[both, 1]]])
             T = self.A + sparse.csr_array((values, (rows, columns)), shape=self.A.shape)
         if moving.size < held.size:
             T = T[moving][:, moving]

@@ -24,6 +24,7 @@ from skfem_joint.stepping.compiled import (
     Found,
     Full,
     Places,
+    aligned,
     compiled,
     compiled_for,
     forces,
@@ -119,30 +120,20 @@ def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> tuple[Contact, Plac
     pair = np.diff(first_row) == 2
     point = np.concatenate([np.flatnonzero(pair), np.flatnonzero(~pair)])
     row = np.concatenate([first_row[point], first_row[np.flatnonzero(pair)] + 1])
-    limits = np.concatenate([w[point], w[pair]])
-    contact = Contact(np.ascontiguousarray(B[row].T), limits, beta[point])
+    values = B[row].T, np.concatenate([w[point], w[pair]]), beta[point]
+    room = aligned(*(value.size for value in values))
+    contact = Contact(room[0].reshape(values[0].shape), *room[1:])
+    for array, value in zip(contact, values, strict=True):
+        array[...] = value
     return contact, Places(np.argsort(row), np.argsort(point))
 
 
 def make_memory(n: int, rows: int, m: int) -> Memory:
     """Make the arrays for n unknowns, some slip rows and m points."""
-    unknown, row, point = (np.zeros(k) for k in (n, rows, m if rows > m else 0))
-    return Memory(
-        old_velocity=unknown.copy(),
-        velocity=unknown.copy(),
-        force=row.copy(),
-        slip=row.copy(),
-        r=unknown.copy(),
-        A=np.zeros((n, n)),
-        direction=unknown.copy(),
-        d_slip=row.copy(),
-        trial=row.copy(),
-        weight=row.copy(),
-        scaled=row.copy(),
-        cross=np.zeros(rows - m),
-        size=point.copy(),
-        ratio=point.copy(),
-    )
+    point = m if rows > m else 0
+    sizes = (n, n, rows, rows, n, n * n, n, rows, rows, rows, rows, rows - m, point, point)
+    memory = Memory(*aligned(*sizes))
+    return memory._replace(A=memory.A.reshape(n, n))
 
 
 @sums_in_any_order
@@ -270,13 +261,8 @@ def minimum(problem, memory, right, v, tolerance):
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
     B, w, beta = contact.B, contact.w, contact.beta
-    r, A, direction, d_slip, trial = (
-        memory.r,
-        memory.A,
-        memory.direction,
-        memory.d_slip,
-        memory.trial,
-    )
+    r, A, trial = memory.r, memory.A, memory.trial
+    direction, d_slip = memory.direction, memory.d_slip
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(right[i]))
@@ -386,16 +372,7 @@ class DenseStepper(CompiledStepper):
         self.limits = self.contact.w
         rows = self.limits.size
         self.memory, self.room = make_memory(s.n, rows, s.w.size), make_room(s.n, rows, s.w.size)
-        self.memory.old_velocity[:] = self.now.v
         self.first_chunk = max(1, 100_000_000 // (rows * s.n**2))
-        self._take_law()
-
-    def _take_law(self) -> None:
-        """Friction at the velocity now."""
-        room, sigma = self.memory, np.zeros(self.limits.size)
-        _slip(self.contact.B, self.now.v, room.slip)
-        _evaluate(self.contact.beta, room.slip, room.size, room.ratio, sigma)
-        self.now = self.now._replace(sigma=sigma)
 
     def make(self, c: Coefficients) -> Dense:
         """Step matrix."""
@@ -405,10 +382,12 @@ class DenseStepper(CompiledStepper):
 
     def restart(self, amplitudes: FloatArray) -> bool:
         """Acceleration from the equation of motion."""
-        self._take_law()
-        right = self.elastic(amplitudes) - self.contact.B @ (self.limits * self.now.sigma)
-        self.memory.old_velocity[:] = self.now.v
-        self.started(factorised(self.dynamics[0].entries)(right), self.now.sigma)
+        room, sigma = self.memory, np.zeros(self.limits.size)
+        _slip(self.contact.B, self.now.v, room.slip)
+        _evaluate(self.contact.beta, room.slip, room.size, room.ratio, sigma)
+        right = self.elastic(amplitudes) - self.contact.B @ (self.limits * sigma)
+        room.old_velocity[:] = self.now.v
+        self.started(factorised(self.dynamics[0].entries)(right), sigma)
         return True
 
     def state(self) -> State:

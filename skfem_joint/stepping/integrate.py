@@ -12,7 +12,7 @@ import math
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -26,7 +26,6 @@ from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
 from skfem_joint.stepping.recording import Recorder, Run, Save
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.stepping.steppers import Stepper
 from skfem_joint.system import System
 
 #: Largest force residual of a step, relative to its largest force.
@@ -115,14 +114,14 @@ def integrate(
     asked = (system, step, n_steps, scheme, save, cycle_steps, *start, tolerance)
     identity = fingerprint(*asked) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
-    driver = _Driver.of(arranged(system), save, step, n_steps, scheme, start, float(tolerance))
+    driver = _Driver(arranged(system), save, step, n_steps, scheme, start, float(tolerance))
     preparation, driver.elapsed = driver.elapsed, 0.0
     if saved is not None:
         driver.take_up(*saved)
     elif initial is not None:
         driver.recorder.observe(driver.stepper.state().u)
-    energy = 0.0 if initial is None else system.stored_energy(*start)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
+    energy = 0.0 if initial is None else system.stored_energy(*start)
     return driver.finish(system, energy, preparation, interrupted)
 
 
@@ -217,9 +216,10 @@ def _run(
     return False
 
 
-@dataclass
 class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
+
+    Made, it is at the start, with its first row stored; ``elapsed`` is what preparing took.
 
     Attributes
     ----------
@@ -231,31 +231,8 @@ class _Driver:
         Number and load amplitudes of the block of steps that was evaluated last.
     """
 
-    to: Arranged
-    stepper: Stepper
-    recorder: Recorder
-    h: float
-    n_steps: int
-    done: int = 0
-    elapsed: float = 0.0
-    cuts: dict[int, list[float]] = field(default_factory=dict)
-    jumps: dict[float, tuple[float, float]] = field(default_factory=dict)
-    block: tuple[int, FloatArray] = (-1, np.zeros((0, 0)))
-
-    def __post_init__(self) -> None:
-        self.system = self.to.system
-        self.cuts[0] = []  # the first step, and each after a jump, stand alone
-        for load in self.system.loads:
-            jumps = set(load.amplitude.jumps)
-            corners = [t for t in load.amplitude.corners if 0.0 <= t <= self._end(self.n_steps)]
-            for t in corners:
-                if t in jumps or len(corners) <= MOST_KINKS:
-                    self._lay(t, t in jumps)
-        self.order = sorted(self.cuts)
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         to: Arranged,
         save: Save,
         step: float,
@@ -263,17 +240,27 @@ class _Driver:
         scheme: Scheme,
         start: tuple[FloatArray, FloatArray],
         tolerance: float,
-    ) -> _Driver:
-        """Driver at the start, with its first row stored; ``elapsed`` is what preparing took."""
-        recorder = Recorder(to.system, save, n_steps, step)
+    ) -> None:
+        self.to, self.system, self.h, self.n_steps, self.done = to, to.system, step, n_steps, 0
+        self.jumps: dict[float, tuple[float, float]] = {}
+        self.block: tuple[int, FloatArray] = (-1, np.zeros((0, 0)))
+        self.cuts: dict[int, list[float]] = {0: []}  # the first step, and each after a jump, alone
+        for load in self.system.loads:
+            jumps = set(load.amplitude.jumps)
+            last = (n_steps + 1e-9) * step  # the latest time that counts as the end
+            corners = [t for t in load.amplitude.corners if 0.0 <= t <= last]
+            for t in corners:
+                if t in jumps or len(corners) <= MOST_KINKS:
+                    self._lay(t, t in jumps)
+        self.order = sorted(self.cuts)
+        self.recorder = Recorder(self.system, save, n_steps, step)
         u, v = map(to.inner, start)
-        driver = cls(to, choose(to, scheme, u, v, tolerance, recorder), recorder, step, n_steps)
+        self.stepper = choose(to, scheme, u, v, tolerance, self.recorder)
         begin = time.perf_counter()
-        driver.restart(0.0)
-        driver.stepper.prepare(step)
-        driver.elapsed = time.perf_counter() - begin
-        recorder.store(0, driver.stepper.state())
-        return driver
+        self.restart(0.0)
+        self.stepper.prepare(step)
+        self.elapsed = time.perf_counter() - begin
+        self.recorder.store(0, self.stepper.state())
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
         """Go on from a checkpoint."""
@@ -298,10 +285,6 @@ class _Driver:
             return run
         final = to.outer(run.final[0]), to.outer(run.final[1])
         return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
-
-    def _end(self, k: int) -> float:
-        """Latest time that still counts as the end of step ``k - 1``."""
-        return (k + 1e-9) * self.h
 
     def _lay(self, t: float, jump: bool) -> None:
         """Cut the step in which a load jumps or kinks."""

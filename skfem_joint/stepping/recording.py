@@ -26,9 +26,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
-# What a recorder holds, by kind: rows of fields, rows of named points, sums and numbers.
-_FIELDS = ("u", "v", "sigma", "work")
-_POINTS = ("point_u", "point_v")
+# What a recorder holds beside rows: sums and numbers.
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 
@@ -159,26 +157,16 @@ def compressed(A: Any) -> Compressed:
     return Compressed(A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data.astype(float))
 
 
-class Sums(NamedTuple):
-    """What steps add up in place; see `Run` for what each is."""
-
-    input_work: FloatArray
-    dissipated: FloatArray  #: viscous and scheme dissipation, J
-    friction_work: FloatArray
-    peak: FloatArray
-    slip_peak: FloatArray
-
-
 class Rows(NamedTuple):
     """Where rows are stored: fields, and displacement and velocity of the named points.
 
-    ``work`` is the friction work of each contact point up to the row, J.
+    They are named as in `Run`.
     """
 
     u: FloatArray
     v: FloatArray
     sigma: FloatArray
-    work: FloatArray
+    friction_work_rows: FloatArray
     point_u: FloatArray
     point_v: FloatArray
 
@@ -195,7 +183,6 @@ class Recorder:
     field_rows: int = 0
     halved_steps: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
-    boundaries: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         n, m, p = self.system.n, self.system.w.size, len(self.system.points)
@@ -204,23 +191,30 @@ class Recorder:
         points = self.n_steps // every + 1 if self.save.points else 0
         self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
         self.sigma = np.zeros((fields, self.system.B.shape[0]))
-        self.work = np.zeros((fields, m))
+        self.friction_work_rows = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
         self.peak, self.run_peak = np.zeros(p), np.zeros(p)
         self.slip_peak = np.zeros(m)
         self.vectors = self.system.load_vectors()
+        # Works up to the start and to the end of each cycle, and the peaks in the cycle.
+        self.boundaries = [np.zeros(len(self.system.loads) + 3 + p)]
 
-    def sums(self) -> Sums:
-        """What the compiled steps add up."""
-        return Sums(self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak)
+    def sums(self) -> tuple[FloatArray, ...]:
+        """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
+        return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
 
     def free_rows(self) -> Rows:
         """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
-        fields = self.u[f:], self.v[f:], self.sigma[f:], self.work[f:]
+        fields = self.u[f:], self.v[f:], self.sigma[f:], self.friction_work_rows[f:]
         return Rows(*fields, self.point_u[k:], self.point_v[k:])
+
+    def _filled(self) -> dict[str, FloatArray]:
+        """Rows that are stored so far, by their names in `Run`."""
+        ends = 4 * [self.field_rows] + 2 * [self.rows]
+        return {n: getattr(self, n)[:end] for n, end in zip(Rows._fields, ends, strict=True)}
 
     def store(self, step: int, state: State) -> None:
         """Store what is due after ``step`` steps."""
@@ -232,7 +226,7 @@ class Recorder:
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
             self.u[k], self.v[k], self.sigma[k] = state.u, state.v, state.sigma
-            self.work[k] = self.friction_work
+            self.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
 
     def observe(self, u: FloatArray) -> None:
@@ -271,11 +265,7 @@ class Recorder:
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that was filled in so far, for a checkpoint."""
-        arrays = {name: getattr(self, name)[: self.field_rows] for name in _FIELDS}
-        arrays |= {name: getattr(self, name)[: self.rows] for name in _POINTS}
-        marks = self.boundaries
-        arrays |= {f"cycle_{k}": np.array([mark[k] for mark in marks]) for k in range(4)}
-        return arrays | self.mark()
+        return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
@@ -284,36 +274,29 @@ class Recorder:
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
-        for name in (*_FIELDS, *_POINTS):
+        for name in Rows._fields:
             if name in saved:
                 getattr(self, name)[: len(saved[name])] = saved[name]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
             setattr(self, name, int(saved[name]))
-        if "cycle_0" in saved:
-            marks = zip(*(saved[f"cycle_{k}"] for k in range(4)), strict=True)
-            self.boundaries = [(a, b, float(c), d) for a, b, c, d in marks]
+        if "boundaries" in saved:
+            self.boundaries = list(saved["boundaries"])
         del self.boundaries[int(saved["cycles"]) :]
 
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""
-        works = self.input_work.copy(), self.dissipated.copy(), float(self.friction_work.sum())
-        self.boundaries.append((*works, self.peak.copy()))
+        works = self.input_work, self.dissipated, [self.friction_work.sum()], self.peak
+        self.boundaries.append(np.concatenate(works))
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
         self.peak[:] = 0.0
 
     def _cycles(self) -> Cycles:
-        zero = np.zeros(len(self.system.loads)), np.zeros(2), 0.0, np.zeros(self.peak.size)
-        marks: list[Any] = [zero, *self.boundaries]
-        dissipated = np.diff(np.array([mark[1] for mark in marks]), axis=0)
-        return Cycles(
-            input=np.diff(np.array([mark[0] for mark in marks]), axis=0),
-            viscous=dissipated[:, 0],
-            scheme=dissipated[:, 1],
-            friction=np.diff([mark[2] for mark in marks]),
-            peak=np.array([mark[3] for mark in marks[1:]]).reshape(-1, self.peak.size),
-        )
+        marks, k = np.array(self.boundaries), self.input_work.size
+        works = marks[1:] - marks[:-1]
+        peak = marks[1:, k + 3 :]
+        return Cycles(works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2], peak)
 
     def finish(
         self,
@@ -328,20 +311,14 @@ class Recorder:
         counts: Mapping[str, int] | None = None,
     ) -> Run:
         """Close the run; ``counts`` are those of the stepper, by the names of `Counters`."""
-        k, f = self.rows, self.field_rows
         every, fields_every = self.save.strides
-        times = self.h * every * np.arange(k, dtype=np.float64)
+        times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
             system=self.system,
             times=times,
-            point_u=self.point_u[:k],
-            point_v=self.point_v[:k],
             amplitudes=self.system.load_amplitudes(times).T,
-            field_times=self.h * fields_every * np.arange(f, dtype=np.float64),
-            u=self.u[:f],
-            v=self.v[:f],
-            sigma=self.sigma[:f],
-            friction_work_rows=self.work[:f],
+            field_times=self.h * fields_every * np.arange(self.field_rows, dtype=np.float64),
+            **self._filled(),
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),

@@ -111,24 +111,6 @@ def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
     return Scheme(alpha_m, alpha_f, gamma, 0.25 * (1.0 - alpha_m + alpha_f) ** 2)
 
 
-def average_acceleration() -> Scheme:
-    """Average acceleration method, i.e. the trapezoidal rule (Newmark, 1959)."""
-    return Scheme(0.0, 0.0, 0.5, 0.25)
-
-
-def hht(alpha: float) -> Scheme:
-    """Hilber-Hughes-Taylor scheme with ``alpha`` in [0, 1/3] (Earthq. Eng. Struct. Dyn. 5, 1977).
-
-    Raises
-    ------
-    InputError
-        If ``alpha`` is outside [0, 1/3].
-    """
-    if not 0.0 <= alpha <= 1.0 / 3.0:
-        raise InputError(f"alpha: found {alpha}, must be from 0 to 1/3")
-    return Scheme(0.0, alpha, 0.5 + alpha, 0.25 * (1.0 + alpha) ** 2)
-
-
 class State(NamedTuple):
     """State of a run between two steps."""
 

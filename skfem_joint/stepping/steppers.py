@@ -11,7 +11,6 @@ the contact alone; where contact is nearly everywhere it runs on all unknowns.
 
 from __future__ import annotations
 
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -160,13 +159,12 @@ class Stepper(ABC):
         self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
         self.start.frequency = float(saved["start"])
         for row in saved["steps"].tolist():
-            self.matrices(coefficients_of(row))
+            self.matrices(Coefficients._make([*row[:-1], bool(row[-1])]))
         self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
 
 
-def coefficients_of(row: list[float]) -> Coefficients:
-    """Coefficients from the row of numbers that a checkpoint holds."""
-    return Coefficients._make([*row[:-1], bool(row[-1])])
+#: Steppers whose loop is compiled.
+_READY: set[type[Stepper]] = set()
 
 
 class CompiledStepper(Stepper):
@@ -189,8 +187,11 @@ class CompiledStepper(Stepper):
         self.observed = compressed(self.system.P)
 
     def prepare(self, h: float) -> None:
-        """Compile the loop and prepare a step of ``h``."""
-        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+        """Compile the loop, once in a process, and prepare a step of ``h``."""
+        self.problem(self.start.coefficients(h))
+        if type(self) not in _READY:
+            self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+            _READY.add(type(self))
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
@@ -198,7 +199,8 @@ class CompiledStepper(Stepper):
 
         c, r = self.start.coefficients(h), self.recorder
         problem = self.problem(c)
-        done = compiled.march(
+        counted = np.array([self.counts.get(name, 0) for name in compiled.COUNTS])
+        steps, rows, field_rows, residual, unknown = compiled.march(
             amplitudes.shape[1] - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
@@ -207,25 +209,24 @@ class CompiledStepper(Stepper):
             problem,
             self.memory,
             self.limits,
-            self.places,
+            tuple(self.places),
             self.tolerance,
-            self.loads,
+            tuple(self.loads),
             np.ascontiguousarray(amplitudes),
-            self.observed,
-            self.now,
-            self.room,
+            tuple(self.observed),
+            tuple(self.now),
+            tuple(self.room),
             r.sums(),
-            r.free_rows(),
+            tuple(r.free_rows()),
+            counted,
         )
-        outcome = compiled.Outcome(*done)
-        r.rows += outcome.rows
-        r.field_rows += outcome.field_rows
-        for name in self.COUNTS:
-            add = max if name == "largest_iterations" else operator.add
-            self.counts[name] = add(self.counts[name], getattr(outcome, name))
-        self.failure = Failure(outcome.residual, outcome.unknown)
-        self.start.done(outcome.steps)
-        return int(outcome.steps)
+        r.rows += rows
+        r.field_rows += field_rows
+        found = dict(zip(compiled.COUNTS, counted.tolist(), strict=True))
+        self.counts |= {name: found[name] for name in self.COUNTS}
+        self.failure = Failure(residual, unknown)
+        self.start.done(steps)
+        return int(steps)
 
     def problem(self, c: Coefficients) -> Any:
         """Problem of the next step."""
@@ -347,7 +348,7 @@ class _Condensed:
             v=v,
             sigma=sigma,
             converged=found.converged and bool(np.all(np.isfinite(v))),
-            linear_solves=found.linear_solves + 2,
+            counts=found.counts | {"linear_solves": found.counts["linear_solves"] + 2},
             where=int(self.contact[found.where]),
         )
 
@@ -364,7 +365,6 @@ class ContactStepper(PlainStepper):
         self.points = _Points(*contact_unknowns(s), s.w, s.beta).chosen(s.w > 0.0)
         self.w_rows = s.on_rows(s.w)
         self.v_before = self.now.v
-        self.now = self.now._replace(sigma=self._law())
 
     def _law(self) -> FloatArray:
         """Normalised friction at the velocity now, by slip row; 0 for Coulomb points at rest."""
@@ -425,12 +425,10 @@ class ContactStepper(PlainStepper):
         at_rest = self.system.slip_norm(self.now.v[self.unknown]) == 0.0
         v[self.unknown[self.system.on_rows(at_rest)]] = 0.0
         found = matrices.solve(right, v, self.tolerance)
-        counts = self.counts
-        counts["newton_iterations"] += found.iterations
-        counts["friction_evaluations"] += found.evaluations
-        counts["largest_iterations"] = max(counts["largest_iterations"], found.iterations)
-        counts["linear_solves"] += found.linear_solves
-        counts["factorizations"] += found.factorizations
+        for name, count in found.counts.items():
+            self.counts[name] += count
+        most = max(self.counts["largest_iterations"], found.counts["newton_iterations"])
+        self.counts["largest_iterations"] = most
         if not found.converged:
             self.failure = Failure(found.residual, found.where)
             return None

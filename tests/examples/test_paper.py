@@ -12,11 +12,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 
+from benchmarks.explicit import stable_step
 from paper import active, cases, harmonic, page, reduction, reproduce, structure
 
 from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.active_length import estimate
-from skfem_joint.stepping.explicit import stable_step
 
 SECTION3, SECTION4 = "section7.3", "section7.4"
 #: Item, start of the quantity, cell, number, tolerance.

@@ -25,7 +25,7 @@ from skfem_joint.stepping import integrate as driver
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme, average_acceleration, generalized_alpha, hht
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.structure import Load
 from skfem_joint.system import System
 from skfem_joint.unknowns import slips_as_unknowns
@@ -212,8 +212,7 @@ def test_a_load_on_a_region_works_on_its_mean_displacement() -> None:
 # The same books
 
 
-@pytest.mark.parametrize("scheme", [average_acceleration(), generalized_alpha(1.0),
-                                    generalized_alpha(0.5), hht(0.2)])  # fmt: skip
+@pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.5)])
 def test_all_steppers_keep_the_same_books(scheme: Scheme, monkeypatch: pytest.MonkeyPatch) -> None:
     """A linear system, with friction too faint to be felt where a stepper needs some."""
     system = LapJoint(elements=25).system
@@ -239,7 +238,7 @@ def test_all_steppers_keep_the_same_books(scheme: Scheme, monkeypatch: pytest.Mo
         assert run.stored_energy == pytest.approx(expected.stored_energy, rel=1e-8)
     if scheme.coefficients(1.0).trapezoidal:
         assert all(run.scheme_work == 0.0 for run in (expected, *runs.values()))
-    elif scheme != generalized_alpha(1.0):
+    else:
         assert expected.scheme_work > 0.0
 
 

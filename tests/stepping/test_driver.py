@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 import tracemalloc
 from dataclasses import replace
 from math import inf, pi
@@ -159,17 +158,6 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
         assert run.times.size == run.point_u.size == run.u.size == run.amplitudes.size == 0
         assert run.peak[0] > 0.0
     assert used[2] < used[1] + 100_000
-
-
-def test_many_short_cycles_cost_no_more_than_their_steps() -> None:
-    """What is kept of each cycle is not gone through again after every chunk."""
-    seconds = []
-    for cycles in (500, 500, 4000):
-        begin = time.perf_counter()
-        run = integrate(SMALL, step=1e-5, n_steps=10 * cycles, cycle_steps=10)
-        seconds.append(time.perf_counter() - begin)
-        assert run.cycles.friction.shape == (cycles,)
-    assert seconds[2] < 3 * 8 * seconds[1]
 
 
 # Interruptions

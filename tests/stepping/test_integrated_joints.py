@@ -16,14 +16,13 @@ from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar, load_meshes
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme, average_acceleration, generalized_alpha, hht
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.structure import Joint, Load
 from skfem_joint.system import System
 
 MESHES = Path(__file__).parents[2] / "meshes"
 REFERENCE = LapJoint()
 SCHEMES = [generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
-SCHEMES += [hht(0.1), hht(1.0 / 3.0), average_acceleration()]
 
 
 def run_of(system: System, n_steps: int = 300, **changes: Any) -> Run:

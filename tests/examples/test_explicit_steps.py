@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks import explicit
+from benchmarks.explicit import runge_kutta, stable_step, state_matrix
 from scipy import linalg
 from stepping_systems import LapJoint, dense_system, order_of, oscillator, reference_plate
 
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.reduction.reference import paper_reference
-from skfem_joint.stepping import explicit
-from skfem_joint.stepping.explicit import runge_kutta, stable_step, state_matrix
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 
