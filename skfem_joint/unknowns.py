@@ -16,7 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components, min_weight_full_bipartite_matching
+from scipy.sparse.csgraph import (
+    connected_components,
+    min_weight_full_bipartite_matching,
+    structural_rank,
+)
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
@@ -195,16 +199,15 @@ def _matched(rows: sparse.csr_array) -> IntArray:
     """Unknown of its own for each row, with large coefficients."""
     if rows.shape[0] == 0:
         return np.zeros(0, dtype=np.intp)
-    dependent = InputError(
-        "contact: slip rows depend on each other or move fixed unknowns alone, so that not "
-        "every slip can be an unknown; leave out the rows that follow from others"
-    )
-    if rows.shape[0] > rows.shape[1]:
-        raise dependent
-    try:
-        row, column = min_weight_full_bipartite_matching(abs(rows), maximize=True)
-    except ValueError as error:
-        raise dependent from error
+    # scipy before 1.15 takes short indices only, and sparse products give long ones.
+    short = (index.astype(np.int32) for index in (rows.indices, rows.indptr))
+    sizes = sparse.csr_array((np.abs(rows.data), *short), shape=rows.shape)
+    if structural_rank(sizes) < rows.shape[0]:
+        raise InputError(
+            "contact: slip rows depend on each other or move fixed unknowns alone, so that not "
+            "every slip can be an unknown; leave out the rows that follow from others"
+        )
+    row, column = min_weight_full_bipartite_matching(sizes, maximize=True)
     return np.asarray(column[np.argsort(row)], dtype=np.intp)
 
 

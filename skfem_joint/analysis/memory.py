@@ -105,7 +105,7 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
     if reduced:
         most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
         states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)
-    in_element, elements = structure.grid.of_element.shape
+    in_element, elements = structure.of_element.shape
     unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + elements * (dim * in_element) ** 2 * _OF_AN_ENTRY
     share, power = _FILL[dim]
     factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))

@@ -113,7 +113,7 @@ def named(
         straight, notes = mesh, []
         if own_order == 2:
             straight = cell.mesh(mesh.p[:, : mesh.nvertices], mesh.t, sort_t=False)
-            notes = cells.straightening(straight, mesh.elem(), mesh.p[:, mesh.dofs.element_dofs])
+            notes = cells.straightening(straight, mesh.p[:, mesh.dofs.element_dofs])
         spare = np.setdiff1d(np.arange(straight.p.shape[1]), mesh.t)
         if spare.size:
             raise ValueError(

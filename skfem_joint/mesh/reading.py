@@ -12,13 +12,13 @@ import io
 import math
 import struct
 import tempfile
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
@@ -30,18 +30,10 @@ from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_
 if TYPE_CHECKING:
     import meshio
 
-# Kind of element and, of second order, element of scikit-fem by meshio's name.
-_KINDS: dict[str, tuple[str, Any]] = {
-    "triangle": ("triangle", None),
-    "triangle6": ("triangle", skfem.ElementTriP2),
-    "quad": ("quadrilateral", None),
-    "quad8": ("quadrilateral", skfem.ElementQuadS2),
-    "quad9": ("quadrilateral", skfem.ElementQuad2),
-    "tetra": ("tetrahedron", None),
-    "tetra10": ("tetrahedron", skfem.ElementTetP2),
-    "hexahedron": ("hexahedron", None),
-    "hexahedron20": ("hexahedron", skfem.ElementHexS2),
-    "hexahedron27": ("hexahedron", skfem.ElementHex2),
+# Kind of element by meshio's name, which ends with the number of nodes where it is of second order.
+_KINDS = {
+    **{"triangle": "triangle", "quad": "quadrilateral"},
+    **{"tetra": "tetrahedron", "hexahedron": "hexahedron"},
 }
 # Corners of the cells that may be sides, by the first letters of meshio's name.
 _CORNERS = {"line": 2, "tria": 3, "quad": 4}
@@ -113,20 +105,24 @@ def _read(file: Path) -> meshio.Mesh:
         *(SystemExit, meshio.ReadError, struct.error),
         *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
         *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
+        DeprecationWarning,
     )
     said = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            warnings.catch_warnings(),
+        ):
+            # What numpy 2 refuses: version 1 warns, and goes on with other numbers.
+            for damage in ("string or file could not be read", "NumPy will stop allowing"):
+                warnings.filterwarnings("error", damage, DeprecationWarning)
             data = read_whole(file)
-            if not data:
-                raise ValueError("the file is empty")
             if file.suffix.lower() == ".inp":
                 raw = meshio.read(file, file_format="abaqus")
                 if any(len(found) != len(raw.cells) for found in raw.cell_sets.values()):
                     raise ValueError("its element sets name elements that are not there")
                 return raw
-            if file.suffix.lower() != ".msh":
-                raise ValueError(f"{file.suffix or 'no suffix'} is no known kind of mesh file")
             content, tags, groups = check_msh(data)
             with tempfile.TemporaryDirectory() as folder:
                 copy = Path(folder) / "mesh.msh"
@@ -165,8 +161,8 @@ def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, list[IntArr
     return members
 
 
-def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, Any]:
-    """Kind of the elements of a file, and element of scikit-fem if they are of second order."""
+def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, int]:
+    """Kind and order of the elements of a file."""
     top = max((block.dim for block in raw.cells if len(block.data)), default=0)
     types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
     if top == 0:
@@ -176,15 +172,16 @@ def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, Any]:
             "elements of named groups or all"
         )
     if top == 1:
-        return CELLS["line"], None
-    if inp or types[0] not in _KINDS:
+        return CELLS["line"], 1
+    name = types[0].rstrip("0123456789")
+    if inp or name not in _KINDS:
         raise ValueError(f"it holds {types[0]} cells; of .inp files bars are read: save a .msh")
     if len(types) > 1:
         raise ValueError(
             f"it mixes cells of type {' and '.join(types)}: a mesh is made of one kind of element, "
             "all of one order. In Gmsh, recombine all surfaces or none"
         )
-    return CELLS[_KINDS[types[0]][0]], _KINDS[types[0]][1]
+    return CELLS[_KINDS[name]], 1 + (name != types[0])
 
 
 def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
@@ -242,7 +239,7 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     """Named mesh from what a file holds; ValueError says why it is none."""
     from skfem.io.meshio import INV_HEX_MAPPING
 
-    cell, second = _kind(raw, path.lower().endswith(".inp"))
+    cell, order = _kind(raw, path.lower().endswith(".inp"))
     position = np.zeros((len(raw.points), 3))
     position[:, : raw.points.shape[1]] = raw.points
     position *= scale
@@ -273,7 +270,7 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         p,
         t,
         at=position[used],
-        order=1 if second is None else 2,
+        order=order,
         regions={name: number[members] for name, members in regions.items()},
         facets={name: vertex[parts.T] for name, parts in others.items() if parts.shape[1] > 1},
         points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if parts.shape[1] == 1},
@@ -285,9 +282,9 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         raise ValueError(
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
-    if second is not None:
+    if order == 2:
         straight = cell.mesh(p, t, sort_t=False)
-        notes += straightening(straight, second(), position.T[: cell.dim, nodes[:, kept]])
+        notes += straightening(straight, position.T[: cell.dim, nodes[:, kept]])
     return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
 
 

@@ -42,10 +42,10 @@ def problems_of(structure: Structure) -> list[str]:
             found += wrong_name(structure.mesh, name, _KINDS, f"support.{key}")
         if names and key[-1] in "xyz"[structure.dim :]:
             found.append(f"support.{key}: this mesh has no {key[-1]} direction")
-    return [*found, *_joints(structure)]
+    return [*found, *joint_problems(structure.mesh, structure.joints)]
 
 
-def _positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
+def positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
     """What is wrong with a value that must be positive, or not negative (``">= 0"``)."""
     if not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
         yield f"{where}: found {value}, must be {least}"
@@ -66,10 +66,10 @@ def _values(structure: Structure) -> Iterator[str]:
         elif value is not None and name not in needed:
             yield f"section.{name}: found {value}, but {what} has none; leave it out"
         elif value is not None:
-            yield from _positive(f"section.{name}", value)
+            yield from positive(f"section.{name}", value)
     material = structure.material
-    yield from _positive("material.E", material.E)
-    yield from _positive("material.density", material.density)
+    yield from positive("material.E", material.E)
+    yield from positive("material.density", material.density)
     if structure.dim > 1 and material.poisson is None:
         yield f"material.poisson: missing, {what} needs Poisson's ratio"
     if material.poisson is not None:
@@ -81,8 +81,8 @@ def _values(structure: Structure) -> Iterator[str]:
             "material.mass_matrix: found 'lumped' beside elements of second order, whose row sums "
             "are zero or negative at some nodes; use 'consistent'"
         )
-    yield from _positive("damping.stiffness", structure.stiffness_damping, ">= 0")
-    yield from _positive("damping.mass", structure.mass_damping, ">= 0")
+    yield from positive("damping.stiffness", structure.stiffness_damping, ">= 0")
+    yield from positive("damping.mass", structure.mass_damping, ">= 0")
 
 
 def _poisson(where: str, value: float) -> Iterator[str]:
@@ -98,7 +98,7 @@ def _overrides(structure: Structure) -> Iterator[str]:
         yield from wrong_name(structure.mesh, region, ("region",), where)
         for name, value in values.items():
             yield from _one_of(f"{where}: property", name, known)
-            check = _poisson if name == "poisson" else _positive
+            check = _poisson if name == "poisson" else positive
             yield from check(f"{where}.{name}", value)
     for (one, first), (two, second) in combinations(structure.regions.items(), 2):
         both = sorted(set(first) & set(second))
@@ -135,18 +135,25 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     ]
 
 
-def _joints(structure: Structure) -> Iterator[str]:
+def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
     """What is wrong with joints, as far as it can be told without their nodes."""
-    mesh = structure.mesh
     outer = mesh.mesh.boundary_facets()
     taken: dict[str, list[Joint]] = {"region": [], "boundary": []}
-    for joint in structure.joints:
+    for joint in joints:
         where = joint.label
-        yield from joint_values(joint)
-        if problems := wrong_names_of(mesh, joint):
+        yield from positive(f"{where}: friction", joint.friction, ">= 0")
+        if not joint.beta > 0.0:
+            yield f"{where}: beta: found {joint.beta}, must be > 0"
+        yield from _one_of(f"{where}: normal_force", joint.normal_force, NORMAL_FORCES)
+        if isinstance(joint.pressure, int | float):
+            yield from positive(f"{where}: pressure", joint.pressure, ">= 0")
+        kind = "region" if joint.on in mesh.regions else "boundary"
+        problems = wrong_name(mesh, joint.on, PRESSED[mesh.dim], f"{where}.on")
+        if not problems and joint.against is not None:
+            problems = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
+        if problems:
             yield from problems
             continue
-        kind = "region" if joint.on in mesh.regions else "boundary"
         table = _tables(mesh)[kind]
         parts = [table[name] for name in (joint.on, joint.against) if name is not None]
         if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
@@ -161,44 +168,26 @@ def _joints(structure: Structure) -> Iterator[str]:
         if others:
             yield f"{where} overlaps joint {', '.join(others)}; joints must not overlap"
         taken[kind].append(joint)
-        yield from _table_covers(structure, joint, table[joint.on], kind)
+        if isinstance(joint.pressure, PressureTable):
+            vertices = np.unique(
+                (mesh.mesh.t if kind == "region" else mesh.mesh.facets)[:, parts[0]]
+            )
+            yield from _table_covers(mesh, joint.pressure, vertices, where)
 
 
-def wrong_names_of(mesh: NamedMesh, joint: Joint) -> list[str]:
-    """What is wrong with the names of a joint; both must be of one kind."""
-    kinds = PRESSED[mesh.dim]
-    problems = wrong_name(mesh, joint.on, kinds, f"{joint.label}.on")
-    if problems or joint.against is None:
-        return problems
-    kind = "region" if joint.on in mesh.regions else "boundary"
-    return wrong_name(mesh, joint.against, (kind,), f"{joint.label}.against")
-
-
-def joint_values(joint: Joint) -> Iterator[str]:
-    """What is wrong with the values of a joint."""
-    yield from _positive(f"{joint.label}: friction", joint.friction, ">= 0")
-    if not joint.beta > 0.0:
-        yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
-    yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
-    if isinstance(joint.pressure, int | float):
-        yield from _positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
-
-
-def _table_covers(structure: Structure, joint: Joint, part: IntArray, kind: str) -> Iterator[str]:
-    """Whether a table of pressures reaches over the whole joint."""
-    table, mesh = joint.pressure, structure.mesh.mesh
-    if not isinstance(table, PressureTable):
+def _table_covers(
+    mesh: NamedMesh, table: PressureTable, vertices: IntArray, where: str
+) -> Iterator[str]:
+    """Whether a table of pressures reaches over the whole joint with the given vertices."""
+    if table.axis is not None and len(table.axis) != mesh.dim:
+        yield f"{where}: pressure.axis: found {table.axis}, must be {mesh.dim} numbers"
         return
-    vertices = np.unique((mesh.t if kind == "region" else mesh.facets)[:, part])
-    if table.axis is not None and len(table.axis) != structure.dim:
-        yield f"{joint.label}: pressure.axis: found {table.axis}, must be {structure.dim} numbers"
-        return
-    s = table.along(mesh.p[:, vertices].T)
+    s = table.along(mesh.mesh.p[:, vertices].T)
     first, last = table.positions[0], table.positions[-1]
-    tolerance = 1e-9 * structure.mesh.size
+    tolerance = 1e-9 * mesh.size
     if first > s.min() + tolerance or last < s.max() - tolerance:
         yield (
-            f"{joint.label}: pressure.positions: found {first:g} to {last:g} m, must cover the "
+            f"{where}: pressure.positions: found {first:g} to {last:g} m, must cover the "
             f"joint, which reaches from {s.min():g} to {s.max():g} m along the axis"
         )
 

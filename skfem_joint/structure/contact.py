@@ -12,7 +12,7 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.structure.checks import joint_values, wrong_names_of
+from skfem_joint.structure.checks import joint_problems, positive
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import SMALL, Joint, Patch, make_patch, unit_vectors
 from skfem_joint.structure.pressure import Pressure
@@ -116,8 +116,8 @@ def contact(
     Raises
     ------
     InputError
-        For elements without nodal tangents (use `point_friction`), names that are not there, and
-        all that a joint of a `Structure` would be refused for.
+        For elements without nodal tangents (use `point_friction`), and all that a joint of a
+        `Structure` would be refused for.
     """
     scalar = type(getattr(basis.elem, "elem", basis.elem))
     known_elements = cell_of(basis.mesh)[0].elements
@@ -129,7 +129,10 @@ def contact(
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
     joint = Joint(on, pressure, friction, against, beta, normal_force)
-    if problems := [*joint_values(joint), *wrong_names_of(grid.mesh, joint)]:
+    problems = [*joint_problems(grid.mesh, [joint])]
+    for name, extent in (("width", width), ("thickness", thickness)):
+        problems += positive(f"contact: {name}", extent)
+    if problems:
         raise InputError(problems)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)

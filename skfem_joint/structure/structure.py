@@ -123,11 +123,6 @@ class Structure(Nodes):
         if not self.free and (problems := checks.loose_bodies(self)):
             raise InputError(problems)
 
-    @property
-    def grid(self) -> Nodes:
-        """The displacement nodes and what lies between them."""
-        return self
-
     @cached_property
     def properties(self) -> dict[str, FloatArray]:
         """E, density, poisson, width and thickness, one value an element."""

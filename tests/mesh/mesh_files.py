@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -146,52 +145,3 @@ def assert_same(mesh: NamedMesh, other: NamedMesh, sorted_alike: bool = False) -
         np.testing.assert_array_equal(*inside)
     for name, facets in mesh.boundaries.items():  # facets are numbered by their vertices
         np.testing.assert_array_equal(facets, other.boundaries[name])
-
-
-def mutations(data: bytes, tokens: tuple[str, ...], rng: random.Random) -> Iterator[bytes]:
-    """Endless damaged copies: bytes, tokens and lines changed, cut, doubled or exchanged."""
-
-    def byte(copy: bytearray) -> None:
-        copy[rng.randrange(len(copy))] = rng.randrange(256)
-
-    def bit(copy: bytearray) -> None:
-        copy[rng.randrange(len(copy))] ^= 1 << rng.randrange(8)
-
-    def digit(copy: bytearray) -> None:
-        places = [i for i, c in enumerate(copy) if chr(c).isdigit()]
-        copy[rng.choice(places)] = ord(rng.choice("0123456789.-e"))
-
-    def token(copy: bytearray) -> None:
-        lines = bytes(copy).split(b"\n")
-        place = rng.choice([i for i, line in enumerate(lines) if line.strip()])
-        words = lines[place].split(b" ")
-        words[rng.randrange(len(words))] = rng.choice(tokens).encode()
-        lines[place] = b" ".join(words)
-        copy[:] = b"\n".join(lines)
-
-    def line(copy: bytearray) -> None:
-        lines = bytes(copy).split(b"\n")
-        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-        lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
-        copy[:] = b"\n".join(lines)
-
-    def cut(copy: bytearray) -> None:
-        del copy[rng.randrange(len(copy)) :]
-
-    def hole(copy: bytearray) -> None:
-        start = rng.randrange(len(copy))
-        del copy[start : start + rng.randrange(1, 60)]
-
-    def insert(copy: bytearray) -> None:
-        start = rng.randrange(len(copy))
-        copy[start:start] = bytes(rng.randrange(256) for _ in range(rng.randrange(1, 8)))
-
-    changes: list[Callable[[bytearray], None]] = [
-        *(byte, bit, digit, digit, token, token, token, line, hole, insert, cut)
-    ]
-    while True:
-        copy = bytearray(data)
-        for _ in range(rng.choice([1, 1, 1, 2, 4])):
-            if any(chr(c).isdigit() for c in copy) and copy.strip():
-                rng.choice(changes)(copy)
-        yield bytes(copy)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 
 import numpy as np
@@ -92,8 +91,7 @@ def test_points_of_bars_are_names_for_scikit_fem():
     assert bar.boundaries == {}
 
 
-def test_a_bar_of_a_million_elements_takes_no_time():
-    begin = time.perf_counter()
+def test_a_bar_of_a_million_elements_takes_little_memory():
     tracemalloc.start()
     try:
         bar = build_bar([("joint", 1.0, 400_000), ("linear", 2.0, 600_000)], {"end": 3.0})
@@ -101,7 +99,6 @@ def test_a_bar_of_a_million_elements_takes_no_time():
     finally:
         tracemalloc.stop()
     assert bar.points == {"end": 1_000_000}
-    assert time.perf_counter() - begin < 5.0
 
 
 def test_build_bar_names_every_mistake_at_once():

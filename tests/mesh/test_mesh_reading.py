@@ -26,7 +26,7 @@ from mesh_files import (
 )
 
 from skfem_joint.errors import InputError
-from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, merged, named, write_mesh
+from skfem_joint.mesh import NamedMesh, load_meshes, merged, named, write_mesh
 from skfem_joint.mesh.cells import CELLS
 
 # Three lines on x.
@@ -94,7 +94,7 @@ def by_position(mesh: NamedMesh) -> NamedMesh:
         ),
     ],
 )
-def test_shipped_bars_have_the_papers_sizes_for_every_reader(name, regions, points):
+def test_shipped_bars_have_the_papers_sizes(name, regions, points):
     path = MESHES / f"{name}.msh"
     bar = load_meshes([path])
     s = bar.mesh.p[0]
@@ -105,15 +105,6 @@ def test_shipped_bars_have_the_papers_sizes_for_every_reader(name, regions, poin
         assert s[nodes[[0, -1]]] == pytest.approx([start, stop], abs=1e-15)
         np.testing.assert_allclose(np.diff(s[nodes]), (stop - start) / elements, rtol=1e-12)
     assert set(bar.regions) == set(regions)
-
-    raw = meshio.read(path)
-    assert {key for key in raw.cell_sets if not key.startswith("gmsh:")} == {*regions, *points}
-    plain = skfem.Mesh.load(path)
-    for key, (start, stop, elements) in regions.items():
-        inside = plain.p[0, plain.t[:, plain.subdomains[key]]]
-        assert inside.shape[1] == elements
-        assert (inside.min(), inside.max()) == (start, stop)
-    assert {key: plain.p[0, plain.boundaries[key]] for key in points} == points
 
 
 @pytest.mark.parametrize(
@@ -168,15 +159,11 @@ def test_shipped_plates_have_the_sizes_of_their_systems(name, shape, regions, bo
     assert plate.notes == ()
 
 
-def test_shipped_holes_are_where_the_bolts_are():
+def test_shipped_plates_have_holes_at_the_bolts_and_touch_where_they_should():
     plate = load_meshes([MESHES / "plate_bolts.msh"])
     for name, x in (("hole_1", 0.05), ("hole_2", 0.15)):
         rim = plate.mesh.p[:, plate.mesh.facets[:, plate.boundaries[name]]].reshape(2, -1)
         np.testing.assert_allclose(np.hypot(rim[0] - x, rim[1] - 0.025), 0.0055, atol=1e-9)
-    assert plate.mesh.p[0, plate.mesh.t[:, plate.regions["joint"]]].max() == 0.2
-
-
-def test_shipped_plates_overlap_with_matching_nodes_and_touch_with_others():
     plan, side = (load_meshes([MESHES / f"two_plates{end}.msh"]) for end in ("", "_side"))
     nodes = [
         np.unique(plan.mesh.t[:, plan.regions[name]]) for name in ("upper_joint", "lower_joint")
@@ -186,8 +173,7 @@ def test_shipped_plates_overlap_with_matching_nodes_and_touch_with_others():
     for name, spacing in (("upper_contact", 0.005), ("lower_contact", 0.004)):
         x, y = side.mesh.p[:, np.unique(side.mesh.facets[:, side.boundaries[name]])]
         np.testing.assert_allclose(y, 0.01, rtol=1e-15)
-        np.testing.assert_allclose(np.diff(x), spacing, rtol=1e-12)
-        assert (x.min(), x.max()) == pytest.approx((0.5, 0.7), rel=1e-15)
+        np.testing.assert_allclose(x, 0.5 + spacing * np.arange(x.size), rtol=1e-12)
 
 
 def test_script_makes_the_shipped_meshes(tmp_path):
@@ -359,22 +345,15 @@ def test_lines_of_higher_order_are_split_at_their_inner_nodes(tmp_path, order):
 
 
 def test_several_bar_files_are_several_bodies(tmp_path):
-    """Parallel, the second drawn the other way, as `merged` puts them together."""
-    lines = [(kind, tag, list(at)[::-1]) for kind, tag, at in LINES]
-    shifted = [(0.9 - x, 0.01, 0.0) for x, _, _ in BAR]
-    lower = msh22(shifted, lines, BAR_NAMES.replace('"', '"lower ', 1).replace('"j', '"lower j'))
-    lower = lower.replace('"free', '"lower free').replace('"lin', '"lower lin')
-    paths = [saved(tmp_path, msh22(BAR, LINES, BAR_NAMES)), saved(tmp_path, lower, "lower.msh")]
-    both = load_meshes(paths)
-    np.testing.assert_array_equal(both.body, [0, 0, 0, 1, 1, 1])
-    np.testing.assert_allclose(both.mesh.p[0], [0.0, 0.1, 0.3, 0.6, 0.3, 0.6, 0.8, 0.9])
-    assert both.points == {"fixed": 0, "free_end": 3, "lower fixed": 7, "lower free_end": 4}
-    assert both.path == f"{paths[0]}, {paths[1]}"
+    upper, lower = strip("line"), strip("line", points={"end": 0.6})
+    lower = replace_regions(lower, {"lower": np.arange(8)})
+    write_mesh(upper, tmp_path / "upper.msh")
+    write_mesh(lower, tmp_path / "lower.msh")
+    both = load_meshes([tmp_path / "upper.msh", tmp_path / "lower.msh"])
+    assert_same(both, NamedMesh(**{**vars(merged([upper, lower])), "path": both.path}))
+    assert both.path == f"{tmp_path / 'upper.msh'}, {tmp_path / 'lower.msh'}"
     with pytest.raises(InputError, match="a file holds one bar; write each bar"):
         write_mesh(both, tmp_path / "both.msh")
-    turned = saved(tmp_path, lower.replace("0.01", "-0.01", 1), "turned.msh")
-    with pytest.raises(InputError, match=r"turned\.msh: the bar is not straight|parallel"):
-        load_meshes([paths[0], turned])
 
 
 # Repairs
@@ -455,42 +434,21 @@ def test_reversed_groups_and_ungrouped_elements_of_format_41(tmp_path, kind, ord
     assert_same(load_meshes([tmp_path / "mesh.msh"]), bare)
 
 
-def test_curved_edges_are_made_straight_with_a_note(tmp_path):
-    """A unit square whose right side is a parabola of height h has 2 h / 3 more area."""
-    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
-    middles = [(0.5, 0.0, 0.0), (1.3, 0.5, 0.0), (0.5, 1.0, 0.0), (0.0, 0.5, 0.0)]
-    change = 100.0 * (1.0 / 1.2 - 1.0)
-    for cell in ([1, 2, 3, 4, 5, 6, 7, 8], [4, 3, 2, 1, 7, 6, 5, 8]):  # either direction
-        plate = loaded(tmp_path, [*corners, *middles], [(16, 1, cell)], '2 1 "joint"\n')
-        assert (plate.order, plate.mesh.nvertices) == (2, 4)
-        assert sizes(plate) == pytest.approx([1.0])
-        assert plate.notes == (
-            f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight "
-            f"ones, by 0.3 m at most; the area changed by {change:.3g} %.",
-        )
-
-
-def test_a_curved_edge_of_a_tetrahedron_changes_its_volume(tmp_path):
-    """An edge from e1 to e2 that bulges by d moves the volume by the integral of its bubble."""
-    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-    middles = [(0.5, 0.0, 0.0), (0.6, 0.6, 0.0), (0.0, 0.5, 0.0)]
-    middles += [(0.0, 0.0, 0.5), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5)]
-    cells = [(11, 1, list(range(1, 11)))]
-    (note,) = loaded(tmp_path, [*corners, *middles], cells, '3 1 "joint"\n').notes
-    # x = X + d 4 X Y in both directions: det = 1 + 4 d (X + Y), over the unit tetrahedron.
-    true = 1.0 / 6.0 + 4.0 * 0.1 * 2.0 / 24.0
-    assert f"the volume changed by {100.0 * (1.0 / 6.0 / true - 1.0):.3g} %" in note
-    assert "1 node of curved edges" in note
-
-
-def test_an_edge_curved_inside_the_plate_is_counted_once_and_keeps_the_area(tmp_path):
+@pytest.mark.parametrize("reverse", [False, True])
+def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
+    """A middle node that two elements share is counted once."""
     nodes = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
     nodes += [(0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5), (0.52, 0.48)]
     cells = [(9, 1, [1, 2, 3, 5, 6, 9]), (9, 1, [1, 3, 4, 9, 7, 8])]
-    (note,) = loaded(tmp_path, [(*at, 0.0) for at in nodes], cells, '2 1 "joint"\n').notes
-    assert "1 node of curved edges" in note
-    assert "by 0.0283 m at most" in note
-    assert float(note.split()[-2]) == pytest.approx(0.0, abs=1e-12)
+    if reverse:
+        cells = [(9, 1, [3, 2, 1, 6, 5, 9]), (9, 1, [4, 3, 1, 7, 9, 8])]
+    plate = loaded(tmp_path, [(*at, 0.0) for at in nodes], cells, '2 1 "joint"\n')
+    assert (plate.order, plate.mesh.nvertices) == (2, 4)
+    assert sizes(plate) == pytest.approx([0.5, 0.5])
+    assert plate.notes == (
+        f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
+        "by 0.0283 m at most.",
+    )
 
 
 # Refusals
@@ -500,8 +458,6 @@ def moved(nodes: list[tuple[float, ...]], node: int, *position: float) -> list[t
     return [*nodes[: node - 1], position, *nodes[node:]]
 
 
-TIE = [*PLATE, (0.0, -1.0, 0.0), (1.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (-1.0, -1.0, 0.0)]
-SAME_SIDE = [*PLATE, (0.5, 0.1, 0.0), (0.5, 0.9, 0.0)]
 TETRAHEDRON = (4, 2, [1, 2, 5, 8])
 NAN, INF = float("nan"), float("inf")
 
@@ -514,10 +470,8 @@ NAN, INF = float("nan"), float("inf")
         ([*BAR, (0.3, 0.1, 0.0)], [*LINES, (1, 2, [3, 5])], "not straight"),
         ([*BAR, (0.9, 0.0, 0.0)], [*LINES, (1, 2, [3, 5])], r"\(0\.3, 0, 0\) m: the mesh branches"),
         (moved(BAR, 3, 0.1, 0.1, 0.0), [*LINES, (1, 2, [1, 4])], "not straight"),
-        (BAR, [*LINES, (1, 2, [1, 4])], "same side of what joins them"),
         (BAR, [*LINES[:3], LINES[4]], r"no element joins \(0\.1, 0, 0\) m to \(0\.3, "),
         (moved(BAR, 3, 0.1, 0.0, 0.0), [*LINES[:3], LINES[4]], r"joins \(0\.1, 0, 0\) m to \(0\.1"),
-        (moved(BAR, 3, 0.1, 0.0, 0.0), LINES, r"one place: .* \(0\.1, 0, 0\) m to \(0\.1"),
         (BAR, [*LINES, (1, 2, [3, 3])], r"one place: .* \(0\.3, 0, 0\) m to \(0\.3"),
         ([(0.1, 0.0, 0.0)] * 4, LINES, "no length: all its nodes lie in one place"),
         (moved(BAR, 3, NAN, 0.0, 0.0), LINES, r"node 3 at \(nan, 0, 0\) m: .*finite"),
@@ -533,34 +487,17 @@ NAN, INF = float("nan"), float("inf")
         ([(0.0, 0, 0), (0.6, 0, 0), (0.3, 0.01, 0)], [(15, 3, [1]), (15, 4, [2]), (8, 1, [1, 2, 3]),
          (1, 2, [1, 2])], r"not straight: \(0\.3, 0\.01, 0\) m is 0\.01 m off"),
         (moved(PLATE, 3, 1.2, 0.3, 0.0), SQUARES, r"not convex.*\(1, 0, 0\) m to \(1\.2, 0\.3"),
-        (moved(PLATE, 3, 1.5, 0.5, 0.0), SQUARES, "has no area, as a whole or at a corner"),
-        (PLATE, [*SQUARES[:4], (3, 2, [2, 6, 3, 5])], r"crosses itself .* at \(1, 0, 0\)"),
-        (PLATE, [*SQUARES[:4], (3, 2, [2, 3, 3, 5])], "two corners in one place"),
-        (SAME_SIDE, [*SQUARES, (3, 2, [2, 5, 8, 7])], r"same side .*\(1, ., 0\) m to \(1, ., 0\)"),
         (PLATE, [*SQUARES[:4], (2, 2, [2, 3, 6])], "mixes cells of type quad and triangle"),
         (PLATE, [*SQUARES[:4], (16, 2, [2, 3, 6, 5, 1, 1, 1, 1])], "mixes cells of type quad and"),
         (PLATE, [*SQUARES, (6, 2, [1, 2, 3, 4, 5, 6])], "Gmsh type 6 .*prism.* allowed are"),
         (PLATE, [*SQUARES, (21, 2, [1, 2, 3, 4, 5, 6, 1, 2, 3, 4])], "type 21 .*third order"),
         (moved(PLATE, 3, 2.0, 0.0, 1e-6), SQUARES, "plane z = const: z runs from 0 to 1e-06 m"),
-        (moved(PLATE, 3, 2.0, NAN, 0.0), SQUARES, r"node 3 at \(2, nan, 0\).*finite"),
-        (moved(PLATE, 3, 2.0, 0.0, INF), SQUARES, r"node 3 at \(2, 0, inf\).*finite"),
         ([(0.0, 0.0, 0.0)] * 6, SQUARES, "0 m in size"),
-        (TIE, [*SQUARES, (3, 2, [1, 7, 10, 9])], r"touch in the point \(0, 0, 0\) m, a hinge"),
         (PLATE, [*SQUARES, (1, 3, [1, 5])], r"'left': \(0, 0, 0\) m to \(1, 1, 0\) m is no"),
         ([*PLATE, (5.0, 5.0, 0.0)], [*SQUARES, (1, 3, [1, 7])], r"'left': .* to \(5, 5, 0\)"),
-        (PLATE, [*SQUARES, (15, 5, [2])], "'corner' marks 2 nodes"),
-        ([*PLATE, (5.0, 5.0, 0.0)], [(15, 5, [7]), *SQUARES[1:]], r"'corner': \(5, 5, 0\) m is no"),
-        (PLATE, SQUARES[1:], "groups without elements: corner"),
-        (PLATE, [SQUARES[0], *SQUARES[2:]], "groups without elements: left"),
-        (PLATE, SQUARES[:4], "groups without elements: linear"),
-        (PLATE, SQUARES[:1], "neither lines .* nor triangles"),
-        (PLATE, [*SQUARES, (3, 1, [1, 2, 5, 9])], "refers to node 9, which"),
         (BOX, [*CUBES, TETRAHEDRON], "mixes cells of type hexahedron and tetra"),
         (BOX, [*TETRAHEDRA, CUBES[1]], "group 'left' holds cells that are no sides"),
         (BOX, [*TETRAHEDRA, (2, 3, [1, 2, 12])], r"'left': .* m to \(1, 0, 0\) m to \(2, 1"),
-        (BOX, [*TETRAHEDRA, TETRAHEDRON], "two elements, with centres at .*same side"),
-        (moved(BOX, 12, 1.1, 0.1, 0.1), CUBES, "hexahedron crosses itself or is not convex"),
-        (moved(BOX, 12, 0.0, 0.0, 0.0), CUBES, "hexahedron crosses itself or is not convex"),
     ],
 )  # fmt: skip
 def test_meshes_that_cannot_be_are_refused_with_file_and_reason(
@@ -579,21 +516,12 @@ def test_meshes_that_cannot_be_are_refused_with_file_and_reason(
 
 
 def test_files_that_do_not_go_together_are_refused_with_their_names(tmp_path):
-    for name, mesh in {
-        **{"a": strip(), "b": strip(), "c": strip("triangle", 2), "d": strip("hexahedron")},
-        "bar": build_bar([("joint", 0.1, 2)], {"fixed": 0.0}),
-    }.items():
+    for name, mesh in (("a", strip()), ("b", strip()), ("c", strip("triangle", 2))):
         write_mesh(mesh, tmp_path / f"{name}.msh")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"name 'tip' stands in .*a\.msh and in .*b\.msh: give"):
         load_meshes([tmp_path / "a.msh", tmp_path / "b.msh"])
-    assert len(caught.value.problems) == 8
-    sentence = f"name 'tip' stands in {tmp_path / 'a.msh'} and in {tmp_path / 'b.msh'}: give each"
-    assert any(sentence in problem for problem in caught.value.problems)
-    for other, kind in (("c", "triangle"), ("d", "hexahedron"), ("bar", "line")):
-        with pytest.raises(InputError, match=rf"{other}\.msh holds {kind} elements .*a\.msh quad"):
-            load_meshes([tmp_path / "a.msh", tmp_path / f"{other}.msh"])
-    with pytest.raises(InputError, match="name 'joint' stands in"):
-        load_meshes([tmp_path / "bar.msh"] * 2)
+    with pytest.raises(InputError, match=r"c\.msh holds triangle elements .*a\.msh quad"):
+        load_meshes([tmp_path / "a.msh", tmp_path / "c.msh"])
     with pytest.raises(InputError, match="no mesh file is given"):
         load_meshes([])
     with pytest.raises(InputError) as caught:
@@ -611,7 +539,7 @@ def test_paths_that_hold_no_mesh_are_refused(tmp_path, capfd):
         load_meshes([tmp_path / "nowhere.msh"])
     with pytest.raises(InputError, match="not a file"):
         load_meshes([tmp_path])
-    for name in ("bar.xyz", "bar.vtk", "bar.inp", "bar.vtu", "bar.stl"):
+    for name in ("bar.vtk", "bar.msh", "bar.inp"):
         with pytest.raises(InputError, match=name):
             load_meshes([saved(tmp_path, "something else\n", name)])
     assert capfd.readouterr() == ("", "")

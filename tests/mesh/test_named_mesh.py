@@ -71,7 +71,6 @@ def test_a_line_refined_by_scikit_fem_is_one_bar():
 
 @pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])
 def test_second_order_meshes_of_scikit_fem_are_made_straight(kind, order):
-    """A volume whose right side bulges by h (1 - |eta|^2) is larger by 2/3 h, or 4/9 h, or ..."""
     straight = strip(kind).mesh
     second = SECOND[kind].from_mesh(straight)
     mesh = named(second.with_subdomains({"all": np.arange(straight.nelements)}))
@@ -87,10 +86,6 @@ def test_second_order_meshes_of_scikit_fem_are_made_straight(kind, order):
     (note,) = named(curved).notes
     assert note.startswith("1 node of curved edges moved")
     assert "by 0.001 m at most" in note
-    one = skfem.Functional(lambda w: 1.0 + 0.0 * w.x[0])
-    volume = [one.assemble(skfem.Basis(m, m.elem(), intorder=6)) for m in (curved, second)]
-    change = 100.0 * (volume[1] - volume[0]) / volume[0]
-    assert float(note.split()[-2]) == pytest.approx(change, rel=5e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize(

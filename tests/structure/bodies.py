@@ -146,15 +146,3 @@ def two_bars(above: int = 20, below: int = 20, *, beta: float = 1e5, arm: int = 
     )  # fmt: skip
     joint = pressed("upper_joint", against="lower_joint", pressure=50e6, beta=beta)
     return structure(merged([upper, lower]), [joint], ["lower_end"], **changes)
-
-
-def as_plates(bars: Structure, above: int, below: int) -> Structure:
-    """Two bars as plates without contraction, of one element across."""
-    upper = build_plate(
-        [("upper_arm", 0.5, 20), ("upper_joint", 0.2, above)], WIDTH, 1, prefix="upper_"
-    )
-    lower = build_plate([("lower_joint", 0.2, below), ("lower_arm", 0.5, 20)], WIDTH, 1,
-                        origin=(0.5, 0.0), prefix="lower_")  # fmt: skip
-    return structure(merged([upper, lower]), bars.joints, ["lower_right"],
-                     material=replace(STEEL, poisson=0.0),
-                     stiffness_damping=bars.stiffness_damping)  # fmt: skip

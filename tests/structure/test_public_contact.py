@@ -15,10 +15,10 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
-from skfem_joint.structure import contact, point_friction
+from skfem_joint.structure import Bolt, Bolts, PressureTable, contact, point_friction
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.system import System
-from skfem_joint.unknowns import Contact, slips_as_unknowns
+from skfem_joint.unknowns import Contact, change_of_unknowns, slips_as_unknowns
 
 
 def basis_of(body: Any) -> Any:
@@ -107,6 +107,16 @@ def test_rows_of_ones_own_become_unknowns_and_displacements_come_back() -> None:
     np.testing.assert_allclose(arrangement.inverse @ (arrangement.forward @ q), q, rtol=1e-12)
 
 
+def test_slip_rows_may_have_indices_of_any_width() -> None:
+    rows = sparse.csr_array(np.array([[0.0, 2.0, -1.0, 0.0], [1.0, 0.0, 0.5, 0.0]]))
+    rows.indices, rows.indptr = (at.astype(np.int64) for at in (rows.indices, rows.indptr))
+    new = change_of_unknowns(4, np.array([3]), sparse.csr_array((0, 4)), rows)
+    expected = np.column_stack([np.eye(3), np.zeros(3)])
+    np.testing.assert_allclose((new.inverse @ new.forward).toarray(), np.eye(3), atol=1e-15)
+    np.testing.assert_allclose((new.forward @ new.inverse).toarray()[:3], expected, atol=1e-15)
+    np.testing.assert_allclose((rows @ new.forward).toarray(), np.eye(3)[new.slips], atol=1e-15)
+
+
 def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports() -> None:
     M, K = chain(6)
     rows = np.zeros((2, 6))
@@ -184,3 +194,27 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit() -> None:
         plain.project(np.ones((3, 2)))
     with pytest.raises(InputError, match="T: found shape"):
         replace(plain, T=np.ones((5, 3)))
+
+
+def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for() -> None:
+    body = block("quad")
+    inner = np.flatnonzero(body.mesh.f2t[1] >= 0)[:2]
+    mesh = body.mesh.with_boundaries({"inner": inner})
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()))
+    short, flat = PressureTable((0.0, 0.3), (1e6, 1e6)), PressureTable((0, 1), (1, 1), (1, 0, 0))
+    bolts = Bolts((Bolt((0.0, 2.0), 1.0, 0.1),))
+    for match, changes in (
+        ("runs inside a body", {"on": "inner"}),
+        ("belong to the same body", {"on": "joint", "against": "rest"}),
+        ("must cover the joint", {"pressure": short}),
+        ("pressure.axis", {"pressure": flat}),
+        ("lies on the contact", {"pressure": bolts}),
+        ("bolts press areas", {"on": "base", "pressure": bolts}),
+        ("friction: found -1", {"friction": -1.0}),
+        ("no such name", {"on": "nowhere"}),
+        ("contact: thickness: found 0.0", {"thickness": 0.0}),
+        ("contact: width: found nan", {"width": np.nan}),
+    ):
+        values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
+        with pytest.raises(InputError, match=match):
+            contact(basis, values.pop("on"), **values)

@@ -88,12 +88,14 @@ def test_every_mistake_is_reported_at_once_by_its_key() -> None:
         ("hex", {"joints": [pressed("joint")]}, "a boundary is needed"),
         ("line", {"joints": [pressed("right")]}, "is a point; a region is needed"),
         ("quad", {"joints": [pressed("jonit")]}, "did you mean 'joint'"),
+        ("tri 2", {"mass": "lumped"}, "beside elements of second order"),
     ],
 )
 def test_each_dimension_asks_for_what_it_needs(
     shape: str, changes: dict[str, Any], message: str
 ) -> None:
-    assert any(message in problem for problem in problems(block(shape), **changes))
+    body = block(shape.split()[0], 1 + (shape[-1] == "2"))
+    assert any(message in problem for problem in problems(body, **changes))
 
 
 def test_overrides_of_regions_that_share_elements_are_refused() -> None:

@@ -30,7 +30,7 @@ from scipy import sparse
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar, build_plate, merged
+from skfem_joint.mesh import build_box, build_plate, merged
 from skfem_joint.structure import Bolt, Bolts, Joint, Load, Structure
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import manifold_of, slip_directions
@@ -310,44 +310,19 @@ def test_a_turned_structure_has_turned_matrices() -> None:
     np.testing.assert_allclose(two.loads[0].vector, R @ one.loads[0].vector, atol=1e-14)
 
 
-def test_a_strip_without_contraction_is_the_strut() -> None:
-    n = 6
-    body = build_plate([("joint", 0.1, n), ("rest", 0.15, n)], 0.05, 1)
-    strip = structure(body, [pressed()], ["left"], fixed_y=["joint", "rest"],
-                      material=replace(structure(body).material, poisson=0.0))  # fmt: skip
-    bar = structure(
-        build_bar([("joint", 0.1, n), ("rest", 0.15, n)], {"left": 0.0, "right": 0.25}), [pressed()]
-    )
-    wide = strip.system([Load("right", LOAD, (1.0, 0.0))], ["right"])
-    strut = bar.system([Load("right", LOAD)])
-    # Both nodes of a cross-section move alike; nodes are numbered column by column.
-    together = np.repeat(np.eye(2 * n), 2, axis=0)
-    for name in ("M", "K"):
-        dense = getattr(strut, name).toarray()
-        np.testing.assert_allclose(
-            together.T @ getattr(wide, name) @ together, dense, atol=1e-12 * np.abs(dense).max()
-        )
-    np.testing.assert_array_equal(wide.directions, 1)
-    np.testing.assert_allclose(wide.w.reshape(-1, 2).sum(axis=1), strut.w, rtol=1e-12)
-    assert wide.points == ("right", "right.x", "right.y")
-
-
-def test_two_solids_pressed_on_each_other_are_in_balance() -> None:
-    for shape, order in SOLID:
-        lower = block(shape, order, 2, (0.2, 0.1, 0.05))
-        upper = mapped(
-            block(shape, order, 3, (0.2, 0.1, 0.05)), lambda p: p + np.array([[0], [0], [0.05]])
-        )
-        rename = {f"upper_{k}": v for k, v in upper.mesh.boundaries.items()}
-        regions = {f"upper_{k}": v for k, v in upper.mesh.subdomains.items()}
-        upper = replace(
-            upper, points={}, mesh=replace(upper.mesh, _boundaries=rename, _subdomains=regions)
-        )
-        joint = Joint("upper_base", 8e6, MU, "top")
-        some = structure(merged([lower, upper]), [joint], ["base"])
-        system = some.system()
-        check_form(some, system)
-        balanced(some, system)
-        motion = np.tile([1.0, 0.0, 0.0], some.n_nodes)
-        mass = DENSITY * 2 * 0.2 * 0.1 * 0.05
-        assert motion @ (some.matrices()[0] @ motion) == pytest.approx(mass, rel=1e-12)
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
+def test_two_solids_pressed_on_each_other_are_in_balance(kind: Any, order: int) -> None:
+    lower, upper = (
+        build_box([(f"{name} body", 0.2, 2 * n)], (0.1, 0.05), (n, n), origin=(0.0, 0.0, z),
+                  kind=kind, order=order, prefix=f"{name} ")
+        for name, n, z in (("lower", 2, 0.0), ("upper", 3, 0.05))
+    )  # fmt: skip
+    joint = Joint("upper front", 8e6, MU, "lower back")
+    some = structure(merged([lower, upper]), [joint], ["lower front"])
+    system = some.system()
+    check_form(some, system)
+    balanced(some, system)
+    motion = np.tile([1.0, 0.0, 0.0], some.n_nodes)
+    mass = DENSITY * 2 * 0.2 * 0.1 * 0.05
+    assert motion @ (some.matrices()[0] @ motion) == pytest.approx(mass, rel=1e-12)
