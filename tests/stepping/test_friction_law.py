@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from math import inf, pi, sqrt
 from typing import Any
 
@@ -122,7 +123,8 @@ def test_arctangent_is_right_to_four_parts_in_ten_to_the_sixteen() -> None:
             np.linspace(0.3, 3.0, 50_001),
         ]
     )
-    assert np.abs(arctangent(z) / np.arctan(z) - 1.0).max() < 4e-16
+    right = np.array([math.atan(x) for x in z.tolist()])  # numpy's own differs between versions
+    assert np.abs(arctangent(z) / right - 1.0).max() < 4e-16
     total = arctangent(z) + arctangent(1.0 / z)
     np.testing.assert_allclose(total, pi / 2, rtol=4 * EPS, atol=0.0)
 
