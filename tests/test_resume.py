@@ -99,6 +99,20 @@ def launch(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
+def killed(begun: Callable[[], bool], pause: float, *arguments: str | Path) -> int:
+    """Status of a run that is killed a while (s) after it has begun something."""
+    process = launch(*arguments)
+    try:
+        end = time.monotonic() + 30.0
+        while process.poll() is None and not begun() and time.monotonic() < end:
+            time.sleep(0.002)
+        time.sleep(pause)
+    finally:
+        process.kill()
+        process.communicate()
+    return process.returncode
+
+
 def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
     scene: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -108,25 +122,18 @@ def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
     out = tmp_path / "out"
     arguments = ("run", path, "--out", out, "--checkpoint-every", "400", "--resume")
     kills = 0
-    for _ in range(6):
+    for _ in range(4):
         checkpoint = out / f"checkpoint_{('full', 'full', 'reduced')[kills % 3]}.npz"
         before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-        process = launch(*arguments)
-        try:
-            # Let it get one checkpoint further, then anything from nothing to many more.
-            end = time.monotonic() + 30.0
-            while process.poll() is None and time.monotonic() < end:
-                if checkpoint.exists() and checkpoint.stat().st_mtime_ns != before:
-                    break
-                time.sleep(0.002)
-            time.sleep(float(rng.uniform(0.0, 0.1)))
-            process.send_signal(signal.SIGKILL)
-        finally:
-            process.kill()
-            process.communicate()
-        kills += process.returncode == -signal.SIGKILL
+
+        def is_further(file: Path = checkpoint, before: int = before) -> bool:
+            return file.exists() and file.stat().st_mtime_ns != before
+
+        # Let it get one checkpoint further, then anything from nothing to many more.
+        status = killed(is_further, float(rng.uniform(0.0, 0.1)), *arguments)
+        kills += status == -signal.SIGKILL
         assert_only_whole_files(out)
-        if process.returncode == 0:
+        if status == 0:
             break
     assert kills >= 3
     process = launch(*arguments)
@@ -136,32 +143,20 @@ def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
     assert sorted(file.name for file in out.rglob("*")) == ["history.npz", "summary.json"]
 
 
-#: Scenes of each kind, with what distinguishes them from the first one.
-KINDS = {
-    "bar": "structure_harmonic.toml",
-    "bar under an impulse": "structure_impulse.toml",
-    "plate": "plate_reference.toml",
-    "two plates": "two_plates.toml",
-}
-
-
 @pytest.mark.parametrize("model", ["full", "reduced"])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "name", ["structure_harmonic", "structure_impulse", "plate_reference", "two_plates"]
+)
 def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
-    kind: str, model: str, tmp_path: Path
+    name: str, model: str, tmp_path: Path
 ) -> None:
     """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
-    scene = load_scene(ROOT / "examples" / KINDS[kind])
-    output_table = {"vtk": True, "plots": False, "history": True, "frames": 12}
-    changes: dict[str, Any] = {
-        "output": output_table,
-        "models": {"run": (model,)},
-    }
+    scene = load_scene(ROOT / "examples" / f"{name}.toml")
+    few: dict[str, Any] = {"cycles": 2, "steps_per_cycle": 12}
     if scene.time.cycles is None:
-        times = {"duration": 20 * scene.time_step}
-    else:
-        times = {"cycles": 2, "steps_per_cycle": 12}
-    scene = scene.changed(**changes, time=times)
+        few = {"duration": 20 * scene.time_step}
+    written = {"vtk": True, "plots": False, "history": True, "frames": 12}
+    scene = scene.changed(output=written, models={"run": (model,)}, time=few)
     whole, out = tmp_path / "whole", tmp_path / "out"
 
     def kill(label: str, done: int, total: int) -> None:
@@ -195,20 +190,11 @@ def test_killed_while_it_writes_leaves_whole_files(
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 40", run='"full"')
     out = tmp_path / "out"
     rng = np.random.default_rng(7)
-    seen = set()
     for _ in range(3):
         shutil.rmtree(out, ignore_errors=True)
-        process = launch("run", path, "--out", out)
-        try:
-            end = time.monotonic() + 30.0
-            while not list(out.glob("*.json")) and time.monotonic() < end:
-                time.sleep(0.002)
-            time.sleep(float(rng.uniform(0.0, 1.2)))
-            process.send_signal(signal.SIGKILL)
-        finally:
-            process.kill()
-            process.communicate()
-        seen.add(assert_only_whole_files(out))
+        pause = float(rng.uniform(0.0, 1.2))
+        killed(lambda: (out / "summary.json").exists(), pause, "run", path, "--out", out)
+        assert_only_whole_files(out)
     assert cli.main(["run", str(path), "--out", str(out)]) == 0
     assert_only_whole_files(out)
     assert not list(out.rglob(".*"))  # what the killed ones had begun is cleared
@@ -339,7 +325,7 @@ def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path = scene(cycles=2, output="plots = true\nvtk = true\nframes = 2", run='"full"')
+    path = scene(cycles=2, output="vtk = true\nframes = 4", run='"full"')
     real = os.replace
     counts = set()
     for allowed in range(40):

@@ -313,28 +313,17 @@ def _area(
     active: BoolArray, label: str,
 ) -> None:  # fmt: skip
     """Colour an area by its slip, outline its active region and fade the rest."""
-    from matplotlib.collections import LineCollection
     from matplotlib.tri import Triangulation
 
     cells = cells[np.all(cells >= 0, axis=1)]
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
     grid = Triangulation(place[:, 0], place[:, 1], triangles)
     drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis")
-    shown = active.astype(float)
     if not active.all():
-        panel.tricontourf(grid, shown, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
-    # Where the region reaches the border of the area, that is its outline.
-    triangle, side = np.nonzero(grid.neighbors == -1)
-    ends = np.stack([grid.triangles[triangle, side], grid.triangles[triangle, (side + 1) % 3]], 1)
-    ends = ends[active[ends].any(axis=1)]
-    middle = place[ends].mean(axis=1, keepdims=True)
-    border = list(np.where(active[ends][..., np.newaxis], place[ends], middle))
+        panel.tricontourf(grid, active, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
     for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
         if active.any() and not active.all():
-            panel.tricontour(grid, shown, levels=[0.5], colors=colour, linewidths=width)
-        panel.add_collection(
-            LineCollection(border, colors=colour, linewidths=width, capstyle="round", zorder=2.5)
-        )
+            panel.tricontour(grid, active, levels=[0.5], colors=colour, linewidths=width)
     panel.set(aspect="equal")
     panel.use_sticky_edges = False
     panel.margins(0.02)

@@ -432,6 +432,3 @@ class Output(SceneTable):
     points: Names = key("names of what is observed; all free points if none is named", ())
     frames: Count = key("moments in the series for ParaView", 200)
     history: bool = key("motion of what is observed, as history.npz", True)
-    shape: Literal["swept", "flat"] = key(
-        "bodies for ParaView with their cross-section, or as they are meshed", "swept"
-    )

@@ -121,15 +121,6 @@ def test_verdicts(key: str, start: str, verdict: str) -> None:
     assert all(one.startswith(verdict) for one in found)
 
 
-def test_verdicts_on_reduced_models() -> None:
-    assert page.judged_reduced(-0.14, 0.6) == "better than published"
-    assert page.judged_reduced(-0.56, 0.6) == "agrees"
-    assert page.judged_reduced(-1.96, 0.6, "why") == (
-        "differs: -2 % from our full model, published 0.6 %; why"
-    )
-    assert "own tolerance" in page.judged_reduced(-1.96, 0.6, around=2.0)
-
-
 def test_printed_numbers_agree_within_their_rounding_and_not_beyond() -> None:
     found = page.Item("table3")
     within = page.published()["table3"]["peak_full"]["within"]
@@ -149,6 +140,8 @@ def test_aims_are_judged_by_peak_and_friction_energy() -> None:
 def test_page_curves_and_pictures_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    assert reproduce.main(["table9", "--out", str(tmp_path)]) == 2
+    assert "table9" in capsys.readouterr().err
     assert reproduce.main(["Fig3", "fig5", "--quick", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "reproduction.md").read_text("utf-8")
     shown = capsys.readouterr().out
@@ -161,11 +154,6 @@ def test_page_curves_and_pictures_are_written(
     np.testing.assert_allclose(written, made, rtol=1e-8, atol=1e-12)
 
 
-def test_an_item_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert reproduce.main(["table9", "--out", str(tmp_path)]) == 2
-    assert "table9" in capsys.readouterr().err
-
-
 def test_lumping_explains_the_mesh_sensitivity() -> None:
     curve = item("fig2").curves["fig2a"]
     at = curve["elements"] >= 10
@@ -175,23 +163,10 @@ def test_lumping_explains_the_mesh_sensitivity() -> None:
     assert ratio == pytest.approx(np.ones(at.size), abs=0.1)
 
 
-def test_slow_loop_is_the_pseudo_static_one() -> None:
-    curve = item("fig2").curves["fig2b_63.0kN"]
-    u, exact = curve["displacement_5Hz_m"], curve["displacement_pseudo_static_m"]
-    # Equal forces on 100 elements cost a percent, see above.
-    assert np.abs(u - exact).max() < 0.02 * np.abs(exact).max()
-
-
 def test_arctan_reaches_ninety_percent_at_a_velocity_that_falls_with_beta() -> None:
     speeds = [number(row.full) for row in rows("fig3", "velocity at which 90 %")]
     assert speeds == pytest.approx([6.314 / beta for beta in (1e4, 1e5, 1e6, 1e7)], rel=1e-3)
     assert np.all(np.abs(item("fig3").curves["fig3"]["force_over_limit_beta_inf"]) <= 1.0)
-
-
-def test_modes_of_two_loads_resemble_each_other_without_creep() -> None:
-    creeping, exact = rows("table1", "likeness of the modes")
-    assert exact.verdict == "agrees"
-    assert creeping.verdict.startswith("differs in the higher modes")
 
 
 def test_iteration_fails_where_the_theory_says() -> None:
@@ -222,12 +197,6 @@ def test_error_over_time_peaks_at_the_row() -> None:
     assert np.abs(curve).max() == pytest.approx(number(row.reduced), abs=0.005)
 
 
-def test_notes_say_what_was_found() -> None:
-    # Table 4's own percentages bring back the peak of Table 3.
-    assert "gives 0.000714 m" in item("table4").notes[0]
-    assert any("does not settle for Cases IV, V, VII" in note for note in item("table5").notes)
-
-
 def test_nodes_stick_longer_near_the_grey_length() -> None:
     curves = item("table5").curves["fig14"]
     speeds = [np.abs(v) for name, v in curves.items() if name.startswith("velocity")]
@@ -248,11 +217,6 @@ def test_less_damping_lets_more_of_the_joint_slip_whatever_the_pulse() -> None:
     for name, columns in item("fig15").curves.items():
         if name.startswith("fig15_sensitivity"):
             assert np.all(np.diff(columns["active_length_percent"]) > 0.0)
-
-
-def test_resonances_of_a_held_plate_are_odd_quarter_waves() -> None:
-    exact = 5000.0 / (4.0 * 0.55) * np.array([1.0, 3.0, 5.0])
-    np.testing.assert_allclose(structure.resonances(0.55, 3), exact, rtol=5e-4)
 
 
 def test_friction_energies_of_the_structure() -> None:

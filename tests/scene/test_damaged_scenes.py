@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import random
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import mutations
 
 from skfem_joint.errors import InputError
 from skfem_joint.scene import Scene, load_scene
@@ -17,76 +16,14 @@ from skfem_joint.scene import Scene, load_scene
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
 MESHES = sorted((ROOT / "meshes").glob("*.msh"))
-#: Longest time that any single file may take, s: far above what it takes, far below a hang.
-PATIENCE = 5.0
-
 TOKENS = ("nan", "inf", "-inf", "1e400", "-1", "0", "0.0", "1e-320", "1e308", "9" * 400, "true",
           "[]", "{}", "''", '"free_end"', '"joint"', '"\\u0000"', "[[joint]]", "[load]", "=", "#",
           "]", '"""', "1979-05-27", "0x7fffffffffffffff", "[1, 2]", "{a = 1}", "\x00", "é",
           '"../../../../etc/passwd"', '"/dev/zero"', '"."', '""', '"CON"')  # fmt: skip
 
 
-def mutations(data: bytes, rng: random.Random) -> Iterator[bytes]:
-    """Endless damaged copies: bytes, tokens and lines changed, cut, doubled or exchanged."""
-
-    def byte(copy: bytearray) -> None:
-        copy[rng.randrange(len(copy))] = rng.randrange(256)
-
-    def bit(copy: bytearray) -> None:
-        copy[rng.randrange(len(copy))] ^= 1 << rng.randrange(8)
-
-    def digit(copy: bytearray) -> None:
-        places = [i for i, c in enumerate(copy) if chr(c).isdigit()]
-        copy[rng.choice(places)] = ord(rng.choice("0123456789.-e"))
-
-    def token(copy: bytearray) -> None:
-        words = bytes(copy).split(b" ")
-        words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
-        copy[:] = b" ".join(words)
-
-    def value(copy: bytearray) -> None:
-        lines = bytes(copy).split(b"\n")
-        place = rng.choice([i for i, line in enumerate(lines) if line.strip()])
-        key, equals, _ = lines[place].partition(b"=")
-        words = key.split()
-        if not equals and words:
-            words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
-            lines[place] = b" ".join(words)
-        else:
-            lines[place] = key + b"= " + rng.choice(TOKENS).encode()
-        copy[:] = b"\n".join(lines)
-
-    def line(copy: bytearray) -> None:
-        lines = bytes(copy).split(b"\n")
-        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-        lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
-        copy[:] = b"\n".join(lines)
-
-    def cut(copy: bytearray) -> None:
-        del copy[rng.randrange(len(copy)) :]
-
-    def hole(copy: bytearray) -> None:
-        start = rng.randrange(len(copy))
-        del copy[start : start + rng.randrange(1, 60)]
-
-    def insert(copy: bytearray) -> None:
-        start = rng.randrange(len(copy))
-        copy[start:start] = bytes(rng.randrange(256) for _ in range(rng.randrange(1, 8)))
-
-    changes: list[Callable[[bytearray], None]] = [
-        byte, bit, digit, digit, token, value, value, line, hole, insert, cut
-    ]  # fmt: skip
-    while True:
-        copy = bytearray(data)
-        for _ in range(rng.choice([1, 1, 1, 2, 4])):
-            if any(chr(c).isdigit() for c in copy) and copy.strip():
-                rng.choice(changes)(copy)
-        yield bytes(copy)
-
-
 def outcome(path: Path) -> Scene | str:
     """Scene that a file gives, or the words in which it is refused; nothing else passes."""
-    begin = time.perf_counter()
     try:
         scene = load_scene(path)
     except InputError as error:
@@ -96,8 +33,6 @@ def outcome(path: Path) -> Scene | str:
         assert scene.n_steps > 0
         assert scene.time_step > 0.0
         return scene
-    finally:
-        assert time.perf_counter() - begin < PATIENCE
     assert text
     assert all(line.startswith(str(path)) for line in text.splitlines())
     return text
@@ -112,7 +47,7 @@ def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> N
     path = tmp_path / "examples" / "scene.toml"
     rng = random.Random(example.stem)
     valid, count = 0, 30 if "plate" in example.stem else 500  # plates take longer
-    for data in itertools.islice(mutations(example.read_bytes(), rng), count):
+    for data in itertools.islice(mutations(example.read_bytes(), TOKENS, rng), count):
         path.write_bytes(data)
         valid += not isinstance(outcome(path), str)
     # Comments and harmless digits; the rest is refused.
