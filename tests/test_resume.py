@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scene_texts import GOOD, with_changes
 
 from skfem_joint import cli, output
 from skfem_joint.analysis import study
@@ -32,18 +33,14 @@ class KilledError(Exception):
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Callable[..., Path]:
-    def write(
-        steps: int = 200, cycles: int = 30, output: str = "", run: str = '"full", "reduced"'
-    ) -> Path:
-        mesh = (ROOT / "meshes" / "structure.msh").as_posix()
-        text = (
-            f'[mesh]\nfile = "{mesh}"\n[material]\nE = 200e9\ndensity = 8000.0\n'
-            "[section]\nwidth = 0.05\nthickness = 0.01\n"
-            '[support]\nfixed = ["fixed"]\n'
-            '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'
-            '[[load]]\non = "free_end"\nkind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
-            f"[time]\ncycles = {cycles}\nsteps_per_cycle = {steps}\n"
-            f"[models]\nrun = [{run}]\n[output]\n{output}\n"
+    def write(cycles: int = 30, output: str = "", run: str = '"full", "reduced"') -> Path:
+        text = with_changes(
+            GOOD,
+            ("bar.msh", (ROOT / "meshes" / "structure.msh").as_posix()),
+            ("cycles = 3", f"cycles = {cycles}"),
+            ('"full", "reduced"', run),
+            ("[reduction]\nmodes = 5\n", ""),
+            ("every = 1", output),
         )
         path = tmp_path / "scene.toml"
         path.write_text(text, encoding="utf-8")

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 DPI = 150
 #: Modes in a picture of modes, and values in a picture of values.
 MODES, VALUES = 5, 20
-#: Turns of a history beyond which it is drawn as the band between its bounds, and parts of that.
-MOST_TURNS, PARTS = 300, 400
 
 # The full model is broad, pale and solid; the others go over it thin, dark and broken, so that
 # curves on top of each other stay apart, in grey too. One that is alone needs none of that.
@@ -90,7 +88,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     for panel, point in zip(panels, moving, strict=True):
         unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
         for (name, run), style in zip(runs.items(), _styles(runs), strict=True):
-            _draw(panel, run.times / time_scale, run.point(point) / scale, name, style)
+            panel.plot(run.times / time_scale, run.point(point) / scale, label=name, **style)
         panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
         panel.set_title(point, loc="left")
         panel.grid(alpha=0.3)
@@ -111,19 +109,6 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
         if all(np.abs(u - other).max() > largest for other in others) or largest == 0.0:
             drawn[point] = u
     return list(drawn)
-
-
-def _draw(panel: Any, x: FloatArray, y: FloatArray, name: str, style: dict[str, Any]) -> None:
-    """Draw a curve, or the band between its bounds where it turns too often to be seen."""
-    steps = np.diff(y)
-    if np.count_nonzero(steps[1:] * steps[:-1] < 0.0) <= MOST_TURNS:
-        panel.plot(x, y, label=name, **style)
-        return
-    starts = np.linspace(0, y.size, PARTS, endpoint=False).astype(int)
-    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-    panel.fill_between(x[starts], low, high, color=style["color"], alpha=0.25, linewidth=0.0)
-    around = np.concatenate([starts, starts[::-1]])
-    panel.plot(x[around], np.concatenate([high, low[::-1]]), label=f"{name} (bounds)", **style)
 
 
 def hysteresis_figure(

@@ -120,21 +120,6 @@ def test_points_that_rest_or_move_as_another_have_no_panel() -> None:
     assert plots.histories_figure({"full": still}, ["tip"]).axes[0].lines
 
 
-def test_a_long_history_is_the_band_between_its_bounds() -> None:
-    run = integrate(system(2), step=1e-4, n_steps=10_000)  # a thousand periods
-    panel = plots.histories_figure({"full": run}, ["free_end"]).axes[0]
-    (line,) = panel.get_lines()
-    drawn, u = np.asarray(line.get_ydata()), 1e6 * run.point("free_end")
-    assert line.get_label() == "full (bounds)"
-    assert drawn.size == 2 * plots.PARTS
-    np.testing.assert_allclose([drawn.min(), drawn.max()], [u.min(), u.max()])
-    low, high = drawn[: plots.PARTS - 1 : -1], drawn[: plots.PARTS]
-    starts = np.searchsorted(run.times, np.asarray(line.get_xdata())[: plots.PARTS] - 1e-9)
-    for k in range(0, plots.PARTS - 1, 50):
-        part = u[starts[k] : starts[k + 1]]
-        assert (low[k], high[k]) == pytest.approx((part.min(), part.max()))
-
-
 def test_full_is_solid_reduced_broken_and_both_differ_in_grey(runs: dict[str, Run]) -> None:
     for names in (("full", "reduced"), ("reduced", "full")):
         figure = plots.histories_figure({name: runs[name] for name in names}, ["free_end"])

@@ -239,21 +239,6 @@ def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
     assert all(block.n_points > 0 for block in reader.read())
 
 
-def test_a_reader_never_sees_half_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole: list[str] = []
-    move = os.replace
-
-    def watched(source: Path, target: Path) -> None:
-        assert not Path(target).exists()
-        assert Path(source).parent == Path(target).parent
-        move(source, target)
-        whole.append(Path(target).name)
-
-    monkeypatch.setattr("skfem_joint.files.os.replace", watched)
-    files = write_series(tmp_path / "a.pvd", random_frames(lap()))
-    assert whole == [file.name for file in [*files[1:], files[0]]]
-
-
 def test_the_load_beside_the_series_reads_back(tmp_path: Path) -> None:
     times = np.linspace(0.0, 1e-3, 5)
     forces = {"free, end": 1e3 * times, "tip": np.sqrt(times)}
