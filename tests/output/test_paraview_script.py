@@ -141,7 +141,7 @@ def test_the_script_draws_the_joint_and_the_mark_on_its_load(
     series: tuple[Frames, list[str], Path], tmp_path: Path
 ) -> None:
     picture = tmp_path / "a.png"
-    command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4", "--arrows"]
+    command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4"]
     if not os.environ.get("DISPLAY"):
         command = ["xvfb-run", "-a", *command]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0)
