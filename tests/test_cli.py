@@ -24,11 +24,14 @@ from skfem_joint.analysis import study
 from skfem_joint.errors import ConvergenceError
 
 ROOT = Path(__file__).parent.parent
+Write = Callable[..., Path]
+Capture = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Callable[..., Path]:
+def scene(tmp_path: Path) -> Write:
     """Write the harmonic structure of ``examples/``, short, with some of its text replaced."""
 
     def write(*changes: tuple[str, str]) -> Path:
@@ -73,7 +76,7 @@ def command(*arguments: str | Path) -> list[str]:
     ],
 )
 def test_help_and_wrong_usage(
-    arguments: list[str], status: int, words: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], status: int, words: str, capsys: Capture
 ) -> None:
     try:
         found: object = cli.main(arguments)
@@ -84,7 +87,7 @@ def test_help_and_wrong_usage(
     assert words in (shown.err if status else shown.out)
 
 
-def test_check_loads_no_library_that_draws(scene: Callable[..., Path]) -> None:
+def test_check_loads_no_library_that_draws(scene: Write) -> None:
     code = (
         "import sys; from skfem_joint.cli import main; main(sys.argv[1:]); "
         "print(sorted({'matplotlib', 'pyvista', 'vtk', 'numba'} & set(sys.modules)))"
@@ -95,10 +98,7 @@ def test_check_loads_no_library_that_draws(scene: Callable[..., Path]) -> None:
 
 
 def test_check_of_a_valid_scene_writes_nothing(
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ) -> None:
     path = scene((NO_OUTPUT, "vtk = true\nplots = true"))
     monkeypatch.chdir(tmp_path)
@@ -110,9 +110,7 @@ def test_check_of_a_valid_scene_writes_nothing(
     assert files_below(tmp_path) == ["scene.toml"]
 
 
-def test_run_writes_what_the_scene_asks_for(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_writes_what_the_scene_asks_for(scene: Write, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "deep" / "results"
     path = scene((NO_OUTPUT, "vtk = true\nframes = 4\nplots = true"))
     assert cli.main(["run", str(path), "--out", str(out)]) == 0
@@ -139,9 +137,7 @@ def test_run_writes_what_the_scene_asks_for(
     assert not list(out.rglob(".*"))  # no leftovers
 
 
-def test_check_says_what_each_joint_is_and_each_note_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_says_what_each_joint_is_and_each_note_once(tmp_path: Path, capsys: Capture) -> None:
     text = (ROOT / "examples" / "plate_reference.toml").read_text(encoding="utf-8")
     table = "pressure = { positions = [-1.0, 0.0, 0.3], values = [0.0, 9e6, 2e6] }"
     changes = (("pressure = 8e6", table), ("thickness = 0.01", "thickness = 10.0"))
@@ -160,9 +156,7 @@ def test_check_says_what_each_joint_is_and_each_note_once(
 ONE_CYCLE = ("cycles = 2", "cycles = 1")
 
 
-def test_files_are_whole_when_nobody_reads_the_table(
-    scene: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_files_are_whole_when_nobody_reads_the_table(scene: Write, tmp_path: Path) -> None:
     """A closed pipe, a full terminal and one that knows no ° or é lose no result."""
     path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', 'title = "Ring Ø 5 é '))
     read, write = os.pipe()
@@ -187,11 +181,7 @@ def test_files_are_whole_when_nobody_reads_the_table(
     ("error", "status"), [(ConvergenceError("step 7"), 3), (KeyboardInterrupt(), 130)]
 )
 def test_results_outlive_what_ends_their_certificate(
-    error: BaseException,
-    status: int,
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException, status: int, scene: Write, tmp_path: Path, monkeypatch: Patch
 ) -> None:
     def fail(*args: object, **options: object) -> None:
         raise error
@@ -205,7 +195,7 @@ def test_results_outlive_what_ends_their_certificate(
     assert any("errors" in warning for warning in summary["warnings"])
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+def refused(arguments: list[str], capsys: Capture, *words: str) -> list[str]:
     """Lines of the message of a command that ends with 2."""
     assert cli.main(arguments) == 2
     shown = capsys.readouterr()
@@ -217,7 +207,7 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: st
     return shown.err.splitlines()
 
 
-def refused_run(scene_file: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
+def refused_run(scene_file: Path, out: Path, capsys: Capture) -> list[str]:
     """Lines of the message of a scene that is refused, alike by `run` and `check`."""
     lines = refused(["check", str(scene_file)], capsys)
     assert refused(["run", str(scene_file), "--out", str(out)], capsys) == lines
@@ -226,7 +216,7 @@ def refused_run(scene_file: Path, out: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_every_mistake_of_a_scene_is_told_at_once(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
     path = scene(
         ("modes = 5", "modes = 0"),
@@ -240,9 +230,7 @@ def test_every_mistake_of_a_scene_is_told_at_once(
     assert all(any(f": {key}: " in line for line in lines) for key in keys)
 
 
-def test_missing_or_broken_files(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_or_broken_files(scene: Write, tmp_path: Path, capsys: Capture) -> None:
     whole = (ROOT / "meshes" / "structure.msh").read_bytes()
     (tmp_path / "cut.msh").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "broken.toml").write_bytes(b"[mesh")
@@ -258,7 +246,7 @@ def test_missing_or_broken_files(
 
 @pytest.mark.parametrize("below", ["", "/deeper/still"])
 def test_output_folder_that_is_a_file(
-    below: str, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    below: str, scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
     (tmp_path / "taken").write_text("mine")
     refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "taken")
@@ -267,7 +255,7 @@ def test_output_folder_that_is_a_file(
 
 
 def test_reduction_that_does_not_fit_the_scene(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
     path = scene(('on = "free_end"', 'on = "joint"'))
     out = tmp_path / "out"
@@ -285,12 +273,7 @@ def test_reduction_that_does_not_fit_the_scene(
     ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
 )
 def test_missing_optional_library_is_told_before_the_run(
-    library: str,
-    asked: str,
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    library: str, asked: str, scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ) -> None:
     for module in [name for name in sys.modules if name.split(".")[0] == library]:
         monkeypatch.delitem(sys.modules, module)
@@ -300,10 +283,7 @@ def test_missing_optional_library_is_told_before_the_run(
 
 
 def test_run_that_does_not_converge_ends_with_3(
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ) -> None:
     def fail(*args: object, **options: object) -> None:
         raise ConvergenceError("step 7 at t = 7e-05 s did not converge")
@@ -315,7 +295,7 @@ def test_run_that_does_not_converge_ends_with_3(
     assert files_below(out) == []
 
 
-def interrupting(monkeypatch: pytest.MonkeyPatch, call: int, wanted: str = "full model") -> None:
+def interrupting(monkeypatch: Patch, call: int, wanted: str = "full model") -> None:
     """Make the progress of a model raise as Ctrl-C does, at its n-th call."""
     left = [call]
 
@@ -332,10 +312,7 @@ def interrupting(monkeypatch: pytest.MonkeyPatch, call: int, wanted: str = "full
 
 
 def test_interrupted_run_leaves_valid_files_of_what_was_done(
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ) -> None:
     interrupting(monkeypatch, 3)
     out = tmp_path / "out"
@@ -357,7 +334,7 @@ def test_interrupted_run_leaves_valid_files_of_what_was_done(
     assert all(picture.read_bytes().startswith(PNG) for picture in out.glob("*.png"))
 
 
-def test_ctrl_c_on_a_terminal(scene: Callable[..., Path], tmp_path: Path) -> None:
+def test_ctrl_c_on_a_terminal(scene: Write, tmp_path: Path) -> None:
     out = tmp_path / "out"
     path = scene(FULL_ONLY, ("cycles = 2", "cycles = 100000"), ("every = 1", "every = 1000"))
     master, terminal = pty.openpty()
@@ -389,7 +366,7 @@ def test_ctrl_c_on_a_terminal(scene: Callable[..., Path], tmp_path: Path) -> Non
         assert abs(history["time"].size - 1 - steps / 1000) <= 1
 
 
-def test_points_may_have_any_name(tmp_path: Path, scene: Callable[..., Path]) -> None:
+def test_points_may_have_any_name(tmp_path: Path, scene: Write) -> None:
     from skfem_joint.mesh import build_bar, write_mesh
 
     name = "freie Länge / 2"

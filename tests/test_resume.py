@@ -25,6 +25,9 @@ from skfem_joint.scene import load_scene
 from skfem_joint.stepping.checkpoint import Checkpoints
 
 ROOT = Path(__file__).parent.parent
+Write = Callable[..., Path]
+Capture = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
 
 
 class KilledError(Exception):
@@ -32,7 +35,7 @@ class KilledError(Exception):
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Callable[..., Path]:
+def scene(tmp_path: Path) -> Write:
     def write(cycles: int = 30, output: str = "", run: str = '"full", "reduced"') -> Path:
         text = with_changes(
             GOOD,
@@ -111,7 +114,7 @@ def killed(begun: Callable[[], bool], pause: float, *arguments: str | Path) -> i
 
 
 def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
-    scene: Callable[..., Path], tmp_path: Path
+    scene: Write, tmp_path: Path
 ) -> None:
     path = scene(cycles=200, output="every = 10")
     assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
@@ -163,7 +166,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
     with output.prepare(scene, whole):
         output.write(study.run_scene(scene), whole)
     # Chunks end where the time is up: they must not show in the results.
-    with pytest.MonkeyPatch.context() as patch:
+    with Patch.context() as patch:
         patch.setattr("skfem_joint.stepping.integrate.MOST_STEPS_IN_A_CHUNK", 5)
         with pytest.raises(KilledError), output.prepare(scene, out):
             study.run_scene(scene, kill, Checkpoints(out, every=1))
@@ -181,9 +184,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
         assert (whole / name).read_bytes() == (out / name).read_bytes(), name
 
 
-def test_killed_while_it_writes_leaves_whole_files(
-    scene: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_killed_while_it_writes_leaves_whole_files(scene: Write, tmp_path: Path) -> None:
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 40", run='"full"')
     out = tmp_path / "out"
     rng = np.random.default_rng(7)
@@ -198,7 +199,7 @@ def test_killed_while_it_writes_leaves_whole_files(
 
 
 def test_a_finished_model_is_not_run_again(
-    scene: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Write, tmp_path: Path, monkeypatch: Patch
 ) -> None:
     path, out = scene(cycles=4), tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
@@ -226,9 +227,7 @@ def test_a_finished_model_is_not_run_again(
     assert not list(out.glob("checkpoint_*"))
 
 
-def test_nothing_is_lost_without_resume(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_lost_without_resume(scene: Write, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "checkpoint_full.npz").write_bytes(b"hours of work")
@@ -240,9 +239,7 @@ def test_nothing_is_lost_without_resume(
     assert "cannot be read as a checkpoint" in capsys.readouterr().err
 
 
-def test_another_scene_or_mesh_is_refused(
-    scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_scene_or_mesh_is_refused(scene: Write, tmp_path: Path, capsys: Capture) -> None:
     path, out = scene(cycles=2, run='"full"'), tmp_path / "out"
     text = path.read_text(encoding="utf-8")
     mesh = (ROOT / "meshes" / "structure.msh").read_text(encoding="utf-8")
@@ -266,7 +263,7 @@ def test_another_scene_or_mesh_is_refused(
 
 @pytest.mark.parametrize("steps", ["0", "-3"])
 def test_steps_between_checkpoints_must_be_positive(
-    steps: str, scene: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    steps: str, scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
     out = tmp_path / "out"
     assert cli.main(["run", str(scene()), "--out", str(out), f"--checkpoint-every={steps}"]) == 2
@@ -279,7 +276,7 @@ def test_steps_between_checkpoints_must_be_positive(
 
 @pytest.mark.parametrize("kilobytes", [6, 60])
 def test_a_limit_on_file_sizes_leaves_whole_files(
-    kilobytes: int, scene: Callable[..., Path], tmp_path: Path
+    kilobytes: int, scene: Write, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')
@@ -299,10 +296,7 @@ def test_a_limit_on_file_sizes_leaves_whole_files(
 
 
 def test_a_full_disk_of_a_library_is_told_without_a_traceback(
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
     """Numba keeps compiled code in files of its own."""
 
@@ -317,10 +311,7 @@ def test_a_full_disk_of_a_library_is_told_without_a_traceback(
 
 
 def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(
-    scene: Callable[..., Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
     path = scene(cycles=2, output="vtk = true\nframes = 4", run='"full"')
     real = os.replace

@@ -18,6 +18,7 @@ from skfem_joint.mesh import build_bar
 from skfem_joint.output import write
 from skfem_joint.scene import Scene
 
+Make = Callable[[], Scene]
 MIB = 2**20
 BOTH = ("full", "reduced")
 
@@ -56,7 +57,7 @@ def in_plan(
     )
 
 
-CASES: dict[str, Callable[[], Scene]] = {
+CASES: dict[str, Make] = {
     "points": lambda: bar(cycles=600),
     "two models": lambda: bar(*BOTH, cycles=300),
     "fields": lambda: bar(elements=500, cycles=5, steps=100, vtk=True, frames=500),
@@ -99,7 +100,7 @@ def test_the_estimate_bounds_what_a_run_takes_and_is_not_far_above(
 
 
 #: What is dear, and options that the refusal must and must not name.
-DEAR: list[tuple[Callable[[], Scene], list[str], list[str]]] = [
+DEAR: list[tuple[Make, list[str], list[str]]] = [
     (lambda: bar(cycles=10_000), ["output.every", "output.history"], ["frames", "reference"]),
     (lambda: bar(*BOTH, cycles=10_000), ["output.every"], ["output.history", "reference"]),
     (
@@ -118,7 +119,7 @@ DEAR: list[tuple[Callable[[], Scene], list[str], list[str]]] = [
 
 @pytest.mark.parametrize(("scene", "named", "not_named"), DEAR)
 def test_the_options_named_are_those_that_store_less(
-    scene: Callable[[], Scene], named: list[str], not_named: list[str]
+    scene: Make, named: list[str], not_named: list[str]
 ) -> None:
     dear = scene()
     with pytest.raises(InputError) as caught:

@@ -36,6 +36,7 @@ from skfem_joint.mesh import build_bar, build_box
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Run
 
+Patch = pytest.MonkeyPatch
 GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
 MULTI_HARMONIC = {
     "on": "free_end",
@@ -165,7 +166,7 @@ def test_full_rank_basis_is_the_full_model() -> None:
 
 
 def test_one_model_alone_is_integrated_once_and_not_compared(
-    structure_study: Study, monkeypatch: pytest.MonkeyPatch
+    structure_study: Study, monkeypatch: Patch
 ) -> None:
     results = run_bar("reduced")
     (model,) = results.models.values()
@@ -396,9 +397,7 @@ def test_study_interrupted_in_its_second_model_keeps_the_first() -> None:
     assert reduced.errors is None
 
 
-def test_interruption_while_the_modes_are_made_is_not_swallowed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch: Patch) -> None:
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -419,7 +418,7 @@ def test_interruption_while_the_modes_are_made_is_not_swallowed(
     ids=["bar", "plate"],
 )
 def test_step_that_does_not_converge_names_the_place(
-    scene: Scene, words: str, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, words: str, monkeypatch: Patch
 ) -> None:
     unknown = int(np.flatnonzero(scene.system().loads[0].vector)[0])
 

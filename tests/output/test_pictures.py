@@ -20,6 +20,8 @@ from skfem_joint.mesh import build_plate
 from skfem_joint.output import pictures
 from skfem_joint.structure import Joint, Structure
 
+Build = Callable[[], Structure]
+Patch = pytest.MonkeyPatch
 INCLINED = (3.0, 4.0, 0.0)
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
@@ -44,9 +46,7 @@ def share_of(pixels: NDArray[np.float64], colour: str) -> float:
 
 @draws
 @pytest.mark.parametrize("build", [lap, bars, lambda: bar(INCLINED), blocks])
-def test_a_still_shows_stick_slip_and_no_contact(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
+def test_a_still_shows_stick_slip_and_no_contact(tmp_path: Path, build: Build) -> None:
     made = build()
     frames = pulled(made, ("full", "reduced"))
     nodes = made.patches[0].nodes
@@ -131,9 +131,7 @@ def test_a_gif_has_the_frames_asked_for(tmp_path: Path) -> None:
 
 @draws
 @pytest.mark.parametrize("build", [lap, lambda: bar(INCLINED)])
-def test_bodies_and_the_mark_on_the_load_move_with_the_frame(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
+def test_bodies_and_the_mark_on_the_load_move_with_the_frame(tmp_path: Path, build: Build) -> None:
     frames = pulled(build())
     with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
         before = max(body.block.grid.bounds[1] for body in picture.bodies)
@@ -151,7 +149,7 @@ def test_bodies_and_the_mark_on_the_load_move_with_the_frame(
 @pytest.mark.parametrize("largest", [1e-9, 3.3e-5, 4e-5, 1.0])
 @pytest.mark.parametrize("build", [lap, lambda: bar((0.0, 0.0, 1.0))])
 def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_length(
-    build: Callable[[], Structure], largest: float
+    build: Build, largest: float
 ) -> None:
     frames = pulled(build())
     u = frames.fields[0].displacement
@@ -184,7 +182,7 @@ def test_a_missing_library_or_place_is_an_input_error(
 
 
 @pytest.fixture
-def windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+def windows(monkeypatch: Patch) -> Iterator[Patch]:
     """Nothing is known of the kinds of window that work, before and after."""
     pictures._working_window.cache_clear()
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -194,7 +192,7 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
 
 
 def test_a_gl_library_that_ends_the_process_is_an_input_error(
-    tmp_path: Path, windows: pytest.MonkeyPatch
+    tmp_path: Path, windows: Patch
 ) -> None:
     windows.setattr(pictures, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(InputError, match="libosmesa6"):
@@ -203,7 +201,7 @@ def test_a_gl_library_that_ends_the_process_is_an_input_error(
 
 
 def test_the_first_kind_of_window_that_works_is_taken_but_the_users_choice_is_kept_or_named(
-    windows: pytest.MonkeyPatch,
+    windows: Patch,
 ) -> None:
     tried: list[str] = []
 

@@ -29,6 +29,8 @@ from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Joint, Load, Structure
 from skfem_joint.system import System
 
+Figures = dict[str, Figure]
+Runs = dict[str, Run]
 ROWS = 50
 FREQUENCY = 1000.0
 STEP = 1.0 / FREQUENCY / ROWS
@@ -42,7 +44,7 @@ def system(elements: int = 20, frequency: float = FREQUENCY) -> System:
 
 
 @pytest.fixture(scope="module")
-def runs() -> dict[str, Run]:
+def runs() -> Runs:
     options = {"step": STEP, "n_steps": 3 * ROWS, "cycle_steps": ROWS}
     full = integrate(system(), save=Save(fields=True), **options)
     reduced = system().project(proper_modes(full.u).modes[:, :3])
@@ -50,13 +52,13 @@ def runs() -> dict[str, Run]:
 
 
 @pytest.fixture(scope="module")
-def reference(runs: dict[str, Run]) -> ReferenceModes:
+def reference(runs: Runs) -> ReferenceModes:
     proper = proper_modes(runs["full"].u)
     return ReferenceModes(np.linspace(0.0, 1.0, len(proper.modes)), proper.modes, proper, 0.25)
 
 
 @pytest.fixture(scope="module")
-def figures(runs: dict[str, Run], reference: ReferenceModes) -> dict[str, Figure]:
+def figures(runs: Runs, reference: ReferenceModes) -> Figures:
     return {
         "histories": plots.histories_figure(runs, ["free_end"]),
         "hysteresis": plots.hysteresis_figure(runs, "free_end", cycle_rows=ROWS),
@@ -83,7 +85,7 @@ def assert_inside(figure: Figure, boxes: list[Any]) -> None:
 
 @pytest.mark.parametrize("name", LABELS)
 def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(
-    figures: dict[str, Figure], name: str
+    figures: Figures, name: str
 ) -> None:
     figure = figures[name]
     found = {text for panel in figure.axes for text in (panel.get_xlabel(), panel.get_ylabel())}
@@ -96,9 +98,7 @@ def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
-def test_histories_draw_the_stored_displacement(
-    figures: dict[str, Figure], runs: dict[str, Run]
-) -> None:
+def test_histories_draw_the_stored_displacement(figures: Figures, runs: Runs) -> None:
     lines = figures["histories"].axes[0].get_lines()
     assert [line.get_label() for line in lines] == ["full", "reduced"]
     for line, run in zip(lines, runs.values(), strict=True):
@@ -120,7 +120,7 @@ def test_points_that_rest_or_move_as_another_have_no_panel() -> None:
     assert plots.histories_figure({"full": still}, ["tip"]).axes[0].lines
 
 
-def test_full_is_solid_reduced_broken_and_both_differ_in_grey(runs: dict[str, Run]) -> None:
+def test_full_is_solid_reduced_broken_and_both_differ_in_grey(runs: Runs) -> None:
     for names in (("full", "reduced"), ("reduced", "full")):
         figure = plots.histories_figure({name: runs[name] for name in names}, ["free_end"])
         full, reduced = sorted(figure.axes[0].get_lines(), key=lambda line: line.get_label())
@@ -134,7 +134,7 @@ def test_full_is_solid_reduced_broken_and_both_differ_in_grey(runs: dict[str, Ru
 
 
 def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
-    figures: dict[str, Figure], runs: dict[str, Run]
+    figures: Figures, runs: Runs
 ) -> None:
     for line, run in zip(figures["hysteresis"].axes[0].get_lines(), runs.values(), strict=True):
         assert len(line.get_xdata()) == ROWS + 1
@@ -147,7 +147,7 @@ def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
 
 
 def test_five_modes_with_largest_value_one_their_proper_values_and_whose_they_are(
-    figures: dict[str, Figure], reference: ReferenceModes
+    figures: Figures, reference: ReferenceModes
 ) -> None:
     panel = figures["modes"].axes[0]
     lines = [line for line in panel.get_lines() if not line.get_label().startswith("_")]
@@ -164,7 +164,7 @@ def test_five_modes_with_largest_value_one_their_proper_values_and_whose_they_ar
 
 
 def test_proper_values_are_bars_and_their_sums_a_line(
-    figures: dict[str, Figure], reference: ReferenceModes
+    figures: Figures, reference: ReferenceModes
 ) -> None:
     left, right = figures["values"].axes
     heights = [bar.get_height() for bar in left.patches]
@@ -178,7 +178,7 @@ def test_proper_values_are_bars_and_their_sums_a_line(
 
 
 def test_the_works_drawn_are_those_of_the_cycles_and_those_that_are_zero_are_left_out(
-    figures: dict[str, Figure], runs: dict[str, Run]
+    figures: Figures, runs: Runs
 ) -> None:
     panels = {panel.get_title(loc="left"): panel for panel in figures["cycles"].axes}
     assert set(panels) == {"input", "friction", "viscous"}  # the scheme dissipates nothing
@@ -203,7 +203,7 @@ def test_the_time_axis_has_a_unit_that_suits_it(frequency: float, unit: str) -> 
 
 
 def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
-    tmp_path: Path, figures: dict[str, Figure]
+    tmp_path: Path, figures: Figures
 ) -> None:
     written = {
         name: plots.save_figure(tmp_path / f"{name}.png", figure)
@@ -230,7 +230,7 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
     ],
 )
 def test_mistakes_are_input_errors(
-    runs: dict[str, Run], draw: Any, message: str, monkeypatch: pytest.MonkeyPatch
+    runs: Runs, draw: Any, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(InputError, match=message):
         draw(runs)

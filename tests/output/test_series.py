@@ -33,13 +33,14 @@ from skfem_joint.output.fields import Frames
 from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
 from skfem_joint.structure import Structure
 
+Build = Callable[[], Structure]
 DIRECTIONS = [(1, 0, 0), (3, 4, 0), (-1, 2, 2), (0, 0, 1)]
-SINGLE: list[Callable[[], Structure]] = [
+SINGLE: list[Build] = [
     *(lambda d=d: bar(d) for d in DIRECTIONS),
     *(lambda kind=kind: plate(*kind) for kind in PLATES),
     *(lambda kind=kind: box(*kind) for kind in BOXES),
 ]  # fmt: skip
-PAIRS: list[Callable[[], Structure]] = [
+PAIRS: list[Build] = [
     bars,
     *(lambda kind=kind: lap(*kind) for kind in PLATES),
     *(lambda kind=kind: side(*kind) for kind in PLATES),
@@ -70,9 +71,7 @@ def contents(made: Structure, frames: Frames) -> list[Any]:
 
 
 @pytest.mark.parametrize("build", SINGLE)
-def test_values_and_times_read_back_equal_those_written(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
+def test_values_and_times_read_back_equal_those_written(tmp_path: Path, build: Build) -> None:
     made = build()
     frames = random_frames(made, ("full", "reduced"))
     write_series(tmp_path / "a.pvd", frames)
@@ -94,9 +93,7 @@ def test_values_and_times_read_back_equal_those_written(
 
 
 @pytest.mark.parametrize("build", SINGLE)
-def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(
-    build: Callable[[], Structure],
-) -> None:
+def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(build: Build) -> None:
     made = build()
     (block,) = blocks_of(made)
     assert block.label == ""
@@ -122,9 +119,7 @@ def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(
 
 
 @pytest.mark.parametrize("build", PAIRS)
-def test_both_bodies_feel_the_same_friction_force(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
+def test_both_bodies_feel_the_same_friction_force(tmp_path: Path, build: Build) -> None:
     made = build()
     frames = random_frames(made)
     write_series(tmp_path / "a.pvd", frames)
@@ -165,9 +160,7 @@ def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_no
 
 @pytest.mark.parametrize("build", [bars, lap, bar, plate])
 @pytest.mark.parametrize("state", [0, 1])
-def test_cells_say_where_bodies_touch_and_whether_they_slip(
-    build: Callable[[], Structure], state: int
-) -> None:
+def test_cells_say_where_bodies_touch_and_whether_they_slip(build: Build, state: int) -> None:
     """At a supported end too; where nothing presses, neither body is in contact."""
     made, frames = build(), random_frames(build())
     patch = made.patches[0]

@@ -14,22 +14,25 @@ import pytest
 from skfem_joint.errors import InputError
 from skfem_joint.files import holding, read_whole, remove_unfinished, replacing, safe_name
 
+Patch = pytest.MonkeyPatch
+Files = dict[str, str]
 
-def contents(folder: Path) -> dict[str, str]:
+
+def contents(folder: Path) -> Files:
     return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()}
 
 
 @pytest.fixture(params=[{}, {"a.txt": "old"}], ids=["new file", "file that is there"])
-def before(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, str]:
+def before(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
     """What lies in the folder before a.txt is written."""
-    files: dict[str, str] = request.param
+    files: Files = request.param
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     return files
 
 
 def test_the_file_takes_its_place_only_when_the_block_is_done(
-    tmp_path: Path, before: dict[str, str]
+    tmp_path: Path, before: Files
 ) -> None:
     with replacing(tmp_path / "a.txt") as temporary:
         assert temporary.parent == tmp_path  # the same disk, so that the file can be renamed
@@ -44,11 +47,7 @@ def test_the_file_takes_its_place_only_when_the_block_is_done(
     "error", [ValueError("no"), KeyboardInterrupt(), InputError("no"), OSError(28, "it is full")]
 )
 def test_an_error_at_any_time_leaves_the_folder_as_it_was(
-    tmp_path: Path,
-    before: dict[str, str],
-    error: BaseException,
-    place: str,
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, before: Files, error: BaseException, place: str, monkeypatch: Patch
 ) -> None:
     """It passes as it is, but what the system refuses is an input error with its reason."""
 
@@ -128,7 +127,7 @@ def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_pat
 
 
 def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: Patch
 ) -> None:
     done: list[str] = []
     move, flush = os.replace, os.fsync

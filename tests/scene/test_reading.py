@@ -18,6 +18,7 @@ from skfem_joint.scene import load_scene, scene_from
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
+Write = Callable[..., Path]
 BAR = build_bar(
     [("joint", 0.1, 10), ("linear", 0.3, 6), ("second", 0.1, 5), ("third", 0.1, 5)],
     {"fixed": 0.0, "junction": 0.1, "middle": 0.4, "free_end": 0.6},
@@ -53,7 +54,7 @@ SOLID = with_changes(
 
 
 @pytest.fixture
-def scene_file(tmp_path: Path) -> Callable[..., Path]:
+def scene_file(tmp_path: Path) -> Write:
     """Write a scene with some of its text replaced, beside the meshes of bar and plates."""
     write_mesh(BAR, tmp_path / "bar.msh")
     write_mesh(LOWER, tmp_path / "lower.msh")
@@ -68,7 +69,7 @@ def scene_file(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-def test_a_bar_becomes_its_structure_and_system(scene_file: Callable[..., Path]) -> None:
+def test_a_bar_becomes_its_structure_and_system(scene_file: Write) -> None:
     scene = load_scene(scene_file())
     assert scene.path.name == "scene.toml"
     assert scene.named_mesh.n_elements == 26
@@ -81,7 +82,7 @@ def test_a_bar_becomes_its_structure_and_system(scene_file: Callable[..., Path])
     assert scene.structure() is scene.structure()
 
 
-def test_two_plates_become_one_structure(scene_file: Callable[..., Path]) -> None:
+def test_two_plates_become_one_structure(scene_file: Write) -> None:
     scene = load_scene(scene_file(text=PLATES))
     structure = scene.structure()
     assert (structure.dim, int(scene.named_mesh.body.max())) == (2, 1)
@@ -99,7 +100,7 @@ def test_a_solid_needs_no_section(kind: str) -> None:
     assert scene.output_points == ()
 
 
-def test_regions_supports_and_points_reach_the_structure(scene_file: Callable[..., Path]) -> None:
+def test_regions_supports_and_points_reach_the_structure(scene_file: Write) -> None:
     scene = load_scene(
         scene_file(
             ('fixed = ["left"]', 'fixed_x = ["left"]\nfixed_y = ["bottom"]'),
@@ -174,23 +175,21 @@ BAD_PLATES: list[tuple[Change, list[str]]] = [
     ],
 )
 def test_what_only_the_mesh_can_tell_is_refused_under_the_scenes_name(
-    scene_file: Callable[..., Path], text: str, change: Change, words: list[str]
+    scene_file: Write, text: str, change: Change, words: list[str]
 ) -> None:
     problems = problems_of_file(scene_file(change, text=text))
     assert len(problems) == (2 if "unsupported" in words else 1)  # each of two plates is
     assert all(word in problem for word in words for problem in problems), problems
 
 
-def test_files_that_do_not_go_together_are_refused(scene_file: Callable[..., Path]) -> None:
+def test_files_that_do_not_go_together_are_refused(scene_file: Write) -> None:
     for second, word in (("lower.msh", "name '"), ("bar.msh", "bar.msh"), ("no.msh", "no.msh")):
         problems = problems_of_file(scene_file(("upper.msh", second), text=PLATES))
         assert all(problem.startswith("mesh.file: ") for problem in problems)
         assert word in problems[0]
 
 
-def test_mistakes_of_tables_mesh_and_structure_are_told_together(
-    scene_file: Callable[..., Path],
-) -> None:
+def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file: Write) -> None:
     path = scene_file(
         ('fixed = ["left"]', 'fixed = ["lft"]'),
         ('against = "joint"', 'against = "nowhere"'),
@@ -248,7 +247,7 @@ def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path: Path) ->
     assert missing == {"mesh", "material", "load", "time"}
 
 
-def test_a_scene_from_memory_is_that_of_the_file(scene_file: Callable[..., Path]) -> None:
+def test_a_scene_from_memory_is_that_of_the_file(scene_file: Write) -> None:
     path = scene_file()
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors mark UTF-8
     from_file = load_scene(path)
