@@ -3,7 +3,7 @@
     pvpython examples/paraview_joint.py out/fields.pvd picture.png
 
 Options: --time SECONDS (default: where the largest displacement is), --factor NUMBER (scale of the
-displacements, default: the largest is a twentieth of the length), --arrows (friction traction).
+displacements, default: the largest is a twentieth of the length).
 
 In ParaView itself: open fields.pvd, press Apply, then Tools > Python Shell > Run Script with this
 file; the series may be played then, and the mark on the load's curve runs with it.
@@ -15,8 +15,6 @@ xvfb-run -a pvpython examples/paraview_joint.py out/fields.pvd picture.png
 
 import argparse
 import csv
-import ctypes
-import ctypes.util
 import math
 import operator
 import os
@@ -101,18 +99,10 @@ def rounded(value):
 def can_draw(view):
     """Whether drawing works: ParaView built for X ends the process when there is no X server."""
     window = view.SMProxy.GetClientSideObject().GetRenderWindow().GetClassName()
-    if window != "vtkXOpenGLRenderWindow":
-        return True
-    library = ctypes.CDLL(ctypes.util.find_library("X11") or "libX11.so.6")
-    library.XOpenDisplay.restype = ctypes.c_void_p
-    library.XCloseDisplay.argtypes = [ctypes.c_void_p]
-    display = library.XOpenDisplay(None)
-    if display:
-        library.XCloseDisplay(display)
-    return bool(display)
+    return window != "vtkXOpenGLRenderWindow" or bool(os.environ.get("DISPLAY"))
 
 
-def show_model(reader, name, paths, view, factor, shift, arrow):
+def show_model(reader, name, paths, view, factor, shift):
     """Warped bodies of one model in colour, their edges, and the model's name."""
     model = simple.ExtractBlock(Input=reader, Selectors=paths)
     moved = simple.Transform(Input=model)
@@ -131,19 +121,6 @@ def show_model(reader, name, paths, view, factor, shift, arrow):
         simple.ColorBy(line, None)
         line.AmbientColor = line.DiffuseColor = colour
         line.LineWidth = width
-    if arrow:
-        glyphs = simple.Glyph(
-            Input=warped,
-            GlyphType="Arrow",
-            OrientationArray=["POINTS", "friction_traction"],
-            ScaleArray=["POINTS", "friction_traction"],
-            ScaleFactor=arrow,
-            GlyphMode="Uniform Spatial Distribution (Bounds Based)",
-            MaximumNumberOfSamplePoints=400,
-        )
-        shown = simple.Show(glyphs, view)
-        simple.ColorBy(shown, None)
-        shown.AmbientColor = shown.DiffuseColor = (0.1, 0.1, 0.1)
 
 
 def write(view, text, place=None, corner=None, size=20):
@@ -263,7 +240,7 @@ def show_load(path, times, view):
         setattr(view, f"{axis}AxisLabelFontSize", 16)
 
 
-def joint(reader, time=None, factor=None, arrows=False):
+def joint(reader, time=None, factor=None):
     """Build the views of a series without drawing; returns the layout, its view, and the time."""
     simple._DisableFirstRenderCameraReset()
     reader.UpdatePipeline()
@@ -272,10 +249,8 @@ def joint(reader, time=None, factor=None, arrows=False):
     if time is not None:
         at = min(times, key=lambda step: abs(step - time))
     reader.UpdatePipeline(at)
-    traction = reader.PointData["friction_traction"].GetRange(-1)[1]
     bounds = list(reader.GetDataInformation().GetBounds())
     length = max(bounds[2 * k + 1] - bounds[2 * k] for k in range(3))
-    arrow = 0.05 * length / traction if arrows and traction > 0.0 else 0.0
     if factor is None:
         factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
 
@@ -299,7 +274,7 @@ def joint(reader, time=None, factor=None, arrows=False):
     pixels = (SIZE[0], SIZE[1] * (TOP if has_load else 1.0))
     shifts, places, middle, pixel = laid_out(low, high, len(models), pixels)
     for (name, paths), shift, place in zip(models.items(), shifts, places, strict=True):
-        show_model(reader, name, paths, view, factor, shift, arrow)
+        show_model(reader, name, paths, view, factor, shift)
         if len(models) > 1:
             write(view, name, place=place, size=18)
     colour_by_state(view)
@@ -329,12 +304,11 @@ def main(arguments):
     parser.add_argument("picture", nargs="?", help="PNG; SERIES.png if not given")
     parser.add_argument("--time", type=float)
     parser.add_argument("--factor", type=float)
-    parser.add_argument("--arrows", action="store_true")
     given = parser.parse_args(arguments)
     if not os.path.isfile(given.series):
         sys.exit(f"{given.series}: no such file")
     reader = simple.PVDReader(FileName=given.series)
-    layout, view, time = joint(reader, given.time, given.factor, given.arrows)
+    layout, view, time = joint(reader, given.time, given.factor)
     if not can_draw(view):
         sys.exit(
             "this ParaView draws through an X server and finds none: put xvfb-run -a before the "

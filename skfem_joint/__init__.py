@@ -33,101 +33,53 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from skfem_joint.analysis.study import run_scene
-    from skfem_joint.errors import ConvergenceError, InputError
-    from skfem_joint.loads import (
-        HalfSine,
-        Harmonic,
-        MultiHarmonic,
-        RampAndHold,
-        Rectangle,
-        Table,
-        Triangle,
-        Versine,
-    )
-    from skfem_joint.mesh import build_bar, build_box, build_plate, load_meshes, merged
-    from skfem_joint.reduction import reduce
-    from skfem_joint.scene import load_scene
-    from skfem_joint.stepping.integrate import integrate
-    from skfem_joint.stepping.recording import Save
-    from skfem_joint.structure import (
-        Bolt,
-        Bolts,
-        Joint,
-        Load,
-        Material,
-        PressureTable,
-        Structure,
-        contact,
-        point_friction,
-    )
-    from skfem_joint.system import System
+    from skfem_joint.analysis.study import run_scene as run_scene
+    from skfem_joint.errors import ConvergenceError as ConvergenceError
+    from skfem_joint.errors import InputError as InputError
+    from skfem_joint.loads import HalfSine as HalfSine
+    from skfem_joint.loads import Harmonic as Harmonic
+    from skfem_joint.loads import MultiHarmonic as MultiHarmonic
+    from skfem_joint.loads import RampAndHold as RampAndHold
+    from skfem_joint.loads import Rectangle as Rectangle
+    from skfem_joint.loads import Table as Table
+    from skfem_joint.loads import Triangle as Triangle
+    from skfem_joint.loads import Versine as Versine
+    from skfem_joint.mesh import build_bar as build_bar
+    from skfem_joint.mesh import build_box as build_box
+    from skfem_joint.mesh import build_plate as build_plate
+    from skfem_joint.mesh import load_meshes as load_meshes
+    from skfem_joint.mesh import merged as merged
+    from skfem_joint.reduction import reduce as reduce
+    from skfem_joint.scene import load_scene as load_scene
+    from skfem_joint.stepping.integrate import integrate as integrate
+    from skfem_joint.stepping.recording import Save as Save
+    from skfem_joint.structure import Bolt as Bolt
+    from skfem_joint.structure import Bolts as Bolts
+    from skfem_joint.structure import Joint as Joint
+    from skfem_joint.structure import Load as Load
+    from skfem_joint.structure import Material as Material
+    from skfem_joint.structure import PressureTable as PressureTable
+    from skfem_joint.structure import Structure as Structure
+    from skfem_joint.structure import contact as contact
+    from skfem_joint.structure import point_friction as point_friction
+    from skfem_joint.system import System as System
 
-_HOME = {
-    "analysis.study": ("run_scene",),
-    "errors": ("ConvergenceError", "InputError"),
-    "loads": (
-        "HalfSine",
-        "Harmonic",
-        "MultiHarmonic",
-        "RampAndHold",
-        "Rectangle",
-        "Table",
-        "Triangle",
-        "Versine",
-    ),
-    "mesh": ("build_bar", "build_box", "build_plate", "load_meshes", "merged"),
-    "reduction": ("reduce",),
-    "scene": ("load_scene",),
-    "stepping.integrate": ("integrate",),
-    "stepping.recording": ("Save",),
-    "structure": (
-        "Bolt",
-        "Bolts",
-        "Joint",
-        "Load",
-        "Material",
-        "PressureTable",
-        "Structure",
-        "contact",
-        "point_friction",
-    ),
-    "system": ("System",),
+_SHAPES = "HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
+_PARTS = "Bolt Bolts Joint Load Material PressureTable Structure contact point_friction"
+_NAMES = {
+    "analysis.study": "run_scene",
+    "errors": "ConvergenceError InputError",
+    "loads": _SHAPES,
+    "mesh": "build_bar build_box build_plate load_meshes merged",
+    "reduction": "reduce",
+    "scene": "load_scene",
+    "stepping.integrate": "integrate",
+    "stepping.recording": "Save",
+    "structure": _PARTS,
+    "system": "System",
 }
-_MODULE = {name: module for module, names in _HOME.items() for name in names}
-
-__all__ = [
-    "Bolt",
-    "Bolts",
-    "ConvergenceError",
-    "HalfSine",
-    "Harmonic",
-    "InputError",
-    "Joint",
-    "Load",
-    "Material",
-    "MultiHarmonic",
-    "PressureTable",
-    "RampAndHold",
-    "Rectangle",
-    "Save",
-    "Structure",
-    "System",
-    "Table",
-    "Triangle",
-    "Versine",
-    "build_bar",
-    "build_box",
-    "build_plate",
-    "contact",
-    "integrate",
-    "load_meshes",
-    "load_scene",
-    "merged",
-    "point_friction",
-    "reduce",
-    "run_scene",
-]
+_MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
+__all__ = sorted(_MODULE)
 
 
 def __getattr__(name: str) -> Any:

@@ -73,11 +73,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    run = commands.add_parser("run", help="integrate the models of a scene and report")
-    run.add_argument("scene", type=Path, metavar="SCENE.toml")
-    run.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the results"
-    )
+    given, written = (argparse.ArgumentParser(add_help=False) for _ in range(2))
+    given.add_argument("scene", type=Path, metavar="SCENE.toml")
+    written.add_argument("--out", type=Path, required=True, metavar="DIR", help="results' folder")
+    text = "integrate the models of a scene and report"
+    run = commands.add_parser("run", parents=[given, written], help=text)
     run.add_argument(
         "--certify",
         action="store_true",
@@ -103,17 +103,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
-    check = commands.add_parser("check", help="validate a scene without running it")
-    check.add_argument("scene", type=Path, metavar="SCENE.toml")
-    check.set_defaults(command=_check)
+    text = "validate a scene without running it"
+    commands.add_parser("check", parents=[given], help=text).set_defaults(command=_check)
 
-    error_time = commands.add_parser(
-        "error-time", help="error against run time of many models and steps on one scene"
-    )
-    error_time.add_argument("scene", type=Path, metavar="SCENE.toml")
-    error_time.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for table and picture"
-    )
+    text = "error against run time of many models and steps on one scene"
+    error_time = commands.add_parser("error-time", parents=[given, written], help=text)
     error_time.add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
     )
@@ -202,9 +196,9 @@ def _run(options: argparse.Namespace) -> int:
             checkpoints.remove()
     if scene.title:
         print(f"{scene.title}\n")
-    print(report.text(report.summary_table(report.summary(study))))
+    print(report.summary_table(report.summary(study)))
     if certificate:
-        print("\n" + report.text(report.certificate_table(certificate)))
+        print("\n" + report.certificate_table(certificate))
     for warning in study.warnings:
         print(f"\nNote: {warning}")
     print(f"\nWritten to {out}: {', '.join(file.name for file in files)}")

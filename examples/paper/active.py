@@ -10,7 +10,7 @@ import numpy as np
 from paper import cases
 from paper.cases import CASES, PLAIN, PULSES, Case, active_percent, run
 from paper.page import Item, percent, printed
-from scipy.linalg import eigh
+from paper.structure import resonances
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.reduction.active_length import (
@@ -134,19 +134,13 @@ def _error_rows(item: Item, key: str, meaning: str, frequency: float) -> None:
         item.say("table2.error", **locals(), above=f"{threshold:.0e}")
 
 
-def _first_resonance(length: float) -> float:
-    """First natural frequency of a plate of that length by finite elements, Hz."""
-    system = cases.scene(replace(CASES["reference"], length=length)).system()
-    K, M = (A.toarray() for A in (system.K, system.M))
-    return float(np.sqrt(eigh(K, M, eigvals_only=True, subset_by_index=[0, 0])[0]) / (2.0 * pi))
-
-
 def table2(item: Item, quick: bool) -> None:
     """Active length against frequency, full model against the estimate, for Cases I to III."""
     longer, less = [], []
     for key, letter in zip(HARMONIC, "abc", strict=True):
         static = natural_frequency(CASES[key].static_length)
-        item.compare(f"resonance_case_{key}", _first_resonance(CASES[key].static_length))
+        found = resonances(CASES[key].static_length, 1)[0]
+        item.compare(f"resonance_case_{key}", float(found))
         for meaning, frequency in _halves(key).items():
             _error_rows(item, key, meaning, frequency)
         frequencies = static * np.linspace(0.05, 1.2, 8 if quick else 24)

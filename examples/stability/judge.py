@@ -72,22 +72,15 @@ def judge(case: Case) -> Verdict:
 
 
 def judge_all(
-    cases: Sequence[Case],
-    workers: int = 2,
-    progress: Callable[[str, int, int], None] | None = None,
+    cases: Sequence[Case], progress: Callable[[str, int, int], None] | None = None
 ) -> list[Verdict]:
-    """Judge cases in ``workers`` processes (0: in this one); verdicts in the order of the cases.
+    """Judge cases in two processes; verdicts in the order of the cases.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with (label, cases done, cases in all).
+    ``progress`` is called with (label, cases done, cases in all).
     """
-    if workers == 0:
-        return [judge(case) for case in cases]
     os.environ.update(dict.fromkeys(THREADS, "1"))
     verdicts: dict[int, Verdict] = {}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         # The longest first, so that no worker is left alone with one at the end.
         order = sorted(range(len(cases)), key=lambda k: -cases[k].work)
         futures = {pool.submit(judge, cases[k]): k for k in order}

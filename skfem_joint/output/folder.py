@@ -116,7 +116,7 @@ def write(study: Study, folder: Path, certificate: report.Certificate | None = N
     if output.plots or output.vtk:
         frames = frames_of(study)
     if output.vtk:
-        plan[SERIES] = partial(series.write_series, frames=frames, shape=output.shape)
+        plan[SERIES] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
         rows = series.series_files(folder / SERIES, frames)
         names = [file.relative_to(folder).as_posix() for row in rows for file in row]

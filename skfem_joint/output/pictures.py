@@ -134,16 +134,10 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
     return int(moves.argmax()), "largest displacement"
 
 
-def still(path: str | Path, frames: Frames, *, time: float | None = None) -> None:
-    """Draw one frame of one or more models as a PNG, the models below or beside each other.
+def still(path: str | Path, frames: Frames) -> None:
+    """Draw the frame that tells most as a PNG, the models below or beside each other.
 
-    Parameters
-    ----------
-    path : str or Path
-    frames : Frames
-        The forces are drawn below the bodies, with a mark at the frame.
-    time : float, optional
-        The frame nearest to it, s; :func:`telling_frame` if not given.
+    The forces are drawn below the bodies, with a mark at the frame.
 
     Raises
     ------
@@ -151,10 +145,7 @@ def still(path: str | Path, frames: Frames, *, time: float | None = None) -> Non
         No GL library to draw with, a path that cannot be written, or pyvista is missing.
     """
     with _picture(path, frames) as (temporary, picture):
-        frame, why = telling_frame(frames)
-        if time is not None:
-            frame, why = int(np.abs(frames.times - time).argmin()), ""
-        picture.show(frame, why)
+        picture.show(*telling_frame(frames))
         picture.plotter.screenshot(temporary)
 
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 DPI = 150
 #: Modes in a picture of modes, and values in a picture of values.
 MODES, VALUES = 5, 20
-#: Turns of a history beyond which it is drawn as the band between its bounds, and parts of that.
-MOST_TURNS, PARTS = 300, 400
 
 # The full model is broad, pale and solid; the others go over it thin, dark and broken, so that
 # curves on top of each other stay apart, in grey too. One that is alone needs none of that.
@@ -90,7 +88,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     for panel, point in zip(panels, moving, strict=True):
         unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
         for (name, run), style in zip(runs.items(), _styles(runs), strict=True):
-            _draw(panel, run.times / time_scale, run.point(point) / scale, name, style)
+            panel.plot(run.times / time_scale, run.point(point) / scale, label=name, **style)
         panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
         panel.set_title(point, loc="left")
         panel.grid(alpha=0.3)
@@ -111,19 +109,6 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
         if all(np.abs(u - other).max() > largest for other in others) or largest == 0.0:
             drawn[point] = u
     return list(drawn)
-
-
-def _draw(panel: Any, x: FloatArray, y: FloatArray, name: str, style: dict[str, Any]) -> None:
-    """Draw a curve, or the band between its bounds where it turns too often to be seen."""
-    steps = np.diff(y)
-    if np.count_nonzero(steps[1:] * steps[:-1] < 0.0) <= MOST_TURNS:
-        panel.plot(x, y, label=name, **style)
-        return
-    starts = np.linspace(0, y.size, PARTS, endpoint=False).astype(int)
-    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-    panel.fill_between(x[starts], low, high, color=style["color"], alpha=0.25, linewidth=0.0)
-    around = np.concatenate([starts, starts[::-1]])
-    panel.plot(x[around], np.concatenate([high, low[::-1]]), label=f"{name} (bounds)", **style)
 
 
 def hysteresis_figure(
@@ -313,28 +298,17 @@ def _area(
     active: BoolArray, label: str,
 ) -> None:  # fmt: skip
     """Colour an area by its slip, outline its active region and fade the rest."""
-    from matplotlib.collections import LineCollection
     from matplotlib.tri import Triangulation
 
     cells = cells[np.all(cells >= 0, axis=1)]
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
     grid = Triangulation(place[:, 0], place[:, 1], triangles)
     drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis")
-    shown = active.astype(float)
     if not active.all():
-        panel.tricontourf(grid, shown, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
-    # Where the region reaches the border of the area, that is its outline.
-    triangle, side = np.nonzero(grid.neighbors == -1)
-    ends = np.stack([grid.triangles[triangle, side], grid.triangles[triangle, (side + 1) % 3]], 1)
-    ends = ends[active[ends].any(axis=1)]
-    middle = place[ends].mean(axis=1, keepdims=True)
-    border = list(np.where(active[ends][..., np.newaxis], place[ends], middle))
+        panel.tricontourf(grid, active, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
     for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
         if active.any() and not active.all():
-            panel.tricontour(grid, shown, levels=[0.5], colors=colour, linewidths=width)
-        panel.add_collection(
-            LineCollection(border, colors=colour, linewidths=width, capstyle="round", zorder=2.5)
-        )
+            panel.tricontour(grid, active, levels=[0.5], colors=colour, linewidths=width)
     panel.set(aspect="equal")
     panel.use_sticky_edges = False
     panel.margins(0.02)

@@ -16,8 +16,6 @@ from skfem_joint.analysis.study import friction_energy_by_joint
 from skfem_joint.files import replacing
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from skfem_joint.analysis.study import Model, Study
     from skfem_joint.stepping.recording import Run
 
@@ -62,7 +60,7 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
 
 def summary(study: Study, certificate: Certificate | None = None) -> dict[str, Any]:
     """Content of ``summary.json``, all but the list of files."""
-    content: dict[str, Any] = {
+    return {
         "title": study.scene.title,
         "models": {
             name: model_summary(study, model, (certificate or {}).get(name, {}))
@@ -70,9 +68,6 @@ def summary(study: Study, certificate: Certificate | None = None) -> dict[str, A
         },
         "warnings": list(study.warnings),
     }
-    if certificate:
-        content["certificate"] = certificate
-    return content
 
 
 def model_summary(
@@ -134,7 +129,7 @@ def _estimated(
     }
 
 
-def certificate_table(certificate: Certificate) -> Table:
+def certificate_table(certificate: Certificate) -> str:
     """Estimated errors by model and source, percent."""
     rows = {
         f"{model}, {source}": [_shown(errors.get(key), "{:.2g}", 100.0) for key in QUANTITIES]
@@ -144,7 +139,7 @@ def certificate_table(certificate: Certificate) -> Table:
     return _table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
 
 
-def summary_table(content: Mapping[str, Any]) -> Table:
+def summary_table(content: Mapping[str, Any]) -> str:
     """Table of the models of a summary.
 
     How much faster a model runs than the full one stands beside the same with its off-line time;
@@ -218,25 +213,20 @@ def _shown(value: Any, form: str, scale: float = 1.0) -> str:
     return "-" if value is None else form.format(value if scale == 1.0 else scale * value)
 
 
-def _table(corner: str, columns: list[str], rows: Mapping[str, list[str]]) -> Table:
+def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """Lines of a table, as wide as they need to be wherever they are shown."""
     from rich.box import Box
+    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    lines = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # one line below the names
-    made = Table(box=Box(lines, ascii=True), pad_edge=False, show_edge=False)
-    made.add_column(Text(corner), no_wrap=True)
+    box = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)  # one line below the names
+    table = Table(box=box, pad_edge=False, show_edge=False)
+    table.add_column(Text(corner), no_wrap=True)
     for name in columns:
-        made.add_column(Text(name), justify="right", no_wrap=True)
+        table.add_column(Text(name), justify="right", no_wrap=True)
     for label, cells in rows.items():
-        made.add_row(Text(label), *cells)
-    return made
-
-
-def text(table: Table) -> str:
-    """Lines of a table, as wide as they need to be wherever they are shown."""
-    from rich.console import Console
-
+        table.add_row(Text(label), *cells)
     console = Console(width=10_000, color_system=None, force_terminal=False)
     with console.capture() as captured:
         console.print(table)

@@ -25,9 +25,6 @@ from skfem_joint.output.fields import Frames
 if TYPE_CHECKING:
     from skfem_joint.structure import Structure
 
-#: How bars and plates are drawn: swept to their section, or flat as their mesh. Solids are solid.
-SHAPES = ("swept", "flat")
-
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
 GAP = 0.5
 
@@ -87,7 +84,7 @@ class Block:
         return self.grid
 
 
-def blocks_of(structure: Structure, shape: str = "swept") -> list[Block]:
+def blocks_of(structure: Structure) -> list[Block]:
     """Each body of a structure as a grid with its cell data; see :func:`write_series`."""
     pyvista, mesh = needed("pyvista", "vtk"), structure.mesh
     region = np.full(mesh.n_elements, -1, dtype=np.int32)
@@ -108,7 +105,7 @@ def blocks_of(structure: Structure, shape: str = "swept") -> list[Block]:
         connections = np.asarray(place).reshape(cells.size, width)
         nodes, size = pairs[first, 0], np.repeat(section[elements], width, axis=0)[first]
         points, dim = structure.positions[nodes] + shift[number], structure.dim
-        for k, direction in enumerate(directions if shape == "swept" else ()):
+        for k, direction in enumerate(directions):
             n, half = len(points), 0.5 * size[:, k : k + 1] * direction
             points = np.vstack([points - half, points + half])
             nodes, size, dim = np.tile(nodes, 2), np.tile(size, (2, 1)), dim + 1
@@ -210,7 +207,7 @@ def _corners(structure: Structure) -> IntArray:
     return np.asarray(np.where(outside[:, np.newaxis], cells, cells[:, turned]), dtype=np.intp)
 
 
-def write_series(path: str | Path, frames: Frames, *, shape: str = "swept") -> list[Path]:
+def write_series(path: str | Path, frames: Frames) -> list[Path]:
     """Write histories as a series that ParaView opens; returns the index and the frames' files.
 
     Each body of each model is a block, named "full: upper" by the region that is exactly the body,
@@ -230,32 +227,28 @@ def write_series(path: str | Path, frames: Frames, *, shape: str = "swept") -> l
     each file. Elements of second order come as linear cells on their nodes.
 
     ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on. Every file takes its place only
-    when it is whole, the index last. An interruption by the keyboard leaves an index of the frames
-    done until then and is raised again.
+    when it is whole, the index last: whatever ends the writing leaves one of the frames done.
 
     Parameters
     ----------
     path : str or Path
         File name of the index, ending in ".pvd"; folders are made.
     frames : Frames
-    shape : {"swept", "flat"}
 
     Raises
     ------
     InputError
-        Names or a shape that do not fit, a path that cannot be written, or pyvista is missing.
+        Names that do not fit, a path that cannot be written, or pyvista is missing.
     """
     index, problems, names = Path(path), [], _names(frames)
     if index.suffix != ".pvd":
         problems.append(f"{index}: the name of a series for ParaView must end in .pvd")
-    if shape not in SHAPES:
-        problems.append(f"shape: found {shape!r}, must be one of {', '.join(SHAPES)}")
     if len({safe_name(name).casefold() for name in names}) < len(names):
         found = ", ".join(repr(name) for name in names)
         problems.append(f"fields: the names {found} lead to files of the same name")
     if problems:
         raise InputError(problems)
-    blocks, files = blocks_of(frames.structure, shape), series_files(index, frames)
+    blocks, files = blocks_of(frames.structure), series_files(index, frames)
     try:
         index.with_suffix("").mkdir(parents=True, exist_ok=True)
         index.unlink(missing_ok=True)  # it would list old frames among new ones
@@ -272,11 +265,9 @@ def write_series(path: str | Path, frames: Frames, *, shape: str = "swept") -> l
                     grid.field_data["TimeValue"] = [time]
                     _write_grid(next(targets), grid)
             done = k + 1
-        _write_index(index, frames.times, names, files)
-    except KeyboardInterrupt:
+    finally:
         if done:
             _write_index(index, frames.times, names, files[:done])
-        raise
     return [index, *(file for row in files for file in row)]
 
 

@@ -7,7 +7,6 @@ What only the mesh can tell (names, overlaps, what a dimension needs) is the str
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
@@ -106,33 +105,33 @@ class Support(SceneTable):
     fixed_z: Names = key("names of what is held along z", ())
 
 
-class PressureByPosition(SceneTable):
+class _Pressure(SceneTable):
+    """A pressure that the structure takes."""
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        try:
+            self.to_pressure()
+        except InputError as error:
+            lines = (problem.removeprefix("pressure: ") for problem in error.problems)
+            raise mistake("\n".join(lines)) from error
+        return self
+
+    def to_pressure(self) -> structure.PressureTable | structure.Bolts:
+        """Pressure as `skfem_joint.structure` takes it."""
+        raise NotImplementedError
+
+
+class PressureByPosition(_Pressure):
     """``pressure = { positions, values, axis }``: linear between positions along an axis."""
 
     positions: Annotated[tuple[Number, ...], A_LIST] = key(
-        "increasing positions along the axis, m, that cover the joint", min_length=2
+        "increasing positions along the axis, m, that cover the joint"
     )
-    values: Annotated[tuple[NotNegative, ...], A_LIST] = key(
-        "pressures at the positions, Pa", min_length=2
-    )
+    values: Annotated[tuple[NotNegative, ...], A_LIST] = key("pressures at the positions, Pa")
     axis: Direction | None = key(
         "direction of the axis, [x, y] or [x, y, z]; x, or along bars, if not given", None
     )
-
-    @model_validator(mode="after")
-    def _is_a_function_of_position(self) -> Self:
-        for i, (left, right) in enumerate(pairwise(self.positions), start=1):
-            if right <= left:
-                raise mistake(
-                    f"found {right:g}, must be > {left:g}, the position before", f"positions[{i}]"
-                )
-        if len(self.values) != len(self.positions):
-            raise mistake(
-                f"found {len(self.values)} values, must be one for each of the "
-                f"{len(self.positions)} positions",
-                "values",
-            )
-        return self
 
     def to_pressure(self) -> structure.PressureTable:
         """Pressure as `skfem_joint.structure` takes it."""
@@ -150,17 +149,8 @@ class Bolt(SceneTable):
         "angle of the cone of pressure under the head from the axis, degrees", 30.0, ge=0, lt=90
     )
 
-    @model_validator(mode="after")
-    def _has_a_ring(self) -> Self:
-        if self.hole_radius >= self.head_radius:
-            raise mistake(
-                f"found {self.hole_radius:g}, must be < head_radius, {self.head_radius:g}",
-                "hole_radius",
-            )
-        return self
 
-
-class BoltPressure(SceneTable):
+class BoltPressure(_Pressure):
     """``pressure = { bolts = [...], reach = ... }``: the pressure under bolts."""
 
     bolts: Annotated[tuple[Bolt, ...], A_LIST] = key(
@@ -432,6 +422,3 @@ class Output(SceneTable):
     points: Names = key("names of what is observed; all free points if none is named", ())
     frames: Count = key("moments in the series for ParaView", 200)
     history: bool = key("motion of what is observed, as history.npz", True)
-    shape: Literal["swept", "flat"] = key(
-        "bodies for ParaView with their cross-section, or as they are meshed", "swept"
-    )

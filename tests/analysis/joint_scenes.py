@@ -67,7 +67,9 @@ def bar_scene(*run: str, bar: str | NamedMesh = "structure", **changes: Any) -> 
     return scene_from(bar_tables(*run, **changes), mesh)
 
 
-def lap_joint(*run: str, bar: str = "lap_joint", beta: float = 1e5, **changes: Any) -> Scene:
+def lap_joint(
+    *run: str, bar: str | NamedMesh = "lap_joint", beta: float = 1e5, **changes: Any
+) -> Scene:
     """The paper's reference system: 63 kN at 1 kHz on 0.25 m pressed with 8 MPa."""
     law: Mapping[str, Any] = {"beta": beta} if beta < float("inf") else {"law": "coulomb"}
     values: dict[str, Any] = {

@@ -14,43 +14,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_scenes import BARS, LENGTH, joint, lap_joint, plate, plate_scene
 
-from skfem_joint.analysis import error_time as module
+from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
-from skfem_joint.analysis.error_time import (
-    COULOMB,
-    FEW_POINTS,
-    FINISHED,
-    FULL,
-    OTHER_MESH,
-    REDUCED,
-    RMS,
-    STEEPNESS,
-    TIME_ERROR,
-    Job,
-    Outcome,
-    Point,
-    Report,
-    advice,
-    error_time,
-    front,
-    measure,
-)
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
 
-TINY: dict[str, Any] = {
-    "parts": (1, 4),
-    "factors": (10.0,),
-    "modes": (2, 1000),
-    "reduced_parts": (2,),
-}
+TINY: dict[str, Any] = {"parts": (1, 4), "factors": (10.0,), "modes": (2, 1000)}
+TINY["reduced_parts"] = (2,)
 
 
 def small(**changes: Any) -> Scene:
     bar = build_bar([("joint", LENGTH, 10)], BARS["lap_joint"][1])
-    options = {"time": {"cycles": 2, "steps_per_cycle": 50}, "reduction": {"reference": "paper"}}
-    return lap_joint(bar=bar, **({"beta": 200.0} | options | changes))  # type: ignore[arg-type]
+    time, reduction = {"cycles": 2, "steps_per_cycle": 50}, {"reference": "paper"}
+    options: dict[str, Any] = {"beta": 200.0, "time": time, "reduction": reduction}
+    return lap_joint(bar=bar, **(options | changes))
 
 
 @pytest.fixture(scope="module")
@@ -58,69 +36,76 @@ def truth() -> Reference:
     return make_reference(small(beta=1e3), quick=True)
 
 
-def contestant(scene: Scene, reference: Reference) -> Iterator[Job]:
+def contestant(scene: Scene, reference: Reference) -> Iterator[et.Job]:
     assert scene.system().n == reference.system.n
     wrong = results(reference.grid.integrate(reference.system, 1))
-    yield Job("someone else's", {"tolerance": 1e-3}, lambda: Outcome(wrong, 1e-6))
-    yield Job("someone else's", {}, lambda: Outcome(None, status="did not finish in 1 s"))
+    yield et.Job("someone else's", {"tolerance": 1e-3}, lambda: et.Outcome(wrong, 1e-6))
+    yield et.Job("someone else's", {}, lambda: et.Outcome(None, status="did not finish in 1 s"))
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report() -> et.Report:
     coarse = {"5": build_bar([("joint", LENGTH, 5)], BARS["lap_joint"][1])}
     given = {"else": contestant}
-    return error_time(small(), repeats=1, quick=True, wanted=TINY, meshes=coarse, contestants=given)
+    return et.error_time(
+        small(), repeats=1, quick=True, wanted=TINY, meshes=coarse, contestants=given
+    )
 
 
-def point(wall: float, error: float, status: str = FINISHED, **what: Any) -> Point:
-    job = Job(what.pop("family", FULL), what, lambda: Outcome(None), what.pop("offline", 0.0))
-    return Point(job, Outcome(None, wall, status), {RMS: error}, wall)
+def point(wall: float, error: float, status: str = et.FINISHED, **what: Any) -> et.Point:
+    job = et.Job(
+        what.pop("family", et.FULL), what, lambda: et.Outcome(None), what.pop("offline", 0.0)
+    )
+    return et.Point(job, et.Outcome(None, wall, status), {et.RMS: error}, wall)
 
 
 def test_error_of_the_full_model_falls_with_the_step(truth: Reference) -> None:
     errors = [
-        difference(truth.results, results(truth.grid.integrate(truth.system, parts)))[RMS] or 0.0
+        difference(truth.results, results(truth.grid.integrate(truth.system, parts)))[et.RMS] or 0.0
         for parts in (2, 4, 8, 16)
     ]
     for coarse, fine in pairwise(errors):
         assert 1.7 < coarse / fine < 4.6  # orders 0.8 to 2.2
 
 
-def test_report_has_all_models_and_what_they_cost(report: Report) -> None:
+def test_report_has_all_models_and_what_they_cost(report: et.Report) -> None:
     rows = list(csv.DictReader(io.StringIO(report.csv())))
     assert len(rows) == len(report.points)
-    families = {FULL, STEEPNESS, COULOMB, OTHER_MESH, REDUCED, FEW_POINTS, "someone else's"}
+    families = {
+        et.FULL,
+        et.STEEPNESS,
+        et.COULOMB,
+        et.OTHER_MESH,
+        et.REDUCED,
+        et.FEW_POINTS,
+        "someone else's",
+    }
     assert {row["family"] for row in rows} == families
-    finished = [row for row in rows if row["status"] == FINISHED]
+    finished = [row for row in rows if row["status"] == et.FINISHED]
     needed = ("displacement_rms", "friction_energy", "loop_energy", "to fine mesh", "run time (s)")
     assert all(row[name] != "" for row in finished for name in needed)
-    others = {row["status"] for row in rows} - {FINISHED}
+    others = {row["status"] for row in rows} - {et.FINISHED}
     assert "did not finish in 1 s" in others
     assert any(one.startswith("reduction.modes: found 1000") for one in others)
-    assert all(row["front"] == "0" for row in rows if row["status"] != FINISHED)
+    assert all(row["front"] == "0" for row in rows if row["status"] != et.FINISHED)
     for p in report.points:
-        if p.job.family == FULL:
-            assert p.error() == pytest.approx(p.error(TIME_ERROR))
+        if p.job.family == et.FULL:
+            assert p.error() == pytest.approx(p.error(et.TIME_ERROR))
         # Other meshes and laws err by more than their time step.
-        if p.job.family in (OTHER_MESH, STEEPNESS) and p.outcome.work["steps"] == 4 * 50:
-            assert p.error() > 2.0 * p.error(TIME_ERROR)
+        is_other = p.job.family in (et.OTHER_MESH, et.STEEPNESS)
+        if is_other and p.outcome.work["steps"] == 4 * 50:
+            assert p.error() > 2.0 * p.error(et.TIME_ERROR)
     text = report.markdown()
     assert text.index("How well") < text.index("Which model") < text.index("All points")
 
 
-@given(
-    st.lists(
-        st.tuples(st.floats(1e-4, 1e2), st.floats(1e-8, 1.0), st.booleans()),
-        min_size=1,
-        max_size=30,
-    )
-)
+@given(st.lists(st.tuples(st.floats(1e-4, 1e2), st.floats(1e-8, 1.0), st.booleans()), max_size=30))
 def test_front_is_the_lower_left_of_the_finished_points(
     data: list[tuple[float, float, bool]],
 ) -> None:
-    measured = [point(w, e, FINISHED if done else "extrapolated") for w, e, done in data]
+    measured = [point(w, e, et.FINISHED if done else "extrapolated") for w, e, done in data]
     finished = [(p.wall_s, p.error()) for p in measured if p.counts]
-    ahead = [(p.wall_s, p.error()) for p in front(measured)]
+    ahead = [(p.wall_s, p.error()) for p in et.front(measured)]
     assert set(ahead) <= set(finished)
     assert ahead == sorted(ahead)
     assert [e for _, e in ahead] == sorted((e for _, e in ahead), reverse=True)
@@ -141,12 +126,12 @@ def test_front_is_the_lower_left_of_the_finished_points(
 )
 def test_advice_says_whether_a_reduction_pays(wall: float, error: float, words: str) -> None:
     full = point(1e-2, 1e-3, **{"step (s)": 1e-5})
-    reduced = point(wall, error, family=REDUCED, modes=5, offline=0.09)
-    assert words in advice([full, reduced], 1e-2)
+    reduced = point(wall, error, family=et.REDUCED, modes=5, offline=0.09)
+    assert words in et.advice([full, reduced], 1e-2)
     if "pays" in words:
-        assert "after 10 runs" in advice([full, reduced], 1e-2)
-    assert "No reduced model was run" in advice([full], 1e-2)
-    assert "no model of this report" in advice([full], 1e-9)
+        assert "after 10 runs" in et.advice([full, reduced], 1e-2)
+    assert "No reduced model was run" in et.advice([full], 1e-2)
+    assert "no model of this report" in et.advice([full], 1e-9)
 
 
 @pytest.mark.parametrize("kind", ["impulse", "plate"])
@@ -156,37 +141,37 @@ def test_scenes_without_cycles_and_of_plates_are_compared_too(kind: str) -> None
         load = {"on": "free_end", "kind": "half_sine", "peak": 63e3, "rise_time": 2.5e-4}
         scene = small(beta=1e3, load=[load], time={"duration": 1e-3, "step": 1e-5})
     wanted = TINY | {"modes": (2,)}
-    found = error_time(scene, bound=1.0, repeats=1, quick=True, wanted=wanted)
-    full = [p for p in found.points if p.job.family == FULL]
+    found = et.error_time(scene, bound=1.0, repeats=1, quick=True, wanted=wanted)
+    full = [p for p in found.points if p.job.family == et.FULL]
     assert [p.outcome.work["steps"] for p in full] == (
         [100, 400] if kind == "impulse" else [25, 100]
     )
     assert full[1].error() < 0.4 * full[0].error()
-    assert {p.job.family for p in found.points} >= {COULOMB, REDUCED, FEW_POINTS}
+    assert {p.job.family for p in found.points} >= {et.COULOMB, et.REDUCED, et.FEW_POINTS}
     assert "beta" in found.markdown()
 
 
 def test_what_does_not_converge_is_a_point_all_the_same(truth: Reference) -> None:
-    def fail() -> Outcome:
+    def fail() -> et.Outcome:
         raise ConvergenceError("step 3")
 
-    (found,) = measure([Job(FULL, {}, fail)], truth, repeats=2)
+    (found,) = et.measure([et.Job(et.FULL, {}, fail)], truth, repeats=2)
     assert found.outcome.status == "step 3"
     assert not found.counts
 
 
 def test_wrong_options_and_scenes_without_friction_are_refused() -> None:
     with pytest.raises(InputError, match=r"--bound: found 0, must be"):
-        error_time(small(), bound=0.0)
+        et.error_time(small(), bound=0.0)
     with pytest.raises(InputError, match=r"--repeats: found 0, must be"):
-        error_time(small(), repeats=0)
+        et.error_time(small(), repeats=0)
     with pytest.raises(InputError, match="nothing slips"):
-        error_time(small(joint=[joint(friction=0.0)]))
+        et.error_time(small(joint=[joint(friction=0.0)]))
 
 
-def test_report_is_written(report: Report, tmp_path: Path) -> None:
+def test_report_is_written(report: et.Report, tmp_path: Path) -> None:
     files = report.write(tmp_path)
     assert {f.name for f in files} == {f"error-time.{s}" for s in ("md", "csv", "png")}
     assert files[2].read_bytes().startswith(b"\x89PNG")
-    assert module.threads_pinned(dict.fromkeys(module.THREADS, "1"))
-    assert not module.threads_pinned({"OMP_NUM_THREADS": "1"})
+    assert et.threads_pinned(dict.fromkeys(et.THREADS, "1"))
+    assert not et.threads_pinned({"OMP_NUM_THREADS": "1"})

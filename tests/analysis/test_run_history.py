@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,13 +27,13 @@ from skfem_joint.system import System
 STEPS = 200
 
 
-def harmonic_run(system: System | None = None, cycles: int = 3, **options: object) -> Run:
+def harmonic_run(system: System | None = None, cycles: int = 3, **options: Any) -> Run:
     return integrate(
         system or lap_joint().system(),
         step=1e-3 / STEPS,
         n_steps=cycles * STEPS,
         cycle_steps=STEPS,
-        save=Save(**({"fields": True} | options)),  # type: ignore[arg-type]
+        save=Save(**({"fields": True} | options)),
     )
 
 
@@ -48,12 +49,9 @@ def run() -> Run:
 
 
 def test_a_run_is_at_no_distance_from_itself(run: Run) -> None:
-    errors = compare(run, run)
-    assert errors.displacement_rms == errors.displacement_max == 0.0
-    assert errors.by_point == {"free_end": (0.0, 0.0)}
-    assert errors.peak_displacement == 0.0
-    assert errors.friction_energy_per_cycle == errors.loop_energy_per_cycle == 0.0
-    assert errors.friction_energy == 0.0
+    errors = asdict(compare(run, run))
+    assert errors.pop("by_point") == {"free_end": (0.0, 0.0)}
+    assert set(errors.values()) == {0.0}
 
 
 def test_errors_are_relative_to_the_reference_and_signed() -> None:
@@ -66,9 +64,6 @@ def test_errors_are_relative_to_the_reference_and_signed() -> None:
     assert errors.loop_energy_per_cycle == pytest.approx(-0.75, rel=1e-10)
     assert errors.friction_energy_per_cycle == 0.0
     assert compare(half, one).loop_energy_per_cycle == pytest.approx(3.0, rel=1e-10)
-
-
-def test_nothing_is_relative_to_zero() -> None:
     assert relative(0.0, 0.0) == 0.0
     assert relative(1.0, 0.0) is None
 
@@ -76,18 +71,15 @@ def test_nothing_is_relative_to_zero() -> None:
 def test_energies_per_cycle_are_not_compared_without_cycles() -> None:
     one = integrate(lap_joint().system(), step=1e-5, n_steps=50)
     errors = compare(one, one)
-    assert errors.friction_energy_per_cycle is None
-    assert errors.loop_energy_per_cycle is None
+    assert errors.friction_energy_per_cycle is errors.loop_energy_per_cycle is None
     assert peaks(one) == pytest.approx(one.peak)
 
 
 def test_runs_of_other_times_or_points_are_not_compared(run: Run) -> None:
-    for other in (harmonic_run(every=2), replace(run, times=2.0 * run.times)):
+    renamed = replace(run, system=replace(run.system, points=("tip",)))
+    for other in (harmonic_run(every=2), replace(run, times=2.0 * run.times), renamed):
         with pytest.raises(InputError, match="same times and named points"):
             compare(run, other)
-    renamed = replace(run, system=replace(run.system, points=("tip",)))
-    with pytest.raises(InputError, match="same times and named points"):
-        compare(run, renamed)
 
 
 def test_a_point_that_hardly_moves_does_not_decide_the_error(run: Run) -> None:
@@ -168,8 +160,7 @@ def test_steady_state_is_reached_in_the_third_cycle_not_in_the_second() -> None:
     two, three = (steady_state(harmonic_run(cycles=n)) for n in (2, 3))
     assert two is not None
     assert three is not None
-    assert not two.reached
-    assert three.reached
+    assert three.reached > two.reached
     assert three.energy_change < two.energy_change
     assert three.peak_change < two.peak_change
 

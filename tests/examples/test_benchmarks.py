@@ -15,34 +15,22 @@ import pytest
 from benchmarks import growth, plates, ready_made
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
+from joint_scenes import lap_joint
 
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
-from skfem_joint.scene import Scene, scene_from
+from skfem_joint.scene import Scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
 
 
-def small(**joint: Any) -> Scene:
+def small(beta: float = 1e3) -> Scene:
     """The reference system of the paper with ten elements and a gentle law."""
-    values = {"on": "joint", "pressure": 8e6, "friction": 0.7, "beta": 1e3}
-    tables = {
-        "title": "small",
-        "material": {"E": 200e9, "density": 8000.0},
-        "section": {"width": 0.05, "thickness": 0.01},
-        "support": {"fixed": ["fixed"]},
-        "joint": [values | joint],
-        "damping": {"stiffness": 1e-5},
-        "load": [{"on": "free_end", "kind": "harmonic", "amplitude": 63e3, "frequency": 1000.0}],
-        "time": {"cycles": 2, "steps_per_cycle": 50},
-        "models": {"run": ["full"]},
-        "output": {"points": ["free_end"]},
-    }
-    mesh = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
-    return scene_from(tables, mesh)
+    bar = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
+    return lap_joint(bar=bar, beta=beta, time={"cycles": 2, "steps_per_cycle": 50})
 
 
 @pytest.fixture(scope="module")

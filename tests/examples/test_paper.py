@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import cache
-from math import inf, log, sqrt
+from math import log, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 from benchmarks.explicit import stable_step
 from paper import active, cases, harmonic, page, reduction, reproduce, structure
 
-from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.active_length import estimate
 
 SECTION3, SECTION4 = "section7.3", "section7.4"
@@ -121,15 +120,6 @@ def test_verdicts(key: str, start: str, verdict: str) -> None:
     assert all(one.startswith(verdict) for one in found)
 
 
-def test_verdicts_on_reduced_models() -> None:
-    assert page.judged_reduced(-0.14, 0.6) == "better than published"
-    assert page.judged_reduced(-0.56, 0.6) == "agrees"
-    assert page.judged_reduced(-1.96, 0.6, "why") == (
-        "differs: -2 % from our full model, published 0.6 %; why"
-    )
-    assert "own tolerance" in page.judged_reduced(-1.96, 0.6, around=2.0)
-
-
 def test_printed_numbers_agree_within_their_rounding_and_not_beyond() -> None:
     found = page.Item("table3")
     within = page.published()["table3"]["peak_full"]["within"]
@@ -149,6 +139,8 @@ def test_aims_are_judged_by_peak_and_friction_energy() -> None:
 def test_page_curves_and_pictures_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    assert reproduce.main(["table9", "--out", str(tmp_path)]) == 2
+    assert "table9" in capsys.readouterr().err
     assert reproduce.main(["Fig3", "fig5", "--quick", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "reproduction.md").read_text("utf-8")
     shown = capsys.readouterr().out
@@ -161,11 +153,6 @@ def test_page_curves_and_pictures_are_written(
     np.testing.assert_allclose(written, made, rtol=1e-8, atol=1e-12)
 
 
-def test_an_item_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert reproduce.main(["table9", "--out", str(tmp_path)]) == 2
-    assert "table9" in capsys.readouterr().err
-
-
 def test_lumping_explains_the_mesh_sensitivity() -> None:
     curve = item("fig2").curves["fig2a"]
     at = curve["elements"] >= 10
@@ -175,23 +162,10 @@ def test_lumping_explains_the_mesh_sensitivity() -> None:
     assert ratio == pytest.approx(np.ones(at.size), abs=0.1)
 
 
-def test_slow_loop_is_the_pseudo_static_one() -> None:
-    curve = item("fig2").curves["fig2b_63.0kN"]
-    u, exact = curve["displacement_5Hz_m"], curve["displacement_pseudo_static_m"]
-    # Equal forces on 100 elements cost a percent, see above.
-    assert np.abs(u - exact).max() < 0.02 * np.abs(exact).max()
-
-
 def test_arctan_reaches_ninety_percent_at_a_velocity_that_falls_with_beta() -> None:
     speeds = [number(row.full) for row in rows("fig3", "velocity at which 90 %")]
     assert speeds == pytest.approx([6.314 / beta for beta in (1e4, 1e5, 1e6, 1e7)], rel=1e-3)
     assert np.all(np.abs(item("fig3").curves["fig3"]["force_over_limit_beta_inf"]) <= 1.0)
-
-
-def test_modes_of_two_loads_resemble_each_other_without_creep() -> None:
-    creeping, exact = rows("table1", "likeness of the modes")
-    assert exact.verdict == "agrees"
-    assert creeping.verdict.startswith("differs in the higher modes")
 
 
 def test_iteration_fails_where_the_theory_says() -> None:
@@ -216,18 +190,6 @@ def test_threshold_and_estimate_of_the_active_length(letter: str) -> None:
     assert estimated == pytest.approx(measured, rel=0.05)
 
 
-def test_error_over_time_peaks_at_the_row() -> None:
-    curve = item("table5").curves["fig12_fig13_case_VII"]["error_percent"]
-    (row,) = rows("table5", "Case VII, default: largest error at any time")
-    assert np.abs(curve).max() == pytest.approx(number(row.reduced), abs=0.005)
-
-
-def test_notes_say_what_was_found() -> None:
-    # Table 4's own percentages bring back the peak of Table 3.
-    assert "gives 0.000714 m" in item("table4").notes[0]
-    assert any("does not settle for Cases IV, V, VII" in note for note in item("table5").notes)
-
-
 def test_nodes_stick_longer_near_the_grey_length() -> None:
     curves = item("table5").curves["fig14"]
     speeds = [np.abs(v) for name, v in curves.items() if name.startswith("velocity")]
@@ -248,29 +210,6 @@ def test_less_damping_lets_more_of_the_joint_slip_whatever_the_pulse() -> None:
     for name, columns in item("fig15").curves.items():
         if name.startswith("fig15_sensitivity"):
             assert np.all(np.diff(columns["active_length_percent"]) > 0.0)
-
-
-def test_resonances_of_a_held_plate_are_odd_quarter_waves() -> None:
-    exact = 5000.0 / (4.0 * 0.55) * np.array([1.0, 3.0, 5.0])
-    np.testing.assert_allclose(structure.resonances(0.55, 3), exact, rtol=5e-4)
-
-
-def test_friction_energies_of_the_structure() -> None:
-    printed = page.printed("section7.3")["friction_energy_full"]
-    energies = [cases.friction(structure.harmonic(beta).run) for beta in (1e5, 1e7, inf)]
-    # Steeper laws come closer to the printed 3.08 J, the set-valued one to 0.2 %.
-    away = [abs(energy - printed) for energy in energies]
-    assert away == sorted(away, reverse=True)
-    assert energies[-1] == pytest.approx(printed, rel=2e-3)
-
-
-def test_displacements_of_the_structure() -> None:
-    for row in rows("section7.3", "largest difference at the junction"):
-        assert 1.0 < number(row.reduced) < 3.0
-    made = [structure.harmonic(1e5, choice).run for choice in ("", structure.THEIRS)]
-    worst = max(number(row.reduced) for row in rows("section7.3", "at the junction", "plain"))
-    by_point = compare(*made).by_point
-    assert worst == pytest.approx(100.0 * by_point["junction"][1], rel=0.05)
 
 
 def test_files_for_paraview_are_written(tmp_path: Path) -> None:
@@ -331,14 +270,6 @@ def test_more_modes_err_less(system: str) -> None:
     for choice in reduction.CHOICES:
         five, nine = (reduction.errors(system, choice, j).by_point["free_end"][1] for j in (5, 9))
         assert nine < 0.8 * five
-
-
-def test_five_modes_keep_the_errors_that_the_paper_claims() -> None:
-    for choice in reduction.CHOICES[:2]:
-        assert 100.0 * reduction.errors("VII", choice).displacement_max < 2.0
-    limit = page.printed("section7.3")["friction_energy_error_percent"]
-    for choice in reduction.CHOICES:
-        assert abs(cases.energy_error(reduction.errors("structure", choice))) < limit
 
 
 def test_aims_are_judged_by_the_numbers_beside_them() -> None:

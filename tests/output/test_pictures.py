@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,10 @@ from skfem_joint.mesh import build_plate
 from skfem_joint.output import pictures
 from skfem_joint.structure import Joint, Structure
 
+Build = Callable[[], Structure]
+Patch = pytest.MonkeyPatch
 INCLINED = (3.0, 4.0, 0.0)
+VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 
 def can_draw() -> bool:
@@ -35,14 +37,6 @@ def can_draw() -> bool:
 draws = pytest.mark.skipif(not can_draw(), reason="no GL library: apt-get install libosmesa6")
 
 
-@pytest.fixture
-def no_windows() -> Any:
-    """Forget what kinds of window work, before and after."""
-    pictures._working_window.cache_clear()
-    yield
-    pictures._working_window.cache_clear()
-
-
 def share_of(pixels: NDArray[np.float64], colour: str) -> float:
     """Share of a picture's pixels that have about a colour, lit or in shade."""
     wanted = np.array(matplotlib.colors.to_rgb(colour))
@@ -52,9 +46,7 @@ def share_of(pixels: NDArray[np.float64], colour: str) -> float:
 
 @draws
 @pytest.mark.parametrize("build", [lap, bars, lambda: bar(INCLINED), blocks])
-def test_a_still_shows_stick_slip_and_no_contact(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
+def test_a_still_shows_stick_slip_and_no_contact(tmp_path: Path, build: Build) -> None:
     made = build()
     frames = pulled(made, ("full", "reduced"))
     nodes = made.patches[0].nodes
@@ -123,51 +115,6 @@ def test_models_and_their_names_lie_clear_of_each_other(
 
 
 @draws
-def test_the_mark_on_the_load_moves_with_the_frame(tmp_path: Path) -> None:
-    frames = pulled(lap())
-    with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
-        ((mark, _),) = picture.marks
-        for frame in (2, 3):
-            picture.show(frame)
-            assert mark.x == pytest.approx([1e3 * frames.times[frame]])
-            expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
-            assert mark.y == pytest.approx([expected], abs=0.05)
-
-
-@draws
-@pytest.mark.parametrize("build", [lap, lambda: bar(INCLINED)])
-def test_bodies_are_drawn_where_they_have_moved_to(
-    tmp_path: Path, build: Callable[[], Structure]
-) -> None:
-    made = build()
-    frames = pulled(made)
-    with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
-        before = max(block.grid.bounds[1] for block in (body.block for body in picture.bodies))
-        picture.show(2)
-        right = max(body.surface.bounds[1] for body in picture.bodies)
-    moved = made.in_space(frames.fields[0].displacement[2])[:, 0].max()
-    assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
-
-
-@pytest.mark.parametrize("largest", [1e-9, 3.3e-5, 4e-5, 1.0])
-@pytest.mark.parametrize("build", [lap, lambda: bar((0.0, 0.0, 1.0))])
-def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_length(
-    build: Callable[[], Structure], largest: float
-) -> None:
-    frames = pulled(build())
-    frames.fields[0].displacement[:] *= largest / np.abs(frames.fields[0].displacement).max()
-    factor, length = pictures.warp_factor(frames), np.ptp(build().positions, axis=0).max()
-    assert 0.4 * 0.05 * length <= factor * largest * (1 + 1e-12) <= 0.05 * length * (1 + 1e-9)
-    assert f"{factor:.0e}"[0] in "125"
-
-
-def test_nothing_moving_is_drawn_as_it_is() -> None:
-    frames = pulled(lap())
-    frames.fields[0].displacement[:] = 0.0
-    assert pictures.warp_factor(frames) == 1.0
-
-
-@draws
 def test_a_gif_has_the_frames_asked_for(tmp_path: Path) -> None:
     from PIL import Image
 
@@ -183,74 +130,94 @@ def test_a_gif_has_the_frames_asked_for(tmp_path: Path) -> None:
 
 
 @draws
-def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        pictures.still(tmp_path / "missing" / "a.png", pulled(lap()))
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("build", [lap, lambda: bar(INCLINED)])
+def test_bodies_and_the_mark_on_the_load_move_with_the_frame(tmp_path: Path, build: Build) -> None:
+    frames = pulled(build())
+    with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
+        before = max(body.block.grid.bounds[1] for body in picture.bodies)
+        ((mark, _),) = picture.marks
+        for frame in (3, 2):
+            picture.show(frame)
+            assert mark.x == pytest.approx([1e3 * frames.times[frame]])
+            expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
+            assert mark.y == pytest.approx([expected], abs=0.05)
+        right = max(body.surface.bounds[1] for body in picture.bodies)
+    moved = frames.structure.in_space(frames.fields[0].displacement[2])[:, 0].max()
+    assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
+
+
+@pytest.mark.parametrize("largest", [1e-9, 3.3e-5, 4e-5, 1.0])
+@pytest.mark.parametrize("build", [lap, lambda: bar((0.0, 0.0, 1.0))])
+def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_length(
+    build: Build, largest: float
+) -> None:
+    frames = pulled(build())
+    u = frames.fields[0].displacement
+    u *= largest / np.abs(u).max()
+    factor, length = pictures.warp_factor(frames), np.ptp(build().positions, axis=0).max()
+    assert 0.4 * 0.05 * length <= factor * largest * (1 + 1e-12) <= 0.05 * length * (1 + 1e-9)
+    assert f"{factor:.0e}"[0] in "125"
+    u *= 0.0  # nothing moves
+    assert pictures.warp_factor(frames) == 1.0
 
 
 @pytest.mark.parametrize(
-    ("library", "draw", "extra"),
-    [("pyvista", pictures.still, "vtk"), ("imageio", pictures.animation, "gif")],
+    ("library", "draw", "name", "message"),
+    [
+        ("pyvista", pictures.still, "a.png", r"pip install 'skfem-joint\[vtk\]'"),
+        ("imageio", pictures.animation, "a.gif", r"pip install 'skfem-joint\[gif\]'"),
+        pytest.param("none", pictures.still, "no/a.png", "cannot be written", marks=draws),
+    ],
 )
-def test_without_a_library_the_message_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str, draw: Any, extra: str
+def test_a_missing_library_or_place_is_an_input_error(
+    library: str, draw: Any, name: str, message: str, tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)
-    name = "a.gif" if library == "imageio" else "a.png"
-    with pytest.raises(InputError, match=rf"pip install 'skfem-joint\[{extra}\]'"):
+    with pytest.raises(InputError, match=message):
         draw(tmp_path / name, pulled(lap()))
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("no_windows")
+# Windows
+
+
+@pytest.fixture
+def windows(monkeypatch: Patch) -> Iterator[Patch]:
+    """Nothing is known of the kinds of window that work, before and after."""
+    pictures._working_window.cache_clear()
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv(VARIABLE, raising=False)
+    yield monkeypatch
+    pictures._working_window.cache_clear()
+
+
 def test_a_gl_library_that_ends_the_process_is_an_input_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, windows: Patch
 ) -> None:
-    crash = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
-    monkeypatch.setattr(pictures, "_PROBE", crash)
+    windows.setattr(pictures, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(InputError, match="libosmesa6"):
         pictures.still(tmp_path / "a.png", pulled(lap()))
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("no_windows")
-def test_a_kind_of_window_that_vtk_does_not_have_is_not_taken(
-    monkeypatch: pytest.MonkeyPatch,
+def test_the_first_kind_of_window_that_works_is_taken_but_the_users_choice_is_kept_or_named(
+    windows: Patch,
 ) -> None:
     tried: list[str] = []
 
     def works(window: str) -> bool:
         tried.append(window)
-        return window == "vtkEGLRenderWindow"
+        return window in ("vtkEGLRenderWindow", "mine")
 
-    monkeypatch.setattr(pictures, "_draws", works)
-    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
-    monkeypatch.delenv("DISPLAY", raising=False)
+    windows.setattr(pictures, "_draws", works)
     for _ in range(2):
         with pictures.offscreen():
-            assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"
-        assert "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ
+            assert os.environ[VARIABLE] == "vtkEGLRenderWindow"
+        assert VARIABLE not in os.environ
     assert tried == ["vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"]  # found once, then known
-
-
-@pytest.mark.usefixtures("no_windows")
-def test_the_users_choice_of_window_is_kept_or_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "_draws", lambda window: window != "broken")
-    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "mine")
+    windows.setenv(VARIABLE, "mine")
     with pictures.offscreen():
-        assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "mine"
-    assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "mine"
-    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "broken")
+        assert os.environ[VARIABLE] == "mine"
+    windows.setenv(VARIABLE, "broken")
     with pytest.raises(InputError, match="'broken' does not work"), pictures.offscreen():
         pass
-
-
-def test_importing_draws_in_no_heavy_library() -> None:
-    code = (
-        "import sys\n"
-        "from skfem_joint.output import fields, folder, pictures, plots, report, series\n"
-        "heavy = ('matplotlib', 'pyvista', 'vtkmodules', 'imageio')\n"
-        "assert not [name for name in heavy if name in sys.modules]\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

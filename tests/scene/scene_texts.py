@@ -45,7 +45,7 @@ every = 1
 Change = tuple[str, str]
 
 
-def with_changes(text: str, changes: tuple[Change, ...]) -> str:
+def with_changes(text: str, *changes: Change) -> str:
     """The text with some of its parts exchanged, each of which stands in it once."""
     for old, new in changes:
         assert text.count(old) == 1, f"{old!r} must stand in the good scene once"
@@ -56,7 +56,7 @@ def with_changes(text: str, changes: tuple[Change, ...]) -> str:
 def scene_of(*changes: Change, folder: Path | None = None, mesh: NamedMesh | None = None) -> Scene:
     """The good scene with changes, in memory."""
     path = (folder or Path()) / "scene.toml"
-    return scene_from(tomllib.loads(with_changes(GOOD, changes)), mesh, path)
+    return scene_from(tomllib.loads(with_changes(GOOD, *changes)), mesh, path)
 
 
 def problems_of(*changes: Change, folder: Path | None = None) -> list[str]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import random
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from damage import lines_and_place, mutations
+from stability.mutated import damaged
 
 from skfem_joint.errors import InputError
 from skfem_joint.scene import Scene, load_scene
@@ -17,36 +15,14 @@ from skfem_joint.scene import Scene, load_scene
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
 MESHES = sorted((ROOT / "meshes").glob("*.msh"))
-#: Longest time that any single file may take, s: far above what it takes, far below a hang.
-PATIENCE = 5.0
-
 TOKENS = ("nan", "inf", "-inf", "1e400", "-1", "0", "0.0", "1e-320", "1e308", "9" * 400, "true",
           "[]", "{}", "''", '"free_end"', '"joint"', '"\\u0000"', "[[joint]]", "[load]", "=", "#",
           "]", '"""', "1979-05-27", "0x7fffffffffffffff", "[1, 2]", "{a = 1}", "\x00", "é",
           '"../../../../etc/passwd"', '"/dev/zero"', '"."', '""', '"CON"')  # fmt: skip
 
 
-def token(copy: bytearray, rng: random.Random) -> None:
-    words = bytes(copy).split(b" ")
-    words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
-    copy[:] = b" ".join(words)
-
-
-def value(copy: bytearray, rng: random.Random) -> None:
-    lines, place = lines_and_place(copy, rng)
-    key, equals, _ = lines[place].partition(b"=")
-    words = key.split()
-    if not equals and words:
-        words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
-        lines[place] = b" ".join(words)
-    else:
-        lines[place] = key + b"= " + rng.choice(TOKENS).encode()
-    copy[:] = b"\n".join(lines)
-
-
 def outcome(path: Path) -> Scene | str:
     """Scene that a file gives, or the words in which it is refused; nothing else passes."""
-    begin = time.perf_counter()
     try:
         scene = load_scene(path)
     except InputError as error:
@@ -56,8 +32,6 @@ def outcome(path: Path) -> Scene | str:
         assert scene.n_steps > 0
         assert scene.time_step > 0.0
         return scene
-    finally:
-        assert time.perf_counter() - begin < PATIENCE
     assert text
     assert all(line.startswith(str(path)) for line in text.splitlines())
     return text
@@ -71,11 +45,9 @@ def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> N
         (tmp_path / "meshes" / mesh.name).write_bytes(mesh.read_bytes())
     path = tmp_path / "examples" / "scene.toml"
     rng = random.Random(example.stem)
-    valid, count = 0, 30 if "plate" in example.stem else 500  # plates take longer
-    for data in itertools.islice(
-        mutations(example.read_bytes(), [token, value, value], rng), count
-    ):
-        path.write_bytes(data)
+    valid, count = 0, 60 if "plate" in example.stem else 250  # plates take longer
+    for _ in range(count):
+        path.write_bytes(damaged(example.read_bytes(), rng, TOKENS))
         valid += not isinstance(outcome(path), str)
     # Comments and harmless digits; the rest is refused.
     assert 0.04 * count < valid < 0.96 * count

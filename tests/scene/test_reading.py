@@ -18,6 +18,7 @@ from skfem_joint.scene import load_scene, scene_from
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
+Write = Callable[..., Path]
 BAR = build_bar(
     [("joint", 0.1, 10), ("linear", 0.3, 6), ("second", 0.1, 5), ("third", 0.1, 5)],
     {"fixed": 0.0, "junction": 0.1, "middle": 0.4, "free_end": 0.6},
@@ -32,58 +33,28 @@ UPPER = build_plate(
     points={"tip": (0.5, 0.025)},
 )
 
-PLATES = """\
-[mesh]
-file = ["lower.msh", "upper.msh"]
-[material]
-E = 200e9
-density = 8000
-poisson = 0.3
-[section]
-thickness = 0.01
-[support]
-fixed = ["left"]
-[[joint]]
-on = "upper_joint"
-against = "joint"
-pressure = 50e6
-friction = 0.7
-[[load]]
-on = "upper_right"
-direction = [1, 0]
-kind = "harmonic"
-amplitude = 87.5e3
-frequency = 500.0
-[time]
-cycles = 3
-[models]
-run = ["full", "reduced"]
-"""
-
-SOLID = """\
-[material]
-E = 200e9
-density = 8000
-poisson = 0.3
-[support]
-fixed = ["left"]
-[[joint]]
-on = "bottom"
-pressure = 50e6
-friction = 0.7
-[[load]]
-on = "right"
-direction = [1, 0, 0]
-kind = "harmonic"
-amplitude = 87.5e3
-frequency = 500.0
-[time]
-cycles = 3
-"""
+PLATES = with_changes(
+    GOOD,
+    ('"bar.msh"', '["lower.msh", "upper.msh"]'),
+    ("density = 8000", "density = 8000\npoisson = 0.3"),
+    ("width = 0.05\n", ""),
+    ('["fixed"]', '["left"]'),
+    ('on = "joint"', 'on = "upper_joint"\nagainst = "joint"'),
+    ('on = "free_end"', 'on = "upper_right"\ndirection = [1, 0]'),
+    ("[reduction]\nmodes = 5\n[output]\nevery = 1\n", ""),
+)
+SOLID = with_changes(
+    GOOD,
+    ("density = 8000", "density = 8000\npoisson = 0.3"),
+    ("[section]\nwidth = 0.05\nthickness = 0.01\n", ""),
+    ('["fixed"]', '["left"]'),
+    ('on = "joint"', 'on = "bottom"'),
+    ('on = "free_end"', 'on = "right"\ndirection = [1, 0, 0]'),
+)
 
 
 @pytest.fixture
-def scene_file(tmp_path: Path) -> Callable[..., Path]:
+def scene_file(tmp_path: Path) -> Write:
     """Write a scene with some of its text replaced, beside the meshes of bar and plates."""
     write_mesh(BAR, tmp_path / "bar.msh")
     write_mesh(LOWER, tmp_path / "lower.msh")
@@ -92,13 +63,13 @@ def scene_file(tmp_path: Path) -> Callable[..., Path]:
 
     def write(*changes: Change, text: str = GOOD) -> Path:
         path = tmp_path / "scene.toml"
-        path.write_text(with_changes(text, changes), encoding="utf-8")
+        path.write_text(with_changes(text, *changes), encoding="utf-8")
         return path
 
     return write
 
 
-def test_a_bar_becomes_its_structure_and_system(scene_file: Callable[..., Path]) -> None:
+def test_a_bar_becomes_its_structure_and_system(scene_file: Write) -> None:
     scene = load_scene(scene_file())
     assert scene.path.name == "scene.toml"
     assert scene.named_mesh.n_elements == 26
@@ -111,7 +82,7 @@ def test_a_bar_becomes_its_structure_and_system(scene_file: Callable[..., Path])
     assert scene.structure() is scene.structure()
 
 
-def test_two_plates_become_one_structure(scene_file: Callable[..., Path]) -> None:
+def test_two_plates_become_one_structure(scene_file: Write) -> None:
     scene = load_scene(scene_file(text=PLATES))
     structure = scene.structure()
     assert (structure.dim, int(scene.named_mesh.body.max())) == (2, 1)
@@ -129,7 +100,7 @@ def test_a_solid_needs_no_section(kind: str) -> None:
     assert scene.output_points == ()
 
 
-def test_regions_supports_and_points_reach_the_structure(scene_file: Callable[..., Path]) -> None:
+def test_regions_supports_and_points_reach_the_structure(scene_file: Write) -> None:
     scene = load_scene(
         scene_file(
             ('fixed = ["left"]', 'fixed_x = ["left"]\nfixed_y = ["bottom"]'),
@@ -204,32 +175,21 @@ BAD_PLATES: list[tuple[Change, list[str]]] = [
     ],
 )
 def test_what_only_the_mesh_can_tell_is_refused_under_the_scenes_name(
-    scene_file: Callable[..., Path], text: str, change: Change, words: list[str]
+    scene_file: Write, text: str, change: Change, words: list[str]
 ) -> None:
     problems = problems_of_file(scene_file(change, text=text))
     assert len(problems) == (2 if "unsupported" in words else 1)  # each of two plates is
     assert all(word in problem for word in words for problem in problems), problems
 
 
-@pytest.mark.parametrize("file", ["none.msh", "force.csv", "x" * 5000, ".", "/dev/zero"])
-def test_a_mesh_that_cannot_be_read_is_told_with_its_key(
-    scene_file: Callable[..., Path], file: str
-) -> None:
-    (problem,) = problems_of_file(scene_file(("bar.msh", file)))
-    assert problem.startswith("mesh.file: ")
-    assert file[:50] in problem
-
-
-def test_files_that_do_not_go_together_are_refused(scene_file: Callable[..., Path]) -> None:
+def test_files_that_do_not_go_together_are_refused(scene_file: Write) -> None:
     for second, word in (("lower.msh", "name '"), ("bar.msh", "bar.msh"), ("no.msh", "no.msh")):
         problems = problems_of_file(scene_file(("upper.msh", second), text=PLATES))
         assert all(problem.startswith("mesh.file: ") for problem in problems)
         assert word in problems[0]
 
 
-def test_mistakes_of_tables_mesh_and_structure_are_told_together(
-    scene_file: Callable[..., Path],
-) -> None:
+def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file: Write) -> None:
     path = scene_file(
         ('fixed = ["left"]', 'fixed = ["lft"]'),
         ('against = "joint"', 'against = "nowhere"'),
@@ -287,14 +247,10 @@ def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path: Path) ->
     assert missing == {"mesh", "material", "load", "time"}
 
 
-def test_a_byte_order_mark_is_no_mistake(scene_file: Callable[..., Path]) -> None:
+def test_a_scene_from_memory_is_that_of_the_file(scene_file: Write) -> None:
     path = scene_file()
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    assert load_scene(path).title == "two joints and a plain bar"
-
-
-def test_a_scene_from_memory_is_that_of_the_file(scene_file: Callable[..., Path]) -> None:
-    from_file = load_scene(scene_file())
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors mark UTF-8
+    from_file = load_scene(path)
     tables = tomllib.loads(GOOD)
     del tables["mesh"]
     in_memory = scene_from(tables, BAR)
@@ -339,40 +295,6 @@ def test_bars_against_each_other_are_a_scene_too() -> None:
     assert scene.output_points == ("fixed", "junction", "middle", "free_end")
 
 
-@pytest.mark.parametrize(
-    ("name", "friction_limit_share", "period", "step", "n_steps", "length", "models"),
-    [
-        ("lap_joint_reference", 0.9, 1e-3, 5e-6, 600, 0.25, ("full",)),
-        ("lap_joint_case_I", 0.5, 5e-4, 2.5e-6, 1600, 0.5, ("full", "reduced")),
-        ("structure_harmonic", 0.5, 2e-3, 1e-5, 2400, 0.6, ("full", "reduced")),
-        ("structure_impulse", 0.5, None, 2e-6, 3000, 0.6, ("full", "reduced")),
-    ],
-)
-def test_examples_are_the_systems_of_the_paper(
-    name: str,
-    friction_limit_share: float,
-    period: float | None,
-    step: float,
-    n_steps: int,
-    length: float,
-    models: tuple[str, ...],
-) -> None:
-    scene = load_scene(EXAMPLES / f"{name}.toml")
-    assert scene.cycle_period == (None if period is None else pytest.approx(period))
-    assert scene.time_step == pytest.approx(step)
-    assert scene.n_steps == n_steps
-    assert scene.models.run == models
-    assert scene.named_mesh.size == pytest.approx(length)
-    (joint,) = scene.joint
-    limit = scene.system().w.sum()
-    assert scene.loads()[0].amplitude.peak_value == pytest.approx(friction_limit_share * limit)
-    # Bar speed 5000 m/s gives the resonances the paper prints.
-    assert math.sqrt(scene.material.E / scene.material.density) == pytest.approx(5000)
-    assert (joint.beta, joint.normal_force, scene.damping.stiffness) == (1e5, "equal", 1e-5)
-    if "reduced" in models:
-        assert (scene.reduction.reference, scene.reduction.modes) == ("paper", 5)
-
-
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_example_is_valid(path: Path) -> None:
     scene = load_scene(path)
@@ -380,3 +302,28 @@ def test_every_example_is_valid(path: Path) -> None:
     assert (scene.reduction.reference == "paper") == (
         scene.named_mesh.dim == 1 < len(scene.models.run)
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "step", "n_steps", "length"),
+    [
+        ("lap_joint_reference", 0.9, 5e-6, 600, 0.25),
+        ("lap_joint_case_I", 0.5, 2.5e-6, 1600, 0.5),
+        ("structure_harmonic", 0.5, 1e-5, 2400, 0.6),
+        ("structure_impulse", 0.5, 2e-6, 3000, 0.6),
+    ],
+)
+def test_examples_are_the_systems_of_the_paper(
+    name: str, share: float, step: float, n_steps: int, length: float
+) -> None:
+    scene = load_scene(EXAMPLES / f"{name}.toml")
+    assert (scene.time_step, scene.n_steps) == (pytest.approx(step), n_steps)
+    assert scene.named_mesh.size == pytest.approx(length)
+    limit = scene.system().w.sum()  # of friction; the load is a share of it
+    assert scene.loads()[0].amplitude.peak_value == pytest.approx(share * limit)
+    # Bar speed 5000 m/s gives the resonances the paper prints.
+    assert math.sqrt(scene.material.E / scene.material.density) == pytest.approx(5000)
+    (joint,) = scene.joint
+    assert (joint.beta, joint.normal_force, scene.damping.stiffness) == (1e5, "equal", 1e-5)
+    if name != "lap_joint_reference":
+        assert (scene.reduction.reference, scene.reduction.modes) == ("paper", 5)
