@@ -1,0 +1,215 @@
+"""Runs that are killed at random moments and resumed, and runs that share a folder.
+
+    python examples/stability/killed.py --out DIR [--kills 100] [--pairs 20] [--seed 0]
+
+Six kinds of scenes are run by the command line. Killed with SIGKILL at any moment, a third of them
+while they write their results, and resumed, they must leave every file as an uninterrupted run
+does, bit for bit but for times. Of two runs into one folder that start at about the same moment
+one is refused in a sentence, or they follow each other. The exit status is 1 if a file differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+EXAMPLES = Path(__file__).parents[1]
+#: By kind: the scene that it is made from, its times, models and reduction.
+KINDS = {
+    "bar": ("structure_harmonic", "cycles = 60", '"full"', ""),
+    "impulse": ("structure_impulse", "duration = 6e-3\nstep = 1e-6", '"full"', ""),
+    "plate": ("plate_reference", "cycles = 1\nsteps_per_cycle = 40", '"full"', ""),
+    "two plates": ("two_plates", "cycles = 1\nsteps_per_cycle = 40", '"full"', ""),
+    "reduced": ("structure_harmonic", "cycles = 40", '"full", "reduced"', 'friction_points="all"'),
+    "hyper-reduced": ("structure_harmonic", "cycles = 200", '"reduced"', "friction_points = 20"),
+}
+OUTPUT = "[output]\nvtk = true\nplots = false\nframes = 60\n"
+#: Steps between checkpoints by kind; long enough for several of them in a run.
+EVERY = {"plate": 4, "two plates": 4}
+#: Seconds that a run may take beyond any doubt.
+PATIENCE = 300.0
+
+
+def scene_text(kind: str) -> str:
+    """Scene file of a kind, with files of its mesh by their whole paths."""
+    name, times, models, reduction = KINDS[kind]
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    text = text.replace("../meshes", (EXAMPLES.parent / "meshes").as_posix())
+    tables = re.split(r"(?m)^(?=\[)", text)
+    own = ("[time]", "[models]", "[reduction]", "[output]")
+    kept = "".join(table for table in tables if not table.startswith(own))
+    return (
+        f"{kept}[time]\n{times}\n[models]\nrun = [{models}]\n[reduction]\nmodes = 5\n"
+        f"{reduction}\n{OUTPUT}"
+    )
+
+
+def launch(scene: Path, out: Path, *more: str) -> subprocess.Popen[str]:
+    """The command `skfem-joint run` in a process of its own."""
+    command = [sys.executable, "-m", "skfem_joint", "run", str(scene), "--out", str(out), *more]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
+
+
+def content(folder: Path) -> dict[str, Any]:
+    """What the files of a folder say, by their names; times that runs took are left out."""
+    found: dict[str, Any] = {}
+    for path in folder.rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        if path.suffix == ".json":
+            found[name] = _timeless(json.loads(path.read_text(encoding="utf-8")))
+        elif path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                found[name] = {key: arrays[key].tobytes() for key in arrays}
+        elif path.is_file():
+            found[name] = path.read_bytes()
+    return found
+
+
+def _timeless(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        key: _timeless(part)
+        for key, part in value.items()
+        if not key.endswith(("wall_s", "offline_s", "estimate_s"))
+    }
+
+
+def differing(folder: Path, whole: Mapping[str, Any]) -> list[str]:
+    """Names of files that differ from those of an uninterrupted run."""
+    found = content(folder)
+    return sorted(name for name in {*found, *whole} if found.get(name) != whole.get(name))
+
+
+@dataclass(frozen=True)
+class Whole:
+    """An uninterrupted run: its scene, its files, how long it took and how long it wrote."""
+
+    scene: Path
+    files: dict[str, Any]
+    seconds: float
+    writing: float
+
+
+def uninterrupted(kind: str, folder: Path) -> Whole:
+    """Run a kind once to make its code compile, and once to measure it."""
+    scene, out = folder / f"{kind.replace(' ', '_')}.toml", folder / "whole"
+    scene.write_text(scene_text(kind), encoding="utf-8")
+    for _ in range(2):
+        shutil.rmtree(out, ignore_errors=True)
+        begin = time.perf_counter()
+        _, said = (process := launch(scene, out)).communicate(timeout=PATIENCE)
+        if process.returncode != 0:
+            raise RuntimeError(f"{kind}: {said}")
+        seconds = time.perf_counter() - begin
+    times = [path.stat().st_mtime for path in out.rglob("*") if path.is_file()]
+    return Whole(scene, content(out), seconds, max(times) - min(times))
+
+
+def kill(whole: Whole, out: Path, every: int, rng: np.random.Generator, writing: bool) -> bool:
+    """Start or resume a run and kill it at a random moment; whether it was killed in time."""
+    process = launch(whole.scene, out, f"--checkpoint-every={every}", "--resume")
+    try:
+        if writing:
+            end = time.monotonic() + PATIENCE
+            while process.poll() is None and time.monotonic() < end:
+                if (out / "summary.json").exists():
+                    break
+                time.sleep(0.001)
+            time.sleep(float(rng.uniform(0.0, whole.writing)))
+        else:
+            time.sleep(float(rng.uniform(0.2, 1.0)) * whole.seconds)
+    finally:
+        process.kill()
+        process.communicate()
+    return process.returncode != 0
+
+
+def kills(kind: str, count: int, folder: Path, rng: np.random.Generator) -> tuple[int, int, str]:
+    """Kill runs of a kind; how many times, how many of them while it wrote, and what differs."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole, out, every = uninterrupted(kind, folder), folder / "out", EVERY.get(kind, 500)
+    killed = wrote = 0
+    while killed < count:
+        shutil.rmtree(out, ignore_errors=True)
+        again = True
+        while again and killed < count:
+            writing = 3 * wrote < killed + 1
+            if not kill(whole, out, every, rng, writing):
+                break
+            killed, wrote = killed + 1, wrote + writing
+            again = bool(rng.integers(2))
+        resume = launch(whole.scene, out, f"--checkpoint-every={every}", "--resume")
+        _, said = resume.communicate(timeout=PATIENCE)
+        if resume.returncode != 0:
+            return killed, wrote, f"status {resume.returncode}: {said}"
+        if names := differing(out, whole.files):
+            return killed, wrote, f"differ: {', '.join(names[:5])}"
+    return killed, wrote, ""
+
+
+def pairs(count: int, folder: Path, rng: np.random.Generator) -> tuple[int, str]:
+    """Two runs into one folder, or one below the other; how many were refused, what is wrong."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole, out = uninterrupted("bar", folder), folder / "out"
+    refused = 0
+    for number in range(count):
+        shutil.rmtree(out, ignore_errors=True)
+        below = out / "below" if number % 4 == 3 else out
+        runs = [launch(whole.scene, out)]
+        time.sleep(float(rng.uniform(0.0, 0.6 * whole.seconds)))
+        runs.append(launch(whole.scene, below))
+        said = [run.communicate(timeout=PATIENCE)[1] for run in runs]
+        status = sorted(run.returncode for run in runs)
+        told = any("another run" in text for text in said)
+        if status == [0, 2] and told and below == out:
+            refused += 1
+        elif status != [0, 0]:
+            return refused, f"pair {number}: status {status}: {' '.join(said)}"
+        if below != out:
+            if names := differing(below, whole.files):
+                return refused, f"pair {number}: below differ {', '.join(names[:5])}"
+            shutil.rmtree(below)
+        if names := differing(out, whole.files):
+            return refused, f"pair {number}: differ {', '.join(names[:5])}"
+    return refused, ""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Kill and pair runs; 1 if anything differs."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--pairs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
+    options = parser.parse_args(arguments)
+    rng = np.random.default_rng(options.seed)
+    wrong = []
+    print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
+    for number, kind in enumerate(options.kinds):
+        count = len(range(number, options.kills, len(options.kinds)))
+        killed, wrote, what = kills(kind, count, options.out / f"kind{number}", rng)
+        print(f"| {kind} | {killed} | {wrote} | {what or 'the same to the bit'} |", flush=True)
+        wrong.append(what)
+    if options.pairs:
+        refused, what = pairs(options.pairs, options.out / "pairs", rng)
+        print(f"\n{options.pairs} pairs of runs, {refused} refused: {what or 'every file right'}")
+        wrong.append(what)
+    return int(any(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

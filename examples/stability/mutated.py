@@ -1,0 +1,438 @@
+"""Scenes drawn at random, and damaged ones: no traceback, no hang, no invariant broken.
+
+    python examples/stability/mutated.py --out DIR [--count 20000] [--seed 0]
+
+Every second scene is valid: bars and plates, one or two bodies, any values, order of tables, names
+and units. It is run, its energy must balance and no friction exceed its limit, and the same
+structure mirrored, with all forces and masses doubled, or told in millimetres and tonnes must give
+the same motion. In the others the bytes of the scene or of its mesh are damaged: they are refused
+with a message, or run. What breaks this is kept in DIR; the exit status is then 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import io
+import json
+import random
+import re
+import signal
+import sys
+import time
+import traceback
+from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
+from math import pi, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfem_joint import InputError, build_bar, build_plate, cli, load_scene, run_scene
+from skfem_joint.analysis.study import Study
+from skfem_joint.errors import JointError
+from skfem_joint.mesh import NamedMesh, write_mesh
+
+Tables = dict[str, Any]
+
+#: Seconds after which a scene is taken to hang; unknowns times steps that are run.
+PATIENCE, MOST_WORK = 60.0, 500_000
+#: Share of the largest displacement by which the same motion may differ.
+SAME = 1e-6
+#: What a damaged value may become.
+TOKENS = ("nan", "inf", "-1", "0", "1e308", "true", "[]", "{}", "''", "[[joint]]", "=", "é", "\x00")
+_BODIES = {"bar": 1, "bars": 2, "plate": 1, "side": 1, "plates": 2}
+
+
+# Valid scenes
+
+
+def drawn(rng: random.Random) -> tuple[Tables, list[NamedMesh]]:
+    """Tables of a valid scene of any size, and the meshes of its bodies."""
+    kind = rng.choice(list(_BODIES))
+    length, joint = 10.0 ** rng.uniform(-2.0, 1.0), rng.uniform(0.2, 0.8)
+    width, thickness = length * rng.uniform(0.05, 0.3), length * rng.uniform(0.01, 0.1)
+    bodies = _bodies(rng, kind, length, joint, width)
+    E, density = 10.0 ** rng.uniform(9.0, 12.0), 10.0 ** rng.uniform(3.0, 4.2)
+    depth = thickness if kind == "side" else width  # of the contact across the length
+    height = width if kind == "side" else thickness
+    friction, strain = rng.uniform(0.05, 1.0), 10.0 ** rng.uniform(-7.0, -4.0)
+    limit = strain * E * depth * height  # N, so that strains stay small
+    pressure: Any = limit / (friction * depth * joint * length)
+    if rng.random() < 0.3 and _BODIES[kind] == 1:
+        at = sorted(rng.uniform(0.0, joint * length) for _ in range(3))
+        at = [0.0, *at, joint * length]
+        pressure = {"positions": at, "values": [pressure * rng.uniform(0.0, 2.0) for _ in at]}
+    resonance = sqrt(E / density) / (4.0 * length)
+    frequency = resonance * rng.uniform(0.1, 2.0)
+    joined: Tables = {"on": "joint", "pressure": pressure, "friction": friction}
+    joined["law"] = rng.choice(["arctan", "coulomb"])
+    if joined["law"] == "arctan":
+        joined["beta"] = 10.0 ** rng.uniform(0.0, 3.0) / (strain * length * frequency)
+    joined["normal_force"] = rng.choice(["equal", "consistent"])
+    if _BODIES[kind] == 2:
+        joined["against"] = "lower"
+    section: Tables = {"thickness": thickness} | ({"width": width} if "bar" in kind else {})
+    material: Tables = {"E": E, "density": density}
+    material["mass_matrix"] = (
+        rng.choice(["consistent", "lumped"]) if "bar" in kind else "consistent"
+    )
+    load: Tables = {"on": "free_end"}
+    if "bar" not in kind:
+        material["poisson"] = rng.uniform(0.0, 0.4)
+        section["plane"] = rng.choice(["stress", "strain"])
+        load["direction"] = [1.0, rng.choice([0.0, 0.2])]
+    loads, timing = _loads(rng, load, limit * rng.uniform(0.1, 1.2), frequency)
+    tables: Tables = {
+        "title": rng.choice(["", "any", "Ünïcode"]),
+        "mesh": {"file": [f"body_{number}.msh" for number in range(len(bodies))]},
+        "material": material,
+        "section": section,
+        "support": {"fixed": ["fixed"]},
+        "joint": [joined],
+        "damping": {"stiffness": 10.0 ** rng.uniform(-3.0, -1.0) / (2.0 * pi * frequency)},
+        "load": loads,
+        "time": timing | {"rho_infinity": rng.choice([0.0, 0.5, 0.8, 1.0, 1.0])},
+        "models": {"run": ["full"]},
+        "output": {"every": rng.choice([1, 3]), "points": ["free_end"], "frames": 5},
+    }
+    if rng.random() < 0.1 and joined["law"] == "arctan":
+        tables["models"] = {"run": ["full", "reduced"]}
+        tables["reduction"] = {"modes": rng.choice([3, 5])}
+    return tables, bodies
+
+
+def _bodies(
+    rng: random.Random, kind: str, length: float, share: float, width: float
+) -> list[NamedMesh]:
+    """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
+    bars = "bar" in kind
+    counts = [rng.randint(1, 30 if bars else 6) for _ in range(2)]
+    joint, rest = ("joint", share * length, counts[0]), ("rest", length - share * length, counts[1])
+    if kind == "bar":
+        ends = {"fixed": 0.0, "free_end": joint[1] + rest[1]}
+        return [build_bar([joint, rest], ends)]
+    if kind == "bars":
+        upper = build_bar([("held", rest[1], counts[1]), joint], {"fixed": 0.0})
+        lower = build_bar(
+            [("lower", joint[1], counts[0]), rest],
+            {"free_end": joint[1] + rest[1]},
+            origin=(rest[1], 0.0, 0.0),
+        )
+        return [upper, lower]
+    across: Any = width, rng.randint(1, 3)
+    shape: Any = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
+    ends_of: Any = {"fixed": "left", "free_end": "right"}
+    if kind == "plate":
+        return [build_plate([joint, rest], *across, boundaries=ends_of, **shape)]
+    if kind == "side":
+        ends_of |= {"joint": ("bottom", "pressed")}
+        strips = [("pressed", *joint[1:]), rest]
+        return [build_plate(strips, *across, boundaries=ends_of, **shape)]
+    upper = build_plate(
+        [("held", rest[1], counts[1]), joint], *across, boundaries={"fixed": "left"}, **shape
+    )
+    lower = build_plate(
+        [("lower", joint[1], rng.randint(1, 6)), rest],
+        *across,
+        boundaries={"free_end": "right"},
+        origin=(rest[1], 0.0),
+        **shape,
+    )
+    return [upper, lower]
+
+
+def _loads(
+    rng: random.Random, load: Tables, force: float, frequency: float
+) -> tuple[list[Tables], Tables]:
+    """Loads of one shape, and the times that resolve them."""
+    shape = rng.choice(["harmonic", "multi_harmonic", "triangle", "half_sine", "ramp_and_hold"])
+    if shape == "harmonic":
+        waves = {"amplitude": force, "frequency": frequency, "phase": rng.choice([0.0, pi])}
+        steps = {"cycles": rng.randint(1, 2), "steps_per_cycle": rng.randint(30, 60)}
+        return [load | {"kind": shape} | waves], steps
+    if shape == "multi_harmonic":
+        parts = [{"amplitude": force / k, "frequency": k * frequency} for k in (1, 3)]
+        return [load | {"kind": shape, "components": parts}], {"cycles": 1, "steps_per_cycle": 90}
+    rise = 0.5 / frequency
+    pulse = load | {"kind": shape, "peak": force, "rise_time": rise, "start": rng.random() * rise}
+    return [pulse], {"duration": 3.0 * rise, "step": rise / rng.randint(20, 40)}
+
+
+# The same structure, told in another way
+
+#: Tables, mesh files, and factors of the motion: of all of it, and of what is named after x.
+Told = tuple[Tables, list[str], float, float]
+
+
+def mirrored(tables: Tables, texts: list[str]) -> Told:
+    """Along x; positions of bars count from the other end, those of plates along the other way."""
+    flipped = copy.deepcopy(tables)
+    plane = "direction" in tables["load"][0]
+    for joint in flipped["joint"]:
+        if not isinstance(table := joint["pressure"], dict):
+            continue
+        if plane:
+            table["axis"] = [-1.0, 0.0]
+            continue
+        end = max(float(x) for x in re.findall(r"(?m)^(\S+) 0\.0 0\.0$", texts[0]))
+        table["positions"] = [end - at for at in reversed(table["positions"])]
+        table["values"] = table["values"][::-1]
+    for load in flipped["load"]:
+        if plane:
+            load["direction"][0] *= -1.0
+    return flipped, [moved(text, (-1.0, 1.0, 1.0)) for text in texts], 1.0, -1.0
+
+
+def doubled(tables: Tables, texts: list[str]) -> Told:
+    """All forces, stiffness, mass and friction: the same motion."""
+    return scaled(tables, force=2.0, length=1.0), texts, 1.0, 1.0
+
+
+def in_millimetres(tables: Tables, texts: list[str]) -> Told:
+    """In millimetres, tonnes, seconds, and so newtons."""
+    texts = [moved(text, (1e3, 1e3, 1e3)) for text in texts]
+    return scaled(tables, force=1.0, length=1e3), texts, 1e3, 1.0
+
+
+def scaled(tables: Tables, force: float, length: float) -> Tables:
+    """Tables in other units of force and length, which are by so much smaller."""
+    pressure = force / length**2
+    factors = {"E": pressure, "pressure": pressure, "values": pressure, "beta": 1.0 / length}
+    factors |= {"density": force / length**4, "amplitude": force, "peak": force}
+    factors |= dict.fromkeys(("width", "thickness", "positions"), length)
+
+    def change(name: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: change(key, part) for key, part in value.items()}
+        if isinstance(value, list):
+            return [change(name, part) for part in value]
+        return value * factors[name] if name in factors else value
+
+    changed: Tables = change("", tables)
+    return changed
+
+
+def moved(text: str, factors: tuple[float, float, float]) -> str:
+    """Mesh file with each coordinate times a factor."""
+    before, rest = text.split("$Nodes\n")
+    nodes, after = rest.split("$EndNodes")
+    lines = []
+    for line in nodes.splitlines():
+        words = line.split()
+        if len(words) == 3:  # coordinates stand alone on a line
+            words = [repr(float(x) * factor) for x, factor in zip(words, factors, strict=True)]
+        lines.append(" ".join(words))
+    return before + "$Nodes\n" + "\n".join(lines) + "\n$EndNodes" + after
+
+
+def renamed(rng: random.Random, tables: Tables, texts: list[str]) -> tuple[Tables, list[str]]:
+    """Other names of the groups in all files, and other orders of tables and keys."""
+    words = ["Füße", "a b", "x'y", "0", "fixed_x", "on", "A" * 60, "结合", "-", "[joint]"]
+    rng.shuffle(words)
+    names = dict(zip(("joint", "fixed", "free_end", "lower"), words, strict=False))
+    for name, word in names.items():
+        texts = [text.replace(f'"{name}"', f'"{word}"') for text in texts]
+
+    def change(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            items = list(value.items())
+            rng.shuffle(items)
+            return {key: change(key, part) for key, part in items}
+        if isinstance(value, list):
+            return [change(key, part) for part in value]
+        return names.get(value, value) if key in ("on", "against", "fixed", "points") else value
+
+    return change("", tables), texts
+
+
+def toml(tables: Tables) -> str:
+    """Text of a scene file."""
+    lines = []
+    for name, value in tables.items():
+        if not isinstance(value, dict | list):
+            lines.insert(0, f"{name} = {_inline(value)}")
+            continue
+        for table in value if isinstance(value, list) else [value]:
+            lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
+            lines += [f"{key} = {_inline(part)}" for key, part in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_inline(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+# Damage
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Copy of a file with a few bytes, words or lines changed, cut, doubled or exchanged."""
+    for _ in range(rng.choice([1, 1, 2, 4])):
+        lines = data.split(b"\n")
+        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+        at = rng.randrange(len(data) + 1)
+        how = rng.randrange(7)
+        if how == 0:
+            data = data[:at] + bytes([rng.randrange(256)]) + data[at + 1 :]
+        elif how == 1:
+            data = data[:at] + rng.choice(b"0123456789.-e").to_bytes() + data[at + 1 :]
+        elif how == 2:
+            data = data[:at] + data[at + rng.randrange(60) :]
+        elif how == 3:
+            data = data[:at]
+        elif how == 4:
+            lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
+            data = b"\n".join(lines)
+        else:
+            words = lines[i].split(b" ")
+            words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
+            lines[i] = b" ".join(words)
+            data = b"\n".join(lines)
+    return data
+
+
+# Judging
+
+
+class BrokenError(Exception):
+    """An invariant does not hold."""
+
+
+def study_of(folder: Path, scene: bytes, bodies: list[bytes]) -> Study | None:
+    """Results of a scene of these texts; None if running it takes too much."""
+    for path in folder.glob("body_*"):
+        path.unlink()
+    for number, data in enumerate(bodies):
+        (folder / f"body_{number}.msh").write_bytes(data)
+    (folder / "scene.toml").write_bytes(scene)
+    found = load_scene(folder / "scene.toml")
+    if found.n_steps * max(1, found.system().n) > MOST_WORK:
+        return None
+    return run_scene(found)
+
+
+def check(study: Study) -> None:
+    """See that a run's energy balances and that friction keeps its limit."""
+    for name, model in study.models.items():
+        run = model.run
+        if not all(np.isfinite(x).all() for x in (run.point_u, run.peak, run.sigma)):
+            raise BrokenError(f"{name}: not finite")
+        if not run.energy_residual < 1e-8:
+            raise BrokenError(f"{name}: energy open by {run.energy_residual:.3g}")
+        if run.friction_work.sum() < -1e-12 * np.abs(run.input_work).sum() and (
+            study.scene.time.rho_infinity == 1.0
+        ):
+            raise BrokenError(f"{name}: friction gives {-run.friction_work.sum():.3g} J")
+        over = run.system.slip_norm(run.sigma).max(initial=0.0)
+        if over > 1.0 + 1e-12:
+            raise BrokenError(f"{name}: friction is {over} of its limit")
+
+
+def same(one: Study, other: Study, factor: float, along: float) -> None:
+    """See that two runs are the same motion, times a factor, and another one along x."""
+    a, b = (study.models["full"].run for study in (one, other))
+    factors = [factor * (along if name.endswith(".x") else 1.0) for name in a.system.points]
+    largest = np.abs(a.point_u).max()
+    difference = np.abs(b.point_u / factors - a.point_u).max()
+    if difference > SAME * largest:
+        raise BrokenError(f"differs by {difference / largest:.3g} of the displacement")
+
+
+def judge(number: int, seed: int, folder: Path) -> str:
+    """Draw a scene by its number and judge it; a word for what became of it."""
+    rng = random.Random(f"{seed} {number}")
+    tables, bodies = drawn(rng)
+    texts = []
+    for mesh in bodies:
+        write_mesh(mesh, folder / "drawn.msh")
+        texts.append((folder / "drawn.msh").read_text(encoding="utf-8"))
+    if number % 2:
+        files = [toml(tables).encode(), *(text.encode() for text in texts)]
+        one = rng.choice([0, 0, *range(len(files))])
+        files[one] = damaged(files[one], rng)
+        try:
+            study = study_of(folder, files[0], files[1:])
+        except JointError as error:
+            if not str(error).strip():
+                raise BrokenError("refused without a word") from error
+            return "damaged: refused"
+        if study is None:
+            return "damaged: read"
+        check(study)
+        return "damaged: run"
+    way = rng.choice([mirrored, doubled, in_millimetres])
+    told = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
+    study = _valid(folder, *told)
+    check(study)
+    if number % 20 == 0:
+        _by_command(folder)
+    changed, moved_texts, factor, along = way(tables, texts)
+    same(study, _valid(folder, changed | {"models": {"run": ["full"]}}, moved_texts), factor, along)
+    return f"valid, {way.__name__.replace('_', ' ')}"
+
+
+def _valid(folder: Path, tables: Tables, texts: list[str]) -> Study:
+    study = study_of(folder, toml(tables).encode(), [text.encode() for text in texts])
+    if study is None:
+        raise BrokenError("too large a scene was drawn")
+    return study
+
+
+def _by_command(folder: Path) -> None:
+    """Run the scene by the command line too, with files for ParaView."""
+    scene = folder / "scene.toml"
+    text = scene.read_text(encoding="utf-8").replace("[output]", "[output]\nvtk = true")
+    scene.write_text(text, encoding="utf-8")
+    said = io.StringIO()
+    with redirect_stdout(said), redirect_stderr(said):
+        status = cli.main(["run", str(scene), "--out", str(folder / "out")])
+    if status != 0:
+        raise BrokenError(f"the command ends with {status}: {said.getvalue()}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Judge scenes by their numbers; 1 if one of them breaks something."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for what breaks")
+    parser.add_argument("--count", type=int, default=20_000)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    found: Counter[str] = Counter()
+    broken, begin = 0, time.perf_counter()
+
+    def hangs(*_: Any) -> None:
+        raise BrokenError(f"takes more than {PATIENCE} s")
+
+    signal.signal(signal.SIGALRM, hangs)
+    for number in range(options.first, options.first + options.count):
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+        try:
+            found[judge(number, options.seed, options.out)] += 1
+        except Exception as error:  # noqa: BLE001 - anything that is not a message is a finding
+            broken += 1
+            kind = "refused" if isinstance(error, InputError) else type(error).__name__
+            found[f"BROKEN: {kind}"] += 1
+            kept = options.out / f"broken_{number}"
+            kept.mkdir(exist_ok=True)
+            for path in [*options.out.glob("*.toml"), *options.out.glob("body_*.msh")]:
+                (kept / path.name).write_bytes(path.read_bytes())
+            (kept / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
+            print(f"scene {number}: {type(error).__name__}: {error}"[:300], flush=True)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    for word, count in sorted(found.items()):
+        print(f"{word}: {count}")
+    print(f"{options.count} scenes in {time.perf_counter() - begin:.0f} s, {broken} broken")
+    return int(broken > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
