@@ -22,6 +22,7 @@ import sys
 import time
 import traceback
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from math import pi, sqrt
 from pathlib import Path
@@ -271,28 +272,39 @@ def _inline(value: Any) -> str:
 # Damage
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
+def damaged(data: bytes, rng: random.Random, tokens: Sequence[str] = TOKENS) -> bytes:
     """Copy of a file with a few bytes, words or lines changed, cut, doubled or exchanged."""
-    for _ in range(rng.choice([1, 1, 2, 4])):
+    for _ in range(rng.choice([1, 1, 1, 2, 4])):
         lines = data.split(b"\n")
-        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-        at = rng.randrange(len(data) + 1)
-        how = rng.randrange(7)
-        if how == 0:
-            data = data[:at] + bytes([rng.randrange(256)]) + data[at + 1 :]
-        elif how == 1:
-            data = data[:at] + rng.choice(b"0123456789.-e").to_bytes() + data[at + 1 :]
-        elif how == 2:
-            data = data[:at] + data[at + rng.randrange(60) :]
-        elif how == 3:
+        i, j, at = (
+            rng.randrange(len(lines)),
+            rng.randrange(len(lines)),
+            rng.randrange(len(data) + 1),
+        )
+        digits = [k for k, byte in enumerate(data) if 48 <= byte < 58] or [at]
+        how = rng.choice(["byte", "bit", "digit", "insert", "hole", "cut", "line", *["word"] * 5])
+        if how == "byte":
+            data = data[:at] + rng.randbytes(1) + data[at + 1 :]
+        elif how == "bit" and at < len(data):
+            data = data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :]
+        elif how == "digit":
+            place = rng.choice(digits)
+            data = data[:place] + rng.choice([b"0", b"7", b".", b"-", b"e"]) + data[place + 1 :]
+        elif how == "insert":
+            data = data[:at] + rng.randbytes(rng.randrange(1, 8)) + data[at:]
+        elif how == "hole":
+            data = data[:at] + data[at + rng.randrange(1, 60) :]
+        elif how == "cut":
             data = data[:at]
-        elif how == 4:
+        elif how == "line":
             lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[j]], [lines[j], lines[i]]])
             data = b"\n".join(lines)
         else:
+            key, equals, _ = lines[i].partition(b"=")
             words = lines[i].split(b" ")
-            words[rng.randrange(len(words))] = rng.choice(TOKENS).encode()
-            lines[i] = b" ".join(words)
+            words[rng.randrange(len(words))] = rng.choice(tokens).encode()
+            value = key + b"= " + rng.choice(tokens).encode()
+            lines[i] = value if equals and rng.random() < 0.5 else b" ".join(words)
             data = b"\n".join(lines)
     return data
 

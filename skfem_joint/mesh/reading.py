@@ -122,6 +122,8 @@ def _read(file: Path) -> meshio.Mesh:
                 raw = meshio.read(file, file_format="abaqus")
                 if any(len(found) != len(raw.cells) for found in raw.cell_sets.values()):
                     raise ValueError("its element sets name elements that are not there")
+                if any(block.data.ndim != 2 for block in raw.cells):
+                    raise ValueError("an element has no nodes")
                 return raw
             content, tags, groups = check_msh(data)
             with tempfile.TemporaryDirectory() as folder:

@@ -220,7 +220,9 @@ def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
-    box = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)  # one line below the names
+    box = Box(
+        "    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True
+    )  # one line below the names
     table = Table(box=box, pad_edge=False, show_edge=False)
     table.add_column(Text(corner), no_wrap=True)
     for name in columns:
