@@ -12,8 +12,10 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run
 
+#: Results that errors are estimated for.
+QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
 #: A point that moves less than this share of what moves most is at rest: it is not compared.
-AT_REST = 1e-9
+AT_REST = 1e-3
 
 #: Under the regularised law a point slips while it is faster than this share of its own largest
 #: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick.
@@ -187,3 +189,47 @@ def relative(value: float, reference: float) -> float | None:
     if reference == 0.0:
         return 0.0 if value == 0.0 else None
     return float(value / reference - 1.0)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What is compared: histories (rows, points) of the named points, and numbers, m and J.
+
+    Peak and energies are those of the last cycle, or of the whole run without cycles.
+    """
+
+    points: tuple[str, ...]
+    point_u: FloatArray
+    peak_displacement: float
+    friction_energy: float
+    loop_energy: float
+
+    def plus(self, factor: float, one: Results, other: Results) -> Results:
+        """With ``factor`` times the difference between two others added."""
+        numbers = {
+            name: getattr(self, name) + factor * (getattr(one, name) - getattr(other, name))
+            for name in QUANTITIES[1:]
+        }
+        rows = min(len(x.point_u) for x in (self, one, other))  # a duration may not be whole steps
+        u = self.point_u[:rows] + factor * (one.point_u[:rows] - other.point_u[:rows])
+        return Results(self.points, u, **numbers)
+
+
+def results(run: Run, every: int = 1) -> Results:
+    """Results of a run, accumulated over every step; every so many of its rows."""
+    peak = float(peaks(run).max(initial=0.0))
+    return Results(run.system.points, run.point_u[::every], peak, *energies(run))
+
+
+def difference(one: Results, other: Results) -> dict[str, float | None]:
+    """Differences of two results, relative to the first one's; see `QUANTITIES`.
+
+    None: zero in the first, which says nothing of how large it is, or not stored.
+    """
+    rows = min(len(one.point_u), len(other.point_u))
+    by_point = differences(one.points, one.point_u[:rows], other.point_u[:rows])
+    found = {QUANTITIES[0]: max((rms for rms, _ in by_point.values()), default=None)}
+    for name in QUANTITIES[1:]:
+        value, changed = getattr(one, name), getattr(other, name)
+        found[name] = abs(value - changed) / abs(value) if value != 0.0 else None
+    return found

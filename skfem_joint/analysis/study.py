@@ -12,6 +12,8 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import friction
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare, peaks, steady_state
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, JointError
@@ -57,6 +59,10 @@ class Model:
         Contact points of the full model that each friction point of a reduced one stands for.
     errors : Errors or None
         Against the full model, where both were run.
+    estimate : Estimate or None
+        Errors as estimated without it, None where they are not.
+    estimate_s : float
+        Time for that, s.
     """
 
     name: str
@@ -67,6 +73,8 @@ class Model:
     basis: Basis | None = None
     shares: Matrix | None = None
     errors: Errors | None = None
+    estimate: Estimate | None = None
+    estimate_s: float = 0.0
 
     @property
     def modes(self) -> int | None:
@@ -144,7 +152,7 @@ def run_scene(
     study = Study(scene, scene.structure(), scene.system())
     study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
     for name in sorted(scene.models.run):  # the full model first: others compare with it
-        how = _how(scene)
+        how = how_of(scene)
         if checkpoints is not None:
             how["checkpoint"] = checkpoints.of(name, origin)
         if progress is not None:
@@ -165,7 +173,7 @@ def run_scene(
             break
         if "full" in study.models and not model.run.interrupted:
             model = replace(model, errors=compare(study.models["full"].run, model.run))
-        study.models[name] = model
+        study.models[name] = _estimated(study, model)
         if model.run.interrupted:
             study.interrupted = True
             study.warnings.append(
@@ -200,7 +208,7 @@ def save_of(scene: Scene) -> Save:
     )
 
 
-def _how(scene: Scene) -> dict[str, Any]:
+def how_of(scene: Scene) -> dict[str, Any]:
     """Steps, scheme and output that a scene asks for, for `integrate`."""
     return {
         "step": scene.time_step,
@@ -221,6 +229,20 @@ def _full(study: Study, how: Mapping[str, Any]) -> Model:
         raise ConvergenceError(message, error.unknown) from error
     lengths = measured_lengths(study.structure, run.slip_peak)
     return Model("full", run, run.preparation_s, lengths, _active_area(study, run.slip_peak))
+
+
+def _estimated(study: Study, model: Model) -> Model:
+    """Model with its estimated errors."""
+    scene, run = study.scene, model.run
+    if run.interrupted or not scene.accuracy.estimate:
+        return model
+    begin = time.perf_counter()
+    how = how_of(scene)
+    if model.basis is None:
+        found = estimate.of_full(study.system, run, how)
+    else:
+        found = estimate.of_reduced(study.system, model.basis.V, run.system, how)
+    return replace(model, estimate=found, estimate_s=time.perf_counter() - begin)
 
 
 def _active_area(study: Study, slip_peak: FloatArray) -> dict[str, float]:
@@ -263,7 +285,7 @@ def reduction_of(
 
     Third comes what its friction points stand for, see `Model`.
     """
-    how = _how(study.scene)
+    how = how_of(study.scene)
     del how["save"]
     if basis is None:
         basis = make_basis(study.structure, study.system, options, warn=study.warnings, **how)

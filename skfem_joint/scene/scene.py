@@ -44,6 +44,7 @@ class Scene(SceneTable):
     time: tables.Time = key("length of the run and of its steps")
     models: tables.Models = key("what is run", tables.Models())
     reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
+    accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
     output: tables.Output = key("what is written", tables.Output())
 
     _path: Path | None = PrivateAttr(None)

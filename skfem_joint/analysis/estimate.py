@@ -1,0 +1,202 @@
+"""Estimated errors of results, by the source of error; none costs more than a run of its own kind.
+
+A reduced model is looked at four times, and no step of the full one is done:
+
+basis
+    The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
+    .reduction.residual`). With the first modes of that the model is run again, and once more with
+    what that run lacks. How the second change relates to the first tells what is still missing.
+law
+    A law of friction ten times as steep, but no steeper than the full model's.
+points
+    All contact points instead of its few friction points.
+time step
+    Half of it.
+
+The looks are steps of one way, from the model asked for to the best one: energies may go up and
+down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
+what the last look of each kind still leaves.
+
+A full model is run with twice the step, or half of it where twice is too long to be allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.arrays import FloatArray
+from skfem_joint.reduction.basis import finished
+from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.system import System
+
+#: Sources of error, as a summary names them.
+SOURCES = ("basis", "law", "points", "mesh", "time_step", "total")
+#: Modes that are added at a time.
+ADDED = 8
+#: Steepness of the law's look over that of the model's.
+STEEPER = 10.0
+#: Largest ratio of the second change to the first that what is left is taken from.
+SLOWEST = 0.5
+#: Difference between two steps, relative, from which on it is no small fraction of the error.
+LONG = 0.3
+
+#: Relative errors by quantity; None: not known, or zero in the result.
+Parts = dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated relative errors of one model's results.
+
+    ``parts`` are by source, see `SOURCES`, and quantity; what is not there is not estimated.
+    ``basis`` (n, j) is that of the model with what it lacks; ``slips`` tells whether that is slip.
+    """
+
+    parts: Mapping[str, Parts]
+    basis: FloatArray | None = field(default=None, repr=False)
+    slips: bool = False
+
+    def of(self, source: str, quantity: str) -> float | None:
+        """One of the errors; None where it is not known."""
+        return self.parts.get(source, {}).get(quantity)
+
+    def largest(self, source: str = "total") -> float:
+        """Largest of the errors from a source."""
+        return max((e for e in self.parts.get(source, {}).values() if e is not None), default=0.0)
+
+
+def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: int = 0) -> Run:
+    """Run of a system with ``factor`` times the steps of ``how``, fields stored every so many."""
+    every, cycle_steps = how["save"].every, how["cycle_steps"]
+    n_steps = int(how["n_steps"] * factor)
+    save = Save(every=max(1, int(every * factor)), fields=fields > 0, fields_every=max(1, fields))
+    return finished(
+        integrate(
+            system,
+            step=how["step"] / factor,
+            n_steps=n_steps,
+            scheme=how["scheme"],
+            save=save,
+            cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
+        )
+    )
+
+
+def of_reduced(system: System, V: FloatArray, reduced: System, how: Mapping[str, Any]) -> Estimate:
+    """Errors of a reduced model.
+
+    Parameters
+    ----------
+    system, reduced : System
+        The full model, and the reduced one.
+    V : ndarray, shape (n, j)
+        Basis of the reduced one.
+    how : mapping
+        Steps, scheme, output and steps of a cycle, as `integrate` takes them.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a look does not converge.
+    KeyboardInterrupt
+        If a look is interrupted.
+    """
+    steepest = float(reduced.beta.max())
+    fields = stride(how["n_steps"], how["cycle_steps"])
+
+    def whole(basis: FloatArray, beta: float) -> System:
+        return replace(system.project(basis), beta=np.minimum(system.beta, beta))
+
+    base, halved = results(again(reduced, how)), results(again(reduced, how, 2.0))
+    residual = Residual(system)
+    bases, looks = [V], []
+    for last in (False, False, True):
+        run = again(whole(bases[-1], steepest), how, fields=fields)
+        looks.append(results(run))
+        if not last:
+            bases.append(np.hstack([bases[-1], residual.lacking(bases[-1], run, ADDED)]))
+    law, best = 0.0, looks[-1]
+    if np.any(system.beta > steepest):
+        law = 1.0 / (STEEPER - 1.0)
+        best = results(again(whole(bases[-1], STEEPER * steepest), how))
+    truth = best.plus(4.0 / 3.0, halved, base)
+
+    def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
+        return difference(truth, truth.plus(factor, one, other))
+
+    first, second = change(looks[1], looks[0]), change(looks[2], looks[1])
+    left = {name: _left(first[name], second[name]) for name in QUANTITIES}
+    steeper = change(best, looks[2], law)
+    parts = {
+        "basis": _sum(change(looks[2], looks[0]), left),
+        "law": change(best, looks[2], 1.0 + law),
+        "points": change(looks[0], base),
+        "time_step": change(halved, base, 4.0 / 3.0),
+        "total": _sum(difference(truth, base), left, steeper),
+    }
+    added = bases[-1][:, V.shape[1] :]
+    return Estimate(parts, bases[-1], _slips(system, added))
+
+
+def _left(first: float | None, second: float | None) -> float | None:
+    """What is left after two changes that go on as a geometric series."""
+    if first is None or second is None:
+        return None
+    ratio = min(second / first, SLOWEST) if first > 0.0 else 0.0
+    return second * ratio / (1.0 - ratio)
+
+
+def _sum(*parts: Parts) -> Parts:
+    found: Parts = {}
+    for name in QUANTITIES:
+        values = [part[name] for part in parts]
+        found[name] = None if None in values else sum(values)  # type: ignore[arg-type]
+    return found
+
+
+def _slips(system: System, modes: FloatArray) -> bool:
+    """Whether the first of some modes is slip rather than motion out of contact."""
+    if modes.shape[1] == 0:
+        return False
+    slip = float(np.abs(system.B @ modes[:, 0]).max(initial=0.0))
+    return slip > 0.5 * float(np.abs(modes[:, 0]).max())
+
+
+def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
+    """Errors of a full model's run from its time step.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of the other run does not converge.
+    KeyboardInterrupt
+        If it is interrupted.
+    """
+    step, n_steps, cycle_steps = how["step"], how["n_steps"], how["cycle_steps"]
+    whole = n_steps % 2 == 0 and (cycle_steps is None or cycle_steps % 2 == 0)
+    if whole and 2.0 * step <= longest_step(system, step * n_steps):
+        one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
+        other, own = results(again(system, one, 0.5)), results(run, 2)
+        found = difference(own, other)
+        parts = {name: _of_twice(e) for name, e in found.items()}
+    else:
+        other, own = results(again(system, how, 2.0)), results(run)
+        parts = {
+            name: None if e is None else 4.0 / 3.0 * e for name, e in difference(other, own).items()
+        }
+    return Estimate({"time_step": parts, "total": parts})
+
+
+def _of_twice(error: float | None) -> float | None:
+    """Error of a step from the difference to twice the step: a third of it, but all if large."""
+    if error is None:
+        return None
+    return error * (1.0 + 2.0 * min(1.0, error / LONG)) / 3.0
