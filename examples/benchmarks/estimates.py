@@ -25,9 +25,10 @@ os.environ.update(
 import numpy as np
 from scipy import linalg
 
+from skfem_joint.analysis.asked import how_of
 from skfem_joint.analysis.estimate import again
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.study import how_of, run_scene
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import JointError
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate
 from skfem_joint.scene import Scene, scene_from
@@ -173,7 +174,7 @@ def truth_of(scene: Scene) -> Results:
 
 @dataclass(frozen=True)
 class Judged:
-    """Stated and true errors of a scene's results by quantity; no statement where it was refused."""
+    """Stated and true errors of a scene's results by quantity, none where it was refused."""
 
     what: str
     stated: dict[str, float | None]
@@ -194,7 +195,8 @@ def judged(scene: Scene) -> Judged:
     reduction = scene.reduction
     what = f"{load.kind:14s} {scene.system().n:4d} unknowns {scene.n_steps:5d} steps"
     if name == "reduced":
-        what += f" {reduction.reference:5s} {reduction.modes!s:>4s} + {reduction.interface_modes!s:4s} modes"
+        what += f" {reduction.reference:5s} {reduction.modes!s:>4s} + "
+        what += f"{reduction.interface_modes!s:4s} modes"
     try:
         study = run_scene(scene)
     except JointError as error:
@@ -213,7 +215,8 @@ def report(all_judged: list[Judged]) -> list[str]:
     some = [ratios for ratios in pairs if ratios]
     flat = [pair for ratios in some for pair in ratios]
     lines = [
-        f"{len(all_judged)} scenes, {sum(bool(j.refused) for j in all_judged)} refused, {len(some)} with an error above {JUDGED:.1%}"
+        f"{len(all_judged)} scenes, {sum(bool(one.refused) for one in all_judged)} refused, "
+        f"{len(some)} with an error above {JUDGED:.1%}"
     ]
     if flat:
         found = np.array([ratio for ratio, _ in flat])
@@ -221,10 +224,12 @@ def report(all_judged: list[Judged]) -> list[str]:
         inside = np.mean([(found >= 0.5) & (found <= 3.0)])
         whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
         lines.append(
-            f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in all of them"
+            f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
+            "all of them"
         )
         lines.append(
-            f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, largest {found.max():.2f}"
+            f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, "
+            f"largest {found.max():.2f}"
         )
         lines.append(f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}")
     return lines

@@ -17,15 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.certificate import (
-    QUANTITIES,
-    Reference,
-    Results,
-    difference,
-    make_reference,
-    results,
-)
-from skfem_joint.analysis.study import Progress, Study, options_of, reduction_of
+from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
+from skfem_joint.analysis.study import Progress, Study, reduction_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import replacing
 from skfem_joint.system import System

@@ -17,7 +17,7 @@ The looks are steps of one way, from the model asked for to the best one: energi
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
 what the last look of each kind still leaves.
 
-A full model is run with twice the step, or half of it where twice is too long to be allowed.
+A full model is run with twice the step, or half of it where twice is too long.
 """
 
 from __future__ import annotations
@@ -38,13 +38,18 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
 
 #: Sources of error, as a summary names them.
-SOURCES = ("basis", "law", "points", "mesh", "time_step", "total")
+SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Modes that are added at a time.
 ADDED = 8
 #: Steepness of the law's look over that of the model's.
 STEEPER = 10.0
 #: Largest ratio of the second change to the first that what is left is taken from.
 SLOWEST = 0.5
+#: Twice the step is looked at where it is at most this share of what a load allows (20 steps in a
+#: period): longer ones may agree with each other and miss the joint's higher harmonics.
+FOLLOWS = 0.4
+#: Error of a step over the difference to twice the step: 1/3 for second order, more with friction.
+SMOOTH = 0.4
 #: Difference between two steps, relative, from which on it is no small fraction of the error.
 LONG = 0.3
 
@@ -53,16 +58,23 @@ Parts = dict[str, float | None]
 
 
 @dataclass(frozen=True)
+class Lacking:
+    """What a reduced model lacks."""
+
+    V: FloatArray  #: (n, j), its basis with what it lacks
+    velocities: FloatArray  #: (times, j), of the coordinates in a run with that
+    slips: bool  #: whether the most of it is slip, and not motion out of contact
+
+
+@dataclass(frozen=True)
 class Estimate:
     """Estimated relative errors of one model's results.
 
     ``parts`` are by source, see `SOURCES`, and quantity; what is not there is not estimated.
-    ``basis`` (n, j) is that of the model with what it lacks; ``slips`` tells whether that is slip.
     """
 
     parts: Mapping[str, Parts]
-    basis: FloatArray | None = field(default=None, repr=False)
-    slips: bool = False
+    lacks: Lacking | None = field(default=None, repr=False)
 
     def of(self, source: str, quantity: str) -> float | None:
         """One of the errors; None where it is not known."""
@@ -86,6 +98,7 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
             scheme=how["scheme"],
             save=save,
             cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
+            progress=how.get("progress"),
         )
     )
 
@@ -136,14 +149,14 @@ def of_reduced(system: System, V: FloatArray, reduced: System, how: Mapping[str,
     left = {name: _left(first[name], second[name]) for name in QUANTITIES}
     steeper = change(best, looks[2], law)
     parts = {
-        "basis": _sum(change(looks[2], looks[0]), left),
+        "basis": added(change(looks[2], looks[0]), left),
         "law": change(best, looks[2], 1.0 + law),
         "points": change(looks[0], base),
         "time_step": change(halved, base, 4.0 / 3.0),
-        "total": _sum(difference(truth, base), left, steeper),
+        "total": added(difference(truth, base), left, steeper),
     }
-    added = bases[-1][:, V.shape[1] :]
-    return Estimate(parts, bases[-1], _slips(system, added))
+    slips = _slips(system, bases[-1][:, V.shape[1] :])
+    return Estimate(parts, Lacking(bases[-1], run.v, slips))
 
 
 def _left(first: float | None, second: float | None) -> float | None:
@@ -154,7 +167,8 @@ def _left(first: float | None, second: float | None) -> float | None:
     return second * ratio / (1.0 - ratio)
 
 
-def _sum(*parts: Parts) -> Parts:
+def added(*parts: Parts) -> Parts:
+    """Sum of errors by quantity; None where one of them is not known."""
     found: Parts = {}
     for name in QUANTITIES:
         values = [part[name] for part in parts]
@@ -182,21 +196,40 @@ def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
     """
     step, n_steps, cycle_steps = how["step"], how["n_steps"], how["cycle_steps"]
     whole = n_steps % 2 == 0 and (cycle_steps is None or cycle_steps % 2 == 0)
-    if whole and 2.0 * step <= longest_step(system, step * n_steps):
+    if whole and 2.0 * step <= FOLLOWS * longest_step(system, step * n_steps):
         one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
-        other, own = results(again(system, one, 0.5)), results(run, 2)
-        found = difference(own, other)
-        parts = {name: _of_twice(e) for name, e in found.items()}
+        other = again(system, one, 0.5)
+        found = _steps_apart(run, other, 2)
+        parts = {name: None if e is None else _of_twice(e) for name, e in found.items()}
     else:
-        other, own = results(again(system, how, 2.0)), results(run)
-        parts = {
-            name: None if e is None else 4.0 / 3.0 * e for name, e in difference(other, own).items()
-        }
+        found = _steps_apart(again(system, how, 2.0), run)
+        parts = {name: None if e is None else 4.0 / 3.0 * e for name, e in found.items()}
     return Estimate({"time_step": parts, "total": parts})
 
 
-def _of_twice(error: float | None) -> float | None:
-    """Error of a step from the difference to twice the step: a third of it, but all if large."""
-    if error is None:
-        return None
-    return error * (1.0 + 2.0 * min(1.0, error / LONG)) / 3.0
+def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
+    """Difference of two runs of one model; ``every`` so many rows of the first are in the other.
+
+    Where runs far apart meet by chance in the last cycle, the cycles before it tell.
+    """
+    found = difference(results(fine, every), results(coarse))
+    last = max(1, fine.cycles.friction.size // 2)
+    for name, one, other in (
+        (
+            "peak_displacement",
+            *(run.cycles.peak.max(axis=1, initial=0.0) for run in (fine, coarse)),
+        ),
+        ("friction_energy", fine.cycles.friction, coarse.cycles.friction),
+        ("loop_energy", *(run.cycles.input.sum(axis=1) for run in (fine, coarse))),
+    ):
+        error = found[name]
+        if error is not None and one.size:
+            mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2)))
+            found[name] = max(error, mean / abs(float(one[-1])))
+    return found
+
+
+def _of_twice(error: float) -> float:
+    """Error of a step from the difference to twice the step, which is all of it if large."""
+    large = min(max((error - LONG) / (1.0 - LONG), 0.0), 1.0)
+    return error * (SMOOTH + (1.0 - SMOOTH) * large)

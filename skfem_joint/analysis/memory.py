@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.analysis.study import options_of, save_of
+from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import PROBE_CYCLES, TRAINING_CYCLES
 

@@ -86,7 +86,7 @@ class Residual:
         R = self.forces(V, run)
         values, vectors = np.linalg.eigh(R.T @ R)
         keep = values > _NEGLIGIBLE**2 * values[-1]
-        if not np.any(keep):
+        if not np.any(keep):  # no residual at all
             return np.zeros((self.system.n, 0))
         X = self._solve(np.ascontiguousarray(R @ vectors[:, keep]))
         whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
@@ -95,4 +95,4 @@ class Residual:
         sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
         most = min(most, self.system.n - V.shape[1])
         first = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1][:most]
-        return orthonormal(X @ turn[:, first], self.system.M)
+        return orthonormal(X @ turn[:, first], self.system.M) if first.size else X[:, :0]

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from joint_scenes import BARS, LENGTH, joint, lap_joint, plate, plate_scene
 
 from skfem_joint.analysis import error_time as module
-from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
 from skfem_joint.analysis.error_time import (
     COULOMB,
     FEW_POINTS,
@@ -35,6 +34,8 @@ from skfem_joint.analysis.error_time import (
     front,
     measure,
 )
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene

@@ -17,7 +17,8 @@ from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene, scene_from
