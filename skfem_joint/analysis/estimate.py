@@ -44,7 +44,7 @@ ADDED = 8
 #: Steepness of the law's look over that of the model's.
 STEEPER = 10.0
 #: Largest ratio of the second change to the first that what is left is taken from.
-SLOWEST = 0.5
+SLOWEST = 0.4
 #: Twice the step is looked at where it is at most this share of what a load allows (20 steps in a
 #: period): longer ones may agree with each other and miss the joint's higher harmonics.
 FOLLOWS = 0.4
