@@ -14,8 +14,8 @@ from skfem_joint.stepping.recording import Run
 
 #: Results that errors are estimated for.
 QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
-#: A point that moves less than this share of what moves most is at rest: it is not compared.
-AT_REST = 1e-3
+#: A point that moves less than this share of what moves most is compared with that share.
+AT_REST = 1e-2
 
 #: Under the regularised law a point slips while it is faster than this share of its own largest
 #: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick.
@@ -160,7 +160,7 @@ def compare(reference: Run, other: Run) -> Errors:
 def differences(
     names: Sequence[str], reference: FloatArray, other: FloatArray
 ) -> dict[str, tuple[float, float]]:
-    """Root mean square and largest difference of each named point that moves, relative.
+    """Root mean square and largest difference of each named point, relative; {} if none moves.
 
     Parameters
     ----------
@@ -169,18 +169,20 @@ def differences(
     reference, other : ndarray, shape (rows, points)
         Histories, m.
     """
-    found = {}
     difference = other - reference
     norm = np.linalg.norm(reference, axis=0)
     most_of = np.abs(reference).max(axis=0, initial=0.0)
     places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
+    if not np.any(most_of > 0.0):
+        return {}
+    found = {}
+    least = AT_REST * norm.max(), AT_REST * most_of.max()
     for k, name in enumerate(names):
         same = [i for i, place in enumerate(places) if place == places[k]]
-        if most_of[same].max() > AT_REST * most_of.max():
-            found[name] = (
-                float(np.linalg.norm(difference[:, k]) / norm[same].max()),
-                float(np.abs(difference[:, k]).max(initial=0.0) / most_of[same].max()),
-            )
+        found[name] = (
+            float(np.linalg.norm(difference[:, k]) / max(norm[same].max(), least[0])),
+            float(np.abs(difference[:, k]).max() / max(most_of[same].max(), least[1])),
+        )
     return found
 
 

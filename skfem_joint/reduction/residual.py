@@ -27,7 +27,7 @@ from skfem_joint.system import System
 INSTANTS = 100
 # Singular values that are left out, over the largest; share of the stiffness, over that of mass,
 # that holds bodies which friction alone holds.
-_NEGLIGIBLE, _HOLD = 1e-6, 1e-9
+_NEGLIGIBLE, _HOLD = 1e-8, 1e-9
 
 
 def stride(n_steps: int, cycle_steps: int | None) -> int:
@@ -84,11 +84,11 @@ class Residual:
         static response.
         """
         R = self.forces(V, run)
-        values, vectors = np.linalg.eigh(R.T @ R)
-        keep = values > _NEGLIGIBLE**2 * values[-1]
+        left, values, _ = linalg.svd(R, full_matrices=False)
+        keep = values > _NEGLIGIBLE * values[0]
         if not np.any(keep):  # no residual at all
             return np.zeros((self.system.n, 0))
-        X = self._solve(np.ascontiguousarray(R @ vectors[:, keep]))
+        X = self._solve(np.ascontiguousarray(left[:, keep] * values[keep]))
         whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
         for _ in range(2):
             X = X - V @ (V.T @ (self.system.M @ X))

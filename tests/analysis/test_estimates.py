@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.estimates import judged, report, scenes
 from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene
+from scipy import linalg
 
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import how_of
@@ -67,9 +68,9 @@ def test_errors_of_a_basis_are_stated_without_a_full_run(changes: dict[str, Any]
 def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_it() -> None:
     scene = lap_joint(bar="short_lap_joint", beta=1e4, time={"cycles": 1, "steps_per_cycle": 50})
     system, how = scene.system(), how_of(scene)
-    whole = np.linalg.inv(np.linalg.cholesky(system.M.toarray())).T
+    whole = linalg.eigh(system.K.toarray(), system.M.toarray())[1]
     residual = Residual(system)
-    for V, lacking in ((whole, False), (whole[:, ::2], True)):
+    for V, lacking in ((whole, False), (whole[:, :10], True)):
         run = again(system.project(V), how, fields=stride(50, 50))
         left = residual.forces(V, run)
         scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
