@@ -103,7 +103,7 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
             warn=[],
         )
         V = basis.V
-        found = estimate.of_reduced(system, V, reduced, how_of(scene))
+        found = estimate.of_reduced(system, basis, reduced, how_of(scene))
         if excess(accuracy, found) <= 1.0:
             return Met(scene, basis, reduced, shares, found)
         sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}

@@ -9,7 +9,7 @@ basis
 law
     A law of friction ten times as steep, but no steeper than the full model's.
 points
-    All contact points instead of its few friction points.
+    All contact points instead of its few friction points; of many for a few cycles only.
 time step
     Half of it, with what the basis lacks: a poor one is smoother than the truth.
 
@@ -30,7 +30,8 @@ import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
-from skfem_joint.reduction.basis import finished
+from skfem_joint.reduction.basis import Basis, finished
+from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -39,6 +40,8 @@ from skfem_joint.system import System
 
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
+#: Contact points from which on looks merge them to so many; all of them are taken for a few cycles.
+MANY, SHORT = 250, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -104,16 +107,14 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
     )
 
 
-def of_reduced(
-    system: System, basis: FloatArray, reduced: System, how: Mapping[str, Any]
-) -> Estimate:
+def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, Any]) -> Estimate:
     """Errors of a reduced model.
 
     Parameters
     ----------
     system, reduced : System
         The full model, and the reduced one.
-    basis : ndarray, shape (n, j)
+    basis : Basis
         That of the reduced one.
     how : mapping
         Steps, scheme, output and steps of a cycle, as `integrate` takes them.
@@ -125,26 +126,22 @@ def of_reduced(
     KeyboardInterrupt
         If a look is interrupted.
     """
-    steepest = float(reduced.beta.max())
+    steepest, residual = float(reduced.beta.max()), Residual(system)
     fields = stride(how["n_steps"], how["cycle_steps"])
-
-    def whole(V: FloatArray, beta: float) -> System:
-        return replace(system.project(V), beta=np.minimum(system.beta, beta))
-
-    base = results(again(reduced, how))
-    residual = Residual(system)
-    V = basis
-    run = again(whole(V, steepest), how, fields=fields)
+    base, V = results(again(reduced, how)), basis.V
+    run = again(_looked_at(system, basis, V, steepest), how, fields=fields)
     looks = [results(run)]
-    while len(looks) < 3 or (len(looks) <= MOST_LOOKS and V.shape[1] < basis.shape[1] + 2 * ADDED):
+    while len(looks) < 3 or (
+        len(looks) <= MOST_LOOKS and V.shape[1] < basis.V.shape[1] + 2 * ADDED
+    ):
         V = np.hstack([V, residual.lacking(V, run, ADDED)])
-        run = again(whole(V, steepest), how, fields=fields)
+        run = again(_looked_at(system, basis, V, steepest), how, fields=fields)
         looks.append(results(run))
     law, best = 0.0, looks[-1]
     if np.any(system.beta > steepest):
         law = 1.0 / (STEEPER - 1.0)
-        best = results(again(whole(V, STEEPER * steepest), how))
-    halved = results(again(whole(V, steepest), how, 2.0))
+        best = results(again(_looked_at(system, basis, V, STEEPER * steepest), how))
+    halved = results(again(_looked_at(system, basis, V, steepest), how, 2.0))
     truth = best.plus(4.0 / 3.0, halved, looks[-1])
 
     def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
@@ -153,14 +150,36 @@ def of_reduced(
     first, second = change(looks[-2], looks[-3]), change(looks[-1], looks[-2])
     left = {name: _left(first[name], second[name]) for name in QUANTITIES}
     steeper = change(best, looks[-1], law)
+    merged = _merged(system, basis, steepest, how)
     parts = {
         "basis": added(change(looks[-1], looks[0]), left),
         "law": change(best, looks[-1], 1.0 + law),
-        "points": change(looks[0], base),
+        "points": added(change(looks[0], base), merged),
         "time_step": change(halved, looks[-1], 4.0 / 3.0),
-        "total": added(difference(truth, base), left, steeper),
+        "total": added(difference(truth, base), left, steeper, merged),
     }
-    return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.shape[1] :])))
+    return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
+
+
+def _looked_at(system: System, basis: Basis, V: FloatArray, beta: float) -> System:
+    """Reduced model on V, with all contact points, or as many as it takes where they are many."""
+    small = replace(system.project(V), beta=np.minimum(system.beta, beta))
+    if system.contact_points <= MANY:
+        return small
+    more = V.shape[1] - basis.V.shape[1]  # which no run has moved: the same points are merged
+    rates, points = np.pad(basis.velocities, ((0, 0), (0, more))), np.flatnonzero(system.w)
+    return merged_points(small, rates, points, MANY, basis.group)[0]
+
+
+def _merged(system: System, basis: Basis, beta: float, how: Mapping[str, Any]) -> Parts:
+    """What a look's points cause: none if it has all, else told by the start of a run with all."""
+    if system.contact_points <= MANY:
+        return dict.fromkeys(QUANTITIES, 0.0)
+    short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
+    some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
+    everything = replace(system.project(basis.V), beta=np.minimum(system.beta, beta))
+    few = _looked_at(system, basis, basis.V, beta)
+    return difference(*(results(again(one, some)) for one in (everything, few)))
 
 
 def _left(first: float | None, second: float | None) -> float | None:
