@@ -17,7 +17,8 @@ The looks are steps of one way, from the model asked for to the best one: energi
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
 what the last look of each kind still leaves.
 
-A full model is run with twice the step, or half of it where twice is too long.
+A full model is run with twice the step, half of it where twice is too long, and a quarter where it
+is too long itself.
 """
 
 from __future__ import annotations
@@ -219,14 +220,15 @@ def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
     """
     step, n_steps, cycle_steps = how["step"], how["n_steps"], how["cycle_steps"]
     whole = n_steps % 2 == 0 and (cycle_steps is None or cycle_steps % 2 == 0)
-    if whole and 2.0 * step <= FOLLOWS * longest_step(system, step * n_steps):
+    longest = longest_step(system, step * n_steps)
+    if whole and 2.0 * step <= FOLLOWS * longest:
         one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
-        other = again(system, one, 0.5)
-        found = _steps_apart(run, other, 2)
+        found = _steps_apart(run, again(system, one, 0.5), 2)
         parts = {name: None if e is None else _of_twice(e) for name, e in found.items()}
     else:
-        found = _steps_apart(again(system, how, 2.0), run)
-        parts = {name: None if e is None else 4.0 / 3.0 * e for name, e in found.items()}
+        factor = 2.0 if step <= FOLLOWS * longest else 4.0
+        found, rest = _steps_apart(again(system, how, factor), run), 1.0 - factor**-2
+        parts = {name: None if e is None else e / rest for name, e in found.items()}
     return Estimate({"time_step": parts, "total": parts})
 
 

@@ -190,7 +190,7 @@ def summary_table(content: Mapping[str, Any]) -> Table:
     add("energy balance residual", "{:.1e}", at("energy_balance_residual"))
     add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
-    add("time to estimate errors, ms", "{:.3g}", at("estimate_s"), 1e3)
+    add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
     add("run time of the full model over this one's", "{:.3g}", faster(offline=False))
     add("the same with its off-line time", "{:.3g}", faster(offline=True))
     return _table("", list(models), rows)

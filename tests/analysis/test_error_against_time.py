@@ -187,7 +187,12 @@ def test_wrong_options_and_scenes_without_friction_are_refused() -> None:
 
 def test_report_is_written(report: Report, tmp_path: Path) -> None:
     files = report.write(tmp_path)
-    assert {f.name for f in files} == {f"error-time.{s}" for s in ("md", "csv", "png")}
-    assert files[2].read_bytes().startswith(b"\x89PNG")
+    names = {f"error-time.{s}" for s in ("md", "csv", "png")} | {"total-time.png"}
+    assert {f.name for f in files} == names
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in files[2:])
+    for total in (False, True):
+        ahead = front(report.points, total=total)
+        assert [p.seconds(total) for p in ahead] == sorted(p.seconds(total) for p in ahead)
+    assert any(p.seconds(total=True) > p.wall_s for p in report.points if p.counts)
     assert module.threads_pinned(dict.fromkeys(module.THREADS, "1"))
     assert not module.threads_pinned({"OMP_NUM_THREADS": "1"})
