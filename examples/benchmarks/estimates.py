@@ -16,7 +16,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 os.environ.update(
     dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -31,11 +31,12 @@ from skfem_joint.analysis.history import QUANTITIES, Results, difference, result
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import JointError
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate
-from skfem_joint.scene import Scene, scene_from
+from skfem_joint.scene import Scene, scene_from, tables
 
 #: Errors below this are not judged; of large ones no less than a part may be stated.
 JUDGED, LARGE = 3e-3, 2e-2
 WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
+REFERENCES = get_args(tables.Reduction.model_fields["reference"].annotation)
 ACCURACY = {"displacement": 0.01, "energy": 0.02}
 
 
@@ -127,7 +128,7 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
             if rng.random() < 0.15
             else {"beta": float(10 ** rng.uniform(3.5, 6))}
         )
-        tables: dict[str, Any] = {
+        values: dict[str, Any] = {
             "mesh": {"file": "none"},
             "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
             "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
@@ -142,7 +143,7 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
             ],
             "time": {"cycles": 1},
         }
-        plain = scene_from(tables, mesh)
+        plain = scene_from(values, mesh)
         place = str(rng.choice(places[-2:] if rng.random() < 0.7 else places))
         direction = {"direction": [1.0, float(rng.choice([0.0, 0.3]))]} if flat else {}
         level = float(rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9))
@@ -152,13 +153,14 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
         )
         modes = int(rng.integers(1, 21))
         apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
-        reference = "paper" if apart and rng.random() < 0.6 else "self"
+        references = [one for one in REFERENCES if one != "paper" or apart]
+        reference = str(rng.choice(references))
         if reference == "paper":
             modes = min(modes, 12)
         reduction = {"reference": reference, "modes": modes}
         reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
         reduction |= {"friction_points": "all"} if rng.random() < 0.3 else {}
-        changed = tables | {
+        changed = values | {
             "load": [{"on": place} | direction | load],
             "time": times,
             "reduction": reduction,
