@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from skfem_joint.scene.tables import Accuracy
 
 #: Rounds of refinement, vectors of a basis and halvings of the step that are tried.
-ROUNDS, MOST_VECTORS, MOST_HALVINGS = 8, 100, 8
+ROUNDS, MOST_VECTORS, MOST_HALVINGS = 8, 100, 6
+#: Share of the error of earlier rounds that two rounds must get below.
+STALLED = 0.9
 #: Share of the error asked for from which on its source is refined.
 WORTHWHILE = 0.4
 
@@ -62,6 +64,24 @@ def followed(scene: Scene) -> Scene:
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
 
 
+def stepped(scene: Scene, basis: Basis) -> Scene:
+    """Scene with the step that a reduced model needs, where to look for it costs little.
+
+    Raises
+    ------
+    ConvergenceError
+        As `shorter`, or if a step does not converge.
+    """
+    reduced, _ = reduced_system(scene.system(), basis, warn=[])
+    for _ in range(ROUNDS):
+        how = how_of(scene)
+        finer = shorter(scene, estimate.of_full(reduced, estimate.again(reduced, how), how))
+        if finer is None:
+            break
+        scene = finer
+    return scene
+
+
 @dataclass(frozen=True)
 class Met:
     """A reduced model that meets an accuracy, and the scene with the steps that it takes."""
@@ -91,6 +111,7 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
+    errors: list[float] = []
     for done in range(ROUNDS):
         if report is not None:
             report(done, ROUNDS)
@@ -104,8 +125,11 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
         )
         V = basis.V
         found = estimate.of_reduced(system, basis, reduced, how_of(scene))
-        if excess(accuracy, found) <= 1.0:
+        errors.append(excess(accuracy, found))
+        if errors[-1] <= 1.0:
             return Met(scene, basis, reduced, shares, found)
+        if min(errors[-2:]) > STALLED * min(errors[:-2], default=np.inf):
+            break
         sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}
         least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
@@ -118,8 +142,8 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
         if "law" in refined:
             beta = min(estimate.STEEPER * float(reduced.beta.max()), float(system.beta.max()))
         if "time_step" in refined:
-            halvings += 1
-            scene = scene.finer(2)
+            more = min(max(_halvings(sources["time_step"]), 1), 3)
+            halvings, scene = halvings + more, scene.finer(2**more)
         if basis.V.shape[1] > MOST_VECTORS or halvings > MOST_HALVINGS:
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
@@ -137,10 +161,13 @@ def _enriched(system: System, basis: Basis, lacks: Lacking) -> Basis:
     return replace(basis, V=lacks.V, velocities=lacks.velocities, active=points, stretches=None)
 
 
+def _halvings(ratio: float) -> int:
+    """Halvings of the step for so many times less error: as the power 3/2, friction is not smooth."""
+    return ceil(log2(max(1.1 * ratio, 1.0)) / 1.5)
+
+
 def shorter(scene: Scene, found: Estimate) -> Scene | None:
     """Scene with steps short enough for the estimated error of a full model; None: they are.
-
-    The error is taken to go with the power 3/2 of the step: friction is not smooth.
 
     Raises
     ------
@@ -150,7 +177,7 @@ def shorter(scene: Scene, found: Estimate) -> Scene | None:
     ratio = excess(scene.accuracy, found)
     if ratio <= 1.0:
         return None
-    halvings = ceil(log2(1.1 * ratio) / 1.5)
+    halvings = _halvings(ratio)
     if halvings > MOST_HALVINGS:
         raise ConvergenceError(
             f"accuracy: with steps of {scene.time_step:.4g} s the full model errs by an estimated "

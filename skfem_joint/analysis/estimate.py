@@ -48,6 +48,9 @@ MANY, SHORT = 250, 2
 ADDED, MOST_LOOKS = 8, 4
 #: Steepness of the law's look over that of the model's.
 STEEPER = 10.0
+#: Share of an energy's or peak's largest part, and of the error in the history of the point that
+#: moves most, below which its error does not fall because parts cancel.
+CHANCE, AT_LEAST = 0.7, 0.1
 #: Largest ratio of the second change to the first that what is left is taken from.
 SLOWEST = 0.4
 #: Twice the step is looked at where it is at most this share of what a load allows (20 steps in a
@@ -157,8 +160,9 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
         "law": change(best, looks[-1], 1.0 + law),
         "points": added(change(looks[0], base), merged),
         "time_step": change(halved, looks[-1], 4.0 / 3.0),
-        "total": added(difference(truth, base), left, steeper, merged),
     }
+    total = added(difference(truth, base), left, steeper, merged)
+    parts["total"] = _at_least(total, truth, base, *parts.values())
     return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
 
 
@@ -181,6 +185,22 @@ def _merged(system: System, basis: Basis, beta: float, how: Mapping[str, Any]) -
     everything = replace(system.project(basis.V), beta=np.minimum(system.beta, beta))
     few = _looked_at(system, basis, basis.V, beta)
     return difference(*(results(again(one, some)) for one in (everything, few)))
+
+
+def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
+    """Errors of peaks and energies that do not vanish because their parts cancel by chance.
+
+    They are no less than a share of the largest part, and of the error in the history of the point
+    that moves most.
+    """
+    found = dict(total)
+    main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
+    for name in QUANTITIES[1:]:
+        error = total[name]
+        if error is not None:
+            others = (CHANCE * (part[name] or 0.0) for part in parts)
+            found[name] = max(error, AT_LEAST * (main or 0.0), *others)
+    return found
 
 
 def _left(first: float | None, second: float | None) -> float | None:
@@ -251,7 +271,7 @@ def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
         if error is not None and one.size:
             mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2)))
             found[name] = max(error, mean / abs(float(one[-1])))
-    return found
+    return _at_least(found, results(fine, every), results(coarse))
 
 
 def _of_twice(error: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,6 +206,12 @@ class Results:
     friction_energy: float
     loop_energy: float
 
+    def most_moving(self, like: Results | None = None) -> Results:
+        """With the history of the point alone that moves most, in these results or in others."""
+        size = np.abs((like or self).point_u).max(axis=0, initial=0.0)
+        most = slice(int(size.argmax()), int(size.argmax()) + 1) if size.size else slice(0)
+        return replace(self, points=self.points[most], point_u=self.point_u[:, most])
+
     def plus(self, factor: float, one: Results, other: Results) -> Results:
         """With ``factor`` times the difference between two others added."""
         numbers = {
@@ -214,7 +220,7 @@ class Results:
         }
         rows = min(len(x.point_u) for x in (self, one, other))  # a duration may not be whole steps
         u = self.point_u[:rows] + factor * (one.point_u[:rows] - other.point_u[:rows])
-        return Results(self.points, u, **numbers)
+        return replace(self, point_u=u, **numbers)
 
 
 def results(run: Run, every: int = 1) -> Results:

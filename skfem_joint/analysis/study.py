@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from skfem_joint.analysis.doubts import violated
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.errors import ConvergenceError, JointError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.reduction.active_length import active_area_fraction, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
@@ -155,6 +156,9 @@ def run_scene(
         study.scene = accuracy.followed(scene)
         if "reduced" in scene.models.run:  # tells the full one its step
             _refine(study, progress)
+        elif study.system.contact_points and scene.reduction.reference != "self":
+            with suppress(InputError):  # no reduced model: the full one's own estimate tells
+                study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
     for name in sorted(scene.models.run):  # the full model first: others compare with it
         how: dict[str, Any] = {}
         if checkpoints is not None:
@@ -208,7 +212,7 @@ def _refine(study: Study, progress: Progress | None) -> None:
     """Choose a reduced model, and a time step, for the accuracy that is asked for."""
     begin = time.perf_counter()
     scene = study.scene
-    basis = _basis(study, options_of(scene))
+    basis = _basis(study, options_of(scene), study.warnings)
     report = None if progress is None else partial(progress, "choosing a reduced model")
     study.met = accuracy.meet(scene, basis, report)
     study.scene, system = study.met.scene, study.met.system
@@ -323,7 +327,7 @@ def reduction_of(
     Third comes what its friction points stand for, see `Model`.
     """
     if basis is None:
-        basis = _basis(study, options)
+        basis = _basis(study, options, study.warnings)
     system, shares = reduced_system(
         study.system,
         basis,
@@ -335,10 +339,10 @@ def reduction_of(
     return basis, system, shares
 
 
-def _basis(study: Study, options: Options) -> Basis:
+def _basis(study: Study, options: Options, warn: list[str]) -> Basis:
     how = how_of(study.scene)
     del how["save"]
-    return make_basis(study.structure, study.system, options, warn=study.warnings, **how)
+    return make_basis(study.structure, study.system, options, warn=warn, **how)
 
 
 def friction_work(study: Study, model: Model) -> FloatArray:

@@ -171,6 +171,23 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension: int) -> None:
     assert len(chosen) == 2
 
 
+def test_the_step_of_a_full_model_is_found_on_a_reduced_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken = []
+
+    def counted(system: Any, **options: Any) -> Any:
+        taken.append(options["n_steps"])
+        return integrate(system, **options)
+
+    integrate = study_module.integrate
+    monkeypatch.setattr(study_module, "integrate", counted)
+    time = {"cycles": 4, "steps_per_cycle": 25}
+    study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
+    assert taken == [study.scene.n_steps]
+    assert study.scene.n_steps >= 4 * 100
+
+
 def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for() -> None:
     load = [pulse(rise_time=4e-4)]
     scene = bar_scene(
