@@ -162,7 +162,7 @@ def _enriched(system: System, basis: Basis, lacks: Lacking) -> Basis:
 
 
 def _halvings(ratio: float) -> int:
-    """Halvings of the step for so many times less error: as the power 3/2, friction is not smooth."""
+    """Halvings of the step for so much less error: it goes as the power 3/2 with friction."""
     return ceil(log2(max(1.1 * ratio, 1.0)) / 1.5)
 
 
