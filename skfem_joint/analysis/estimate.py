@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ import numpy as np
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import Basis, finished
-from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -42,7 +43,7 @@ from skfem_joint.system import System
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Contact points from which on looks merge them to so many; all of them are taken for a few cycles.
-MANY, SHORT = 250, 2
+MANY, SHORT = 200, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -131,21 +132,22 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
         If a look is interrupted.
     """
     steepest, residual = float(reduced.beta.max()), Residual(system)
+    points = _Points(system, basis)
     fields = stride(how["n_steps"], how["cycle_steps"])
     base, V = results(again(reduced, how)), basis.V
-    run = again(_looked_at(system, basis, V, steepest), how, fields=fields)
+    run = again(points.model(V, steepest), how, fields=fields)
     looks = [results(run)]
     while len(looks) < 3 or (
         len(looks) <= MOST_LOOKS and V.shape[1] < basis.V.shape[1] + 2 * ADDED
     ):
         V = np.hstack([V, residual.lacking(V, run, ADDED)])
-        run = again(_looked_at(system, basis, V, steepest), how, fields=fields)
+        run = again(points.model(V, steepest), how, fields=fields)
         looks.append(results(run))
     law, best = 0.0, looks[-1]
     if np.any(system.beta > steepest):
         law = 1.0 / (STEEPER - 1.0)
-        best = results(again(_looked_at(system, basis, V, STEEPER * steepest), how))
-    halved = results(again(_looked_at(system, basis, V, steepest), how, 2.0))
+        best = results(again(points.model(V, STEEPER * steepest), how))
+    halved = results(again(points.model(V, steepest), how, 2.0))
     truth = best.plus(4.0 / 3.0, halved, looks[-1])
 
     def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
@@ -154,7 +156,7 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
     first, second = change(looks[-2], looks[-3]), change(looks[-1], looks[-2])
     left = {name: _left(first[name], second[name]) for name in QUANTITIES}
     steeper = change(best, looks[-1], law)
-    merged = _merged(system, basis, steepest, how)
+    merged = _merged(points, steepest, how)
     parts = {
         "basis": added(change(looks[-1], looks[0]), left),
         "law": change(best, looks[-1], 1.0 + law),
@@ -166,25 +168,41 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
     return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
 
 
-def _looked_at(system: System, basis: Basis, V: FloatArray, beta: float) -> System:
-    """Reduced model on V, with all contact points, or as many as it takes where they are many."""
-    small = replace(system.project(V), beta=np.minimum(system.beta, beta))
-    if system.contact_points <= MANY:
-        return small
-    more = V.shape[1] - basis.V.shape[1]  # which no run has moved: the same points are merged
-    rates, points = np.pad(basis.velocities, ((0, 0), (0, more))), np.flatnonzero(system.w)
-    return merged_points(small, rates, points, MANY, basis.group)[0]
+@dataclass(frozen=True)
+class _Points:
+    """Contact points of looks: all of them, or as many as it takes where they are many."""
+
+    system: System
+    basis: Basis
+
+    @cached_property
+    def merged(self) -> tuple[System, Any]:
+        return merged_points(
+            self.system.project(self.basis.V),
+            self.basis.velocities,
+            np.flatnonzero(self.system.w),
+            MANY,
+            self.basis.group,
+        )
+
+    def model(self, V: FloatArray, beta: float) -> System:
+        """Reduced model on V."""
+        small = replace(self.system.project(V), beta=np.minimum(self.system.beta, beta))
+        if self.system.contact_points <= MANY:
+            return small
+        few, shares = self.merged
+        return shared_points(small, shares, few.w)[0]
 
 
-def _merged(system: System, basis: Basis, beta: float, how: Mapping[str, Any]) -> Parts:
+def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
     """What a look's points cause: none if it has all, else told by the start of a run with all."""
+    system, V = points.system, points.basis.V
     if system.contact_points <= MANY:
         return dict.fromkeys(QUANTITIES, 0.0)
     short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
     some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
-    everything = replace(system.project(basis.V), beta=np.minimum(system.beta, beta))
-    few = _looked_at(system, basis, basis.V, beta)
-    return difference(*(results(again(one, some)) for one in (everything, few)))
+    everything = replace(system.project(V), beta=np.minimum(system.beta, beta))
+    return difference(*(results(again(one, some)) for one in (everything, points.model(V, beta))))
 
 
 def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
