@@ -9,9 +9,12 @@ basis
 law
     A law of friction ten times as steep, but no steeper than the full model's.
 points
-    All contact points instead of its few friction points; of many for a few cycles only.
+    All contact points instead of its few friction points.
 time step
     Half of it, with what the basis lacks: a poor one is smoother than the truth.
+
+Where contact points are many they are merged in these looks, which end after a few cycles; what
+that leaves out is told by a shorter look at all of them.
 
 The looks are steps of one way, from the model asked for to the best one: energies may go up and
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
@@ -42,8 +45,9 @@ from skfem_joint.system import System
 
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
-#: Contact points from which on looks merge them to so many; all of them are taken for a few cycles.
-MANY, SHORT = 200, 2
+#: Contact points from which on looks merge them to so many and take no more than the first cycles;
+#: all of the points are taken for fewer.
+MANY, FIRST, SHORT = 150, 4, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -133,6 +137,8 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
     """
     steepest, residual = float(reduced.beta.max()), Residual(system)
     points = _Points(system, basis)
+    if system.contact_points > MANY and how["cycle_steps"] is not None:
+        how = {**how, "n_steps": min(how["n_steps"], FIRST * how["cycle_steps"])}
     fields = stride(how["n_steps"], how["cycle_steps"])
     base, V = results(again(reduced, how)), basis.V
     run = again(points.model(V, steepest), how, fields=fields)
