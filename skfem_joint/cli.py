@@ -81,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--certify",
         action="store_true",
-        help="estimate the errors of time step, mesh, beta and number of modes (more runs)",
+        help="estimate the errors of mesh and beta too, of a reduced model by a short full run",
     )
     run.add_argument(
         "--checkpoint-every",
@@ -123,7 +123,8 @@ def _check(options: argparse.Namespace) -> int:
 
     scene = load_scene(options.scene)
     system = scene.system()
-    check_resolution(system, scene.time_step, scene.n_steps)
+    if not scene.accuracy.asked:  # which shortens the step
+        check_resolution(system, scene.time_step, scene.n_steps)
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
@@ -185,23 +186,22 @@ def _run(options: argparse.Namespace) -> int:
     with output.prepare(scene, out) as notes:
         with progress_bar() as progress:
             study, failure = _study(scene, progress, checkpoints)
-            certificate: dict[str, dict[str, dict[str, float | None]]] = {}
             if options.certify and not study.interrupted and failure is None:
-                failure = _certify(study, certificate, progress)
+                failure = _certify(study, progress)
         study.warnings += notes
         if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
             print("Drawing pictures and writing files ...", file=sys.stderr)
-        files = output.write(study, out, certificate)
+        files = output.write(study, out)
         if checkpoints is not None and not study.interrupted and failure is None:
             checkpoints.remove()
     if scene.title:
         print(f"{scene.title}\n")
-    print(report.summary_table(report.summary(study)))
-    if certificate:
-        print("\n" + report.certificate_table(certificate))
+    content = report.summary(study)
+    for table in (report.summary_table(content), report.estimate_table(content)):
+        print(table, end="\n\n")
     for warning in study.warnings:
-        print(f"\nNote: {warning}")
-    print(f"\nWritten to {out}: {', '.join(file.name for file in files)}")
+        print(f"Note: {warning}\n")
+    print(f"Written to {out}: {', '.join(file.name for file in files)}")
     if failure is not None:
         raise failure
     if study.interrupted:
@@ -225,18 +225,13 @@ def _study(
         return error.results, error
 
 
-def _certify(
-    study: Study,
-    certificate: dict[str, dict[str, dict[str, float | None]]],
-    progress: Progress | None,
-) -> JointError | None:
-    """Estimate the errors of each model; what ends it early does not cost the results."""
+def _certify(study: Study, progress: Progress | None) -> JointError | None:
+    """Estimate more errors of each model; what ends it early does not cost the results."""
     from skfem_joint.analysis.certificate import certify
 
     try:
-        for model in study.models:
-            found = certify(study.scene, model, progress)
-            certificate[model] = {one.source: one.errors for one in found}
+        for name in study.models:
+            study.models[name] = certify(study, name, progress)
     except JointError as error:
         study.warnings.append(f"The errors could not all be estimated: {error}")
         return error

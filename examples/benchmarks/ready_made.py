@@ -30,8 +30,9 @@ from benchmarks.first_order import FirstOrder, lumped
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
 from skfem_joint import friction
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import PER_CYCLE, Reference, Results, results
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome, Point
+from skfem_joint.analysis.history import Results, results
+from skfem_joint.analysis.reference import PER_CYCLE, Reference
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import holding
 from skfem_joint.mesh import NamedMesh

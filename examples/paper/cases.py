@@ -11,8 +11,9 @@ import numpy as np
 from paper.page import Item, printed
 
 from skfem_joint.analysis import pseudo_static
+from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.history import Errors, compare
-from skfem_joint.analysis.study import Model, options_of, run_scene
+from skfem_joint.analysis.study import Model, run_scene
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import HalfSine, RampAndHold, Triangle, Versine
 from skfem_joint.mesh import NamedMesh, build_bar

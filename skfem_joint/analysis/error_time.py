@@ -17,15 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.certificate import (
-    QUANTITIES,
-    Reference,
-    Results,
-    difference,
-    make_reference,
-    results,
-)
-from skfem_joint.analysis.study import Progress, Study, options_of, reduction_of
+from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
+from skfem_joint.analysis.study import Progress, Study, reduction_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import replacing
 from skfem_joint.system import System
@@ -114,6 +109,10 @@ class Point:
     def offline_s(self) -> float:
         """All time before the first step, s."""
         return self.job.offline_s + self.outcome.offline_s
+
+    def seconds(self, total: bool = False) -> float:
+        """Run time, s; in ``total`` with all before the first step."""
+        return self.wall_s + total * self.offline_s
 
     def error(self, name: str = RMS) -> float:
         """One of the errors; infinite where it is not known."""
@@ -237,10 +236,10 @@ def _run(system: System, reference: Reference, parts: int) -> Outcome:
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)
 
 
-def front(points: Iterable[Point], error: str = RMS) -> list[Point]:
+def front(points: Iterable[Point], error: str = RMS, total: bool = False) -> list[Point]:
     """Points that no other is both faster and more accurate than, fastest first."""
     chosen: list[Point] = []
-    for point in sorted(points, key=lambda p: (p.wall_s, p.error(error))):
+    for point in sorted(points, key=lambda p: (p.seconds(total), p.error(error))):
         if point.counts and point.error(error) < (chosen[-1].error(error) if chosen else inf):
             chosen.append(point)
     return chosen
@@ -344,22 +343,27 @@ class Report:
             *self.sections,
             "## All points",
             "![error against run time](error-time.png)",
+            "![error against run time and off-line time](total-time.png)",
             markdown_table(*self.table()),
             _NOTES,
         ]
         return "\n\n".join(parts) + "\n"
 
     def write(self, folder: Path) -> list[Path]:
-        """Write ``error-time.md``, ``.csv`` and ``.png`` into a folder that exists."""
+        """Write ``error-time.md``, ``.csv`` and two pictures into a folder that exists."""
         files = [folder / f"error-time.{suffix}" for suffix in ("md", "csv", "png")]
         for file, text in zip(files[:2], (self.markdown(), self.csv()), strict=True):
             with replacing(file) as temporary:
                 temporary.write_text(text, encoding="utf-8")
         self.draw(files[2])
-        return files
+        self.draw(folder / "total-time.png", total=True)
+        return [*files, folder / "total-time.png"]
 
-    def draw(self, path: Path) -> None:
-        """Draw error against run time with the fronts; `InputError` without matplotlib."""
+    def draw(self, path: Path, total: bool = False) -> None:
+        """Draw error against run time with the fronts, in ``total`` with off-line time.
+
+        `InputError` without matplotlib.
+        """
         try:
             from matplotlib.figure import Figure
         except ImportError as error:
@@ -369,11 +373,14 @@ class Report:
         for axes, name in zip(drawing.subplots(1, 2), (RMS, "friction_energy"), strict=True):
             known = [p for p in self.points if p.counts and 0.0 < p.error(name) < inf]
             for family, marker in zip(families, "oDs^vPx*h+1234" * len(families), strict=False):
-                some = [(p.wall_s, p.error(name)) for p in known if p.job.family == family]
-                axes.plot(*np.reshape(some, (-1, 2)).T, marker, label=family, alpha=0.85)
-            ahead = [(p.wall_s, p.error(name)) for p in front(known, name)]
-            axes.step(*np.reshape(ahead, (-1, 2)).T, "k-", where="post", linewidth=1.0)
-            axes.set(xscale="log", yscale="log", xlabel="run time (s)")
+                some = [p for p in known if p.job.family == family]
+                places = [p.seconds(total) for p in some], [p.error(name) for p in some]
+                axes.plot(*places, marker, label=family, alpha=0.85)
+            ahead = front(known, name, total)
+            places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
+            axes.step(*places, "k-", where="post", linewidth=1.0)
+            shown = "off-line and run time (s)" if total else "run time (s)"
+            axes.set(xscale="log", yscale="log", xlabel=shown)
             axes.set_ylabel(f"relative error: {name.replace('_', ' ')}")
             axes.grid(alpha=0.3)
         handles = drawing.axes[0].get_legend_handles_labels()

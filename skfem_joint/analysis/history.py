@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,10 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run
 
-#: A point that moves less than this share of what moves most is at rest: it is not compared.
-AT_REST = 1e-9
+#: Results that errors are estimated for.
+QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
+#: A point that moves less than this share of what moves most is compared with that share.
+AT_REST = 1e-2
 
 #: Under the regularised law a point slips while it is faster than this share of its own largest
 #: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick.
@@ -158,7 +160,7 @@ def compare(reference: Run, other: Run) -> Errors:
 def differences(
     names: Sequence[str], reference: FloatArray, other: FloatArray
 ) -> dict[str, tuple[float, float]]:
-    """Root mean square and largest difference of each named point that moves, relative.
+    """Root mean square and largest difference of each named point, relative; {} if none moves.
 
     Parameters
     ----------
@@ -167,18 +169,20 @@ def differences(
     reference, other : ndarray, shape (rows, points)
         Histories, m.
     """
-    found = {}
     difference = other - reference
     norm = np.linalg.norm(reference, axis=0)
     most_of = np.abs(reference).max(axis=0, initial=0.0)
     places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
+    if not np.any(most_of > 0.0):
+        return {}
+    found = {}
+    least = AT_REST * norm.max(), AT_REST * most_of.max()
     for k, name in enumerate(names):
         same = [i for i, place in enumerate(places) if place == places[k]]
-        if most_of[same].max() > AT_REST * most_of.max():
-            found[name] = (
-                float(np.linalg.norm(difference[:, k]) / norm[same].max()),
-                float(np.abs(difference[:, k]).max(initial=0.0) / most_of[same].max()),
-            )
+        found[name] = (
+            float(np.linalg.norm(difference[:, k]) / max(norm[same].max(), least[0])),
+            float(np.abs(difference[:, k]).max() / max(most_of[same].max(), least[1])),
+        )
     return found
 
 
@@ -187,3 +191,53 @@ def relative(value: float, reference: float) -> float | None:
     if reference == 0.0:
         return 0.0 if value == 0.0 else None
     return float(value / reference - 1.0)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What is compared: histories (rows, points) of the named points, and numbers, m and J.
+
+    Peak and energies are those of the last cycle, or of the whole run without cycles.
+    """
+
+    points: tuple[str, ...]
+    point_u: FloatArray
+    peak_displacement: float
+    friction_energy: float
+    loop_energy: float
+
+    def most_moving(self, like: Results | None = None) -> Results:
+        """With the history of the point alone that moves most, in these results or in others."""
+        size = np.abs((like or self).point_u).max(axis=0, initial=0.0)
+        most = slice(int(size.argmax()), int(size.argmax()) + 1) if size.size else slice(0)
+        return replace(self, points=self.points[most], point_u=self.point_u[:, most])
+
+    def plus(self, factor: float, one: Results, other: Results) -> Results:
+        """With ``factor`` times the difference between two others added."""
+        numbers = {
+            name: getattr(self, name) + factor * (getattr(one, name) - getattr(other, name))
+            for name in QUANTITIES[1:]
+        }
+        rows = min(len(x.point_u) for x in (self, one, other))  # a duration may not be whole steps
+        u = self.point_u[:rows] + factor * (one.point_u[:rows] - other.point_u[:rows])
+        return replace(self, point_u=u, **numbers)
+
+
+def results(run: Run, every: int = 1) -> Results:
+    """Results of a run, accumulated over every step; every so many of its rows."""
+    peak = float(peaks(run).max(initial=0.0))
+    return Results(run.system.points, run.point_u[::every], peak, *energies(run))
+
+
+def difference(one: Results, other: Results) -> dict[str, float | None]:
+    """Differences of two results, relative to the first one's; see `QUANTITIES`.
+
+    None: zero in the first, which says nothing of how large it is, or not stored.
+    """
+    rows = min(len(one.point_u), len(other.point_u))
+    by_point = differences(one.points, one.point_u[:rows], other.point_u[:rows])
+    found = {QUANTITIES[0]: max((rms for rms, _ in by_point.values()), default=None)}
+    for name in QUANTITIES[1:]:
+        value, changed = getattr(one, name), getattr(other, name)
+        found[name] = abs(value - changed) / abs(value) if value != 0.0 else None
+    return found

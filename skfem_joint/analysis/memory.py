@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.analysis.study import options_of, save_of
+from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import PROBE_CYCLES, TRAINING_CYCLES
+from skfem_joint.reduction.residual import INSTANTS
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -102,6 +103,12 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
 
     # Load amplitudes are made for a chunk of steps at a time.
     states = loads * (3 * n + 6 * min(scene.n_steps, 20_000, 2_000_000 // n + 1))
+    estimated = 0
+    if scene.accuracy.estimate:
+        # A run with twice the step; of a reduced model residuals and their static response too.
+        estimated = stored * (named + loads + 1)
+        if reduced:
+            estimated += INSTANTS * (6 * n + 8 * rows) + stored * (12 * named + 4 * (loads + 1))
     if reduced:
         most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
         states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)
@@ -111,7 +118,7 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
     factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))
     cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads)
     return Need(
-        _NUMBER * stored * history,
+        _NUMBER * (stored * history + estimated),
         _NUMBER * frames * frame,
         _NUMBER * training,
         unknowns + factor + _NUMBER * states,

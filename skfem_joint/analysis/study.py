@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,17 +13,20 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import friction
-from skfem_joint.analysis.history import Errors, compare, peaks, steady_state
+from skfem_joint.analysis import accuracy, estimate
+from skfem_joint.analysis.asked import how_of, options_of
+from skfem_joint.analysis.doubts import violated
+from skfem_joint.analysis.estimate import Estimate
+from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.errors import ConvergenceError, JointError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.reduction.active_length import active_area_fraction, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import measured_lengths
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
@@ -32,10 +36,6 @@ if TYPE_CHECKING:
 
 #: Called with what is done, and how many of how many parts of it.
 Progress = Callable[[str, int, int], None]
-#: Displacements beyond this share of a structure's size are not small.
-LARGE = 0.1
-#: An energy balance open by more than this share of the energy in play is told.
-OPEN = 1e-8
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,10 @@ class Model:
         Contact points of the full model that each friction point of a reduced one stands for.
     errors : Errors or None
         Against the full model, where both were run.
+    estimate : Estimate or None
+        Errors as estimated without it, None where they are not.
+    estimate_s : float
+        Time for that, s.
     """
 
     name: str
@@ -67,6 +71,8 @@ class Model:
     basis: Basis | None = None
     shares: Matrix | None = None
     errors: Errors | None = None
+    estimate: Estimate | None = None
+    estimate_s: float = 0.0
 
     @property
     def modes(self) -> int | None:
@@ -101,7 +107,8 @@ class Model:
 class Study:
     """Results of a scene: the models that were run, and warnings as whole sentences.
 
-    ``system`` is that of the full model. Where the study was interrupted on purpose, the last model
+    ``system`` is that of the full model, ``met`` a reduced one that meets the accuracy asked for,
+    found in ``met_s`` seconds. Where the study was interrupted on purpose, the last model
     may hold a part of its run.
     """
 
@@ -111,6 +118,8 @@ class Study:
     models: dict[str, Model] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     interrupted: bool = False
+    met: accuracy.Met | None = None
+    met_s: float = 0.0
 
     @property
     def period(self) -> float:
@@ -143,8 +152,15 @@ def run_scene(
     origin = "" if checkpoints is None else _origin(scene)
     study = Study(scene, scene.structure(), scene.system())
     study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
+    if scene.accuracy.asked:
+        study.scene = accuracy.followed(scene)
+        if "reduced" in scene.models.run:  # tells the full one its step
+            _refine(study, progress)
+        elif study.system.contact_points and scene.reduction.reference != "self":
+            with suppress(InputError):  # no reduced model: the full one's own estimate tells
+                study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
     for name in sorted(scene.models.run):  # the full model first: others compare with it
-        how = _how(scene)
+        how: dict[str, Any] = {}
         if checkpoints is not None:
             how["checkpoint"] = checkpoints.of(name, origin)
         if progress is not None:
@@ -166,15 +182,18 @@ def run_scene(
         if "full" in study.models and not model.run.interrupted:
             model = replace(model, errors=compare(study.models["full"].run, model.run))
         study.models[name] = model
-        if model.run.interrupted:
+        if not model.run.interrupted:
+            _estimate(study, model, progress)
+            study.warnings += violated(study, study.models[name])
+        elif not study.interrupted:
             study.interrupted = True
             study.warnings.append(
                 f"The run was interrupted in the {name} model at t = "
-                f"{model.run.counters.steps * scene.time_step:.6g} s; "
+                f"{model.run.counters.steps * study.scene.time_step:.6g} s; "
                 "results are those until then."
             )
+        if study.interrupted:
             break
-        study.warnings += _violated(study, model)
     return study
 
 
@@ -189,38 +208,83 @@ def _origin(scene: Scene) -> str:
     )
 
 
-def save_of(scene: Scene) -> Save:
-    """Store only what a picture, a file or a comparison of this scene needs."""
-    output = scene.output
-    return Save(
-        every=output.every,
-        points=output.history or output.plots or len(scene.models.run) > 1,
-        fields=output.vtk or output.plots,
-        fields_every=max(1, -(-scene.n_steps // output.frames)),
+def _refine(study: Study, progress: Progress | None) -> None:
+    """Choose a reduced model, and a time step, for the accuracy that is asked for."""
+    begin = time.perf_counter()
+    scene = study.scene
+    basis = _basis(study, options_of(scene), study.warnings)
+    report = None if progress is None else partial(progress, "choosing a reduced model")
+    study.met = accuracy.meet(scene, basis, report)
+    study.scene, system = study.met.scene, study.met.system
+    study.met_s = time.perf_counter() - begin
+    study.warnings.append(
+        f"For the accuracy asked for the reduced model has {system.n} vectors, {system.w.size} "
+        f"friction points, beta = {system.beta.max():.3g} s/m and steps of "
+        f"{study.scene.time_step:.4g} s; it errs by an estimated "
+        f"{accuracy.stated(study.met.estimate)}."
     )
 
 
-def _how(scene: Scene) -> dict[str, Any]:
-    """Steps, scheme and output that a scene asks for, for `integrate`."""
-    return {
-        "step": scene.time_step,
-        "n_steps": scene.n_steps,
-        "scheme": generalized_alpha(scene.time.rho_infinity),
-        "save": save_of(scene),
-        "cycle_steps": scene.cycle_steps,
-    }
-
-
 def _full(study: Study, how: Mapping[str, Any]) -> Model:
+    run = _full_run(study, how)
+    found: Estimate | None = None
+    for _ in range(accuracy.ROUNDS if study.scene.accuracy.asked else 0):
+        if run.interrupted:
+            break
+        found = estimate.of_full(study.system, run, how_of(study.scene))
+        finer = accuracy.shorter(study.scene, found)
+        if finer is None:
+            study.warnings.append(
+                f"For the accuracy asked for the full model has steps of "
+                f"{study.scene.time_step:.4g} s; it errs by an estimated {accuracy.stated(found)}."
+            )
+            break
+        study.scene, found = finer, None
+        # What was saved is of another step.
+        run = _full_run(study, {name: how[name] for name in how if name != "checkpoint"})
+    else:
+        if study.scene.accuracy.asked:
+            raise ConvergenceError(
+                f"accuracy: no step that the full model meets it with was found; "
+                f"{study.scene.time_step:.4g} s does not do. Ask for less"
+            )
+    lengths = measured_lengths(study.structure, run.slip_peak)
+    area = _active_area(study, run.slip_peak)
+    return Model("full", run, run.preparation_s, lengths, area, estimate=found)
+
+
+def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
     try:
-        run = integrate(study.system, **how)
+        return integrate(study.system, **how_of(study.scene), **how)
     except ConvergenceError as error:
         if error.unknown is None:
             raise
         message = f"full model: {error} That unknown is {_place(study, error.unknown)}."
         raise ConvergenceError(message, error.unknown) from error
-    lengths = measured_lengths(study.structure, run.slip_peak)
-    return Model("full", run, run.preparation_s, lengths, _active_area(study, run.slip_peak))
+
+
+def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
+    """Give a model its estimated errors; what ends that early does not cost the results."""
+    scene, begin = study.scene, time.perf_counter()
+    if model.estimate is not None or not scene.accuracy.estimate:
+        return
+    how = how_of(scene)
+    if progress is not None:
+        how["progress"] = partial(progress, f"errors of the {model.name} model")
+    try:
+        if model.basis is None:
+            found = estimate.of_full(study.system, model.run, how)
+        else:
+            found = estimate.of_reduced(study.system, model.basis, model.run.system, how)
+    except JointError as error:
+        study.warnings.append(f"The errors of the {model.name} model are not estimated: {error}")
+        return
+    except KeyboardInterrupt:
+        study.interrupted = True
+        study.warnings.append(f"The run was interrupted in the errors of the {model.name} model.")
+        return
+    took = time.perf_counter() - begin
+    study.models[model.name] = replace(model, estimate=found, estimate_s=took)
 
 
 def _active_area(study: Study, slip_peak: FloatArray) -> dict[str, float]:
@@ -236,24 +300,23 @@ def _place(study: Study, unknown: int) -> str:
 
 
 def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
-    begin = time.perf_counter()
-    basis, system, shares = reduction_of(study, options_of(study.scene))
+    begin, met = time.perf_counter(), study.met
+    if met is None:
+        basis, system, shares = reduction_of(study, options_of(study.scene))
+    else:
+        basis, system, shares = met.basis, met.system, met.shares
     area = {}
     if "full" not in study.models:  # beside a full model that one says more
         study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
         area = _active_area(study, basis.slip_peak)
-    before = time.perf_counter() - begin
-    run = integrate(system, **how)
-    length = dict(basis.active_length)
-    return Model("reduced", run, before + run.preparation_s, length, area, basis, shares)
+    before = time.perf_counter() - begin + study.met_s
+    run = integrate(system, **how_of(study.scene), **how)
+    length, found = dict(basis.active_length), None if met is None else met.estimate
+    offline = before + run.preparation_s
+    return Model("reduced", run, offline, length, area, basis, shares, estimate=found)
 
 
 _MAKERS = {"full": _full, "reduced": _reduced}
-
-
-def options_of(scene: Scene) -> Options:
-    """Options of a reduction as a scene has them."""
-    return Options(**{name: getattr(scene.reduction, name) for name in Options.__annotations__})
 
 
 def reduction_of(
@@ -263,10 +326,8 @@ def reduction_of(
 
     Third comes what its friction points stand for, see `Model`.
     """
-    how = _how(study.scene)
-    del how["save"]
     if basis is None:
-        basis = make_basis(study.structure, study.system, options, warn=study.warnings, **how)
+        basis = _basis(study, options, study.warnings)
     system, shares = reduced_system(
         study.system,
         basis,
@@ -276,6 +337,12 @@ def reduction_of(
         warn=study.warnings,
     )
     return basis, system, shares
+
+
+def _basis(study: Study, options: Options, warn: list[str]) -> Basis:
+    how = how_of(study.scene)
+    del how["save"]
+    return make_basis(study.structure, study.system, options, warn=warn, **how)
 
 
 def friction_work(study: Study, model: Model) -> FloatArray:
@@ -322,32 +389,3 @@ def friction_energy_by_joint(study: Study, model: Model) -> dict[str, float]:
     parts = shared_work(study) @ work
     names = [patch.joint.name for patch in study.structure.patches]
     return {name: float(part) for name, part in zip(names, parts, strict=True)}
-
-
-def _violated(study: Study, model: Model) -> list[str]:
-    """What to beware of in a run, and what assumptions it violates."""
-    run = model.run
-    found = []
-    if model.basis is None:
-        found += gross_slip(study.structure, run.slip_peak, study.period)
-    largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
-    size = study.scene.named_mesh.size
-    if largest > LARGE * size:
-        found.append(
-            f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "
-            f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
-            "hold no longer. Are loads, stiffness and supports right?"
-        )
-    state = steady_state(run)
-    if state is not None and not state.reached:
-        found.append(
-            f"The {model.name} model has not reached a steady state: the last cycle differs by "
-            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
-            "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
-        )
-    if np.any(peaks(run) > 0.0) and run.energy_residual > OPEN:
-        found.append(
-            f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
-            "the energy in play."
-        )
-    return found

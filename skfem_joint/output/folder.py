@@ -99,7 +99,7 @@ def remove_old(folder: Path) -> None:
             below.rmdir()
 
 
-def write(study: Study, folder: Path, certificate: report.Certificate | None = None) -> list[Path]:
+def write(study: Study, folder: Path) -> list[Path]:
     """Write what the scene asks for; returns the main files.
 
     The summary comes first and lists all files, so that the next run knows which ones are ours
@@ -123,7 +123,7 @@ def write(study: Study, folder: Path, certificate: report.Certificate | None = N
     if output.plots:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
-    content = report.summary(study, certificate) | {"files": [*plan, *names]}
+    content = report.summary(study) | {"files": [*plan, *names]}
     report.write_json(folder / SUMMARY, content)
     for name, writer in plan.items():
         writer(folder / name)

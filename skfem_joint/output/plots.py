@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.history import AT_REST, hysteresis_loop
+from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from skfem_joint.stepping.recording import Run
     from skfem_joint.structure import Structure
 
+#: What is below this share of the largest beside it is not drawn.
+AT_REST = 1e-9
 #: Dots per inch of the written pictures.
 DPI = 150
 #: Modes in a picture of modes, and values in a picture of values.

@@ -10,27 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.certificate import QUANTITIES
-from skfem_joint.analysis.history import peaks, steady_state
+from skfem_joint.analysis.estimate import SOURCES, Estimate
+from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
 from skfem_joint.analysis.study import friction_energy_by_joint
 from skfem_joint.files import replacing
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
     from skfem_joint.stepping.recording import Run
-
-#: Estimated errors by model, source and quantity, as a certificate has them.
-Certificate = Mapping[str, Mapping[str, Mapping[str, float | None]]]
-
-# Sources of error in a summary, and what a certificate calls them.
-_SOURCES = {
-    "basis": "modes",
-    "law": "beta",
-    "points": "friction points",
-    "mesh": "mesh",
-    "time_step": "time step",
-    "total": "total",
-}
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -58,21 +45,16 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def summary(study: Study, certificate: Certificate | None = None) -> dict[str, Any]:
+def summary(study: Study) -> dict[str, Any]:
     """Content of ``summary.json``, all but the list of files."""
     return {
         "title": study.scene.title,
-        "models": {
-            name: model_summary(study, model, (certificate or {}).get(name, {}))
-            for name, model in study.models.items()
-        },
+        "models": {name: model_summary(study, model) for name, model in study.models.items()},
         "warnings": list(study.warnings),
     }
 
 
-def model_summary(
-    study: Study, model: Model, certificate: Mapping[str, Mapping[str, float | None]]
-) -> dict[str, Any]:
+def model_summary(study: Study, model: Model) -> dict[str, Any]:
     """Entry of one model in ``summary.json``; SI units, see the key names."""
     run = model.run
     cycles = run.cycles
@@ -102,7 +84,8 @@ def model_summary(
         "energy_balance_residual": run.energy_residual,
         "steady_state_reached": state.reached if state is not None else None,
         "interrupted": run.interrupted,
-        "estimated_error": _estimated(certificate, "_per_cycle" if has_cycles else ""),
+        "estimate_s": model.estimate_s,
+        "estimated_error": _estimated(model.estimate, "_per_cycle" if has_cycles else ""),
     }
     if model.errors is not None:
         error = asdict(model.errors)
@@ -117,25 +100,29 @@ def _by_point(run: Run, values: Any) -> dict[str, float]:
     return {name: float(value) for name, value in zip(run.system.points, values, strict=True)}
 
 
-def _estimated(
-    certificate: Mapping[str, Mapping[str, float | None]], energies: str
-) -> dict[str, dict[str, float | None]]:
+def _estimated(estimate: Estimate | None, energies: str) -> dict[str, dict[str, float | None]]:
     """Estimated errors by quantity and source; None where nothing was estimated."""
     return {
         quantity + (energies if "energy" in quantity else ""): {
-            key: certificate.get(source, {}).get(quantity) for key, source in _SOURCES.items()
+            source: None if estimate is None else estimate.of(source, quantity)
+            for source in SOURCES
         }
         for quantity in QUANTITIES
     }
 
 
-def certificate_table(certificate: Certificate) -> str:
-    """Estimated errors by model and source, percent."""
-    rows = {
-        f"{model}, {source}": [_shown(errors.get(key), "{:.2g}", 100.0) for key in QUANTITIES]
-        for model, sources in certificate.items()
-        for source, errors in sources.items()
-    }
+def estimate_table(content: Mapping[str, Any]) -> str:
+    """Estimated errors of the models of a summary by source, percent."""
+    rows = {}
+    for name, model in content["models"].items():
+        errors = list(model["estimated_error"].values())
+        for source in SOURCES:
+            values = [error[source] for error in errors]
+            if any(value is not None for value in values):
+                shown = [_shown(value, "{:.2g}", 100.0) for value in values]
+                rows[f"{name} model, {source.replace('_', ' ')}"] = shown
+        if all(error["total"] is None for error in errors):
+            rows[f"{name} model"] = ["not estimated"] * len(errors)
     return _table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
 
 
@@ -192,11 +179,16 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("loop energy", "loop_energy_per_cycle", "{:+.3g}"),
     ):
         add(f"error of {label}, %", form, at("error", key), 100.0)
+    if any(at("scheme_work_J")):
+        pairs = zip(at("scheme_work_J"), at("input_work_J"), strict=True)
+        shares = [scheme / work if work else None for scheme, work in pairs]
+        add("dissipated by the scheme itself, % of the input", "{:.3g}", shares, 100.0)
     add("steps", "{}", at("steps"))
     add("Newton iterations a step", "{:.2f}", [newton / max(done, 1) for newton, done in steps])
     add("energy balance residual", "{:.1e}", at("energy_balance_residual"))
     add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
+    add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
     add("run time of the full model over this one's", "{:.3g}", faster(offline=False))
     add("the same with its off-line time", "{:.3g}", faster(offline=True))
     return _table("", list(models), rows)

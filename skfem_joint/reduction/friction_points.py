@@ -182,7 +182,7 @@ def gauss_points(
         places = np.concatenate([row, row]), np.concatenate([points[left], points[right]])
         shares.append(sparse.csr_array((entries, places), shape=(x.size, system.w.size)))
         weights.append(w)
-    return _shared(system, sparse.vstack(shares, format="csr"), np.concatenate(weights))
+    return shared_points(system, sparse.vstack(shares, format="csr"), np.concatenate(weights))
 
 
 def merged_points(
@@ -227,13 +227,16 @@ def merged_points(
     place = owner[points], points
     limits = sparse.csr_array((system.w[points], place), shape=(total, system.w.size))
     w = np.asarray(limits.sum(axis=1))
-    return _shared(system, sparse.csr_array(sparse.diags_array(1.0 / w) @ limits), w)
+    return shared_points(system, sparse.csr_array(sparse.diags_array(1.0 / w) @ limits), w)
 
 
-def _shared(
+def shared_points(
     system: System, shares: sparse.csr_array, w: FloatArray
 ) -> tuple[System, sparse.csr_array]:
-    """System with new points of limits ``w`` that slip as shares of old ones alike in kind."""
+    """System with new points of limits ``w`` (N) that slip as shares of old ones alike in kind.
+
+    ``shares`` is sparse, (new points, m), and comes second.
+    """
     like = shares.indices[shares.indptr[:-1]]
     directions = system.directions[like]
     first = np.cumsum(directions) - directions

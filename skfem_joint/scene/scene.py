@@ -44,6 +44,7 @@ class Scene(SceneTable):
     time: tables.Time = key("length of the run and of its steps")
     models: tables.Models = key("what is run", tables.Models())
     reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
+    accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
     output: tables.Output = key("what is written", tables.Output())
 
     _path: Path | None = PrivateAttr(None)
@@ -151,6 +152,15 @@ class Scene(SceneTable):
             copy._system = None
         return copy
 
+    def finer(self, factor: int) -> Self:
+        """Copy with so many times the steps, which stores the same times."""
+        time: dict[str, Any] = {"steps_per_cycle": factor * self.time.steps_per_cycle}
+        if self.time.step is not None:
+            time = {"step": self.time.step / factor}
+        copy = self.changed(time=time, output={"every": factor * self.output.every})
+        copy._system = self._system
+        return copy
+
     def changed(
         self,
         *,
@@ -190,6 +200,8 @@ def _time_problems(scene: Scene) -> Iterator[str]:
     for i, load in enumerate(scene.load):
         if not isinstance(load, tables.HarmonicLoad | tables.MultiHarmonicLoad):
             continue
+        if scene.accuracy.asked:  # which shortens the step
+            break
         longest = 1 / (PER_PERIOD * load.to_amplitude().highest_frequency)
         if step > longest * (1 + 1e-9):
             why = f"a step must not be longer than 1/{PER_PERIOD} of the period of load[{i}]"

@@ -413,6 +413,25 @@ class Reduction(SceneTable):
     )
 
 
+class Accuracy(SceneTable):
+    """``[accuracy]``: errors that are asked for, and whether errors are estimated."""
+
+    displacement: Positive | None = key("largest relative error of histories and peaks", None)
+    energy: Positive | None = key("largest relative error of friction and loop energy", None)
+    estimate: bool = key("whether results are run again to estimate their errors", True)
+
+    @model_validator(mode="after")
+    def _is_estimated(self) -> Self:
+        if self.asked and not self.estimate:
+            raise mistake("found false beside an accuracy asked for; leave it out", "estimate")
+        return self
+
+    @property
+    def asked(self) -> bool:
+        """Whether an accuracy is asked for."""
+        return self.displacement is not None or self.energy is not None
+
+
 class Output(SceneTable):
     """``[output]``: what is written and how often."""
 

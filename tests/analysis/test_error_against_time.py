@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from joint_scenes import BARS, LENGTH, joint, lap_joint, plate, plate_scene
 
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
@@ -171,7 +172,12 @@ def test_wrong_options_and_scenes_without_friction_are_refused() -> None:
 
 def test_report_is_written(report: et.Report, tmp_path: Path) -> None:
     files = report.write(tmp_path)
-    assert {f.name for f in files} == {f"error-time.{s}" for s in ("md", "csv", "png")}
-    assert files[2].read_bytes().startswith(b"\x89PNG")
+    names = {f"error-time.{s}" for s in ("md", "csv", "png")} | {"total-time.png"}
+    assert {f.name for f in files} == names
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in files[2:])
+    for total in (False, True):
+        ahead = et.front(report.points, total=total)
+        assert [p.seconds(total) for p in ahead] == sorted(p.seconds(total) for p in ahead)
+    assert any(p.seconds(total=True) > p.wall_s for p in report.points if p.counts)
     assert et.threads_pinned(dict.fromkeys(et.THREADS, "1"))
     assert not et.threads_pinned({"OMP_NUM_THREADS": "1"})

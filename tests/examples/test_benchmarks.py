@@ -18,7 +18,8 @@ from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
 
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import Reference, difference, make_reference, results
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene

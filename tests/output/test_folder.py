@@ -64,11 +64,12 @@ def test_summary_has_the_keys_that_others_rely_on(study: Study) -> None:
     assert set(models["full"]) >= KEYS
     assert "error" not in models["full"]
     assert set(models["reduced"]["error"]) >= QUANTITIES | {"displacement_max"}
-    estimated = models["full"]["estimated_error"]
-    assert set(estimated) == QUANTITIES
-    for errors in estimated.values():
-        assert set(errors) >= {"basis", "law", "points", "time_step", "total"}
-        assert not any(errors.values())
+    sources = {"basis", "law", "points", "time_step", "total"}
+    for errors in models["full"]["estimated_error"].values():
+        assert set(errors) >= sources
+        known = {source for source, error in errors.items() if error is not None}
+        assert known == {"time_step", "total"}
+    assert set(models["full"]["estimated_error"]) == QUANTITIES
 
 
 def test_summary_holds_the_figures_of_the_runs(study: Study) -> None:
@@ -90,14 +91,23 @@ def test_summary_holds_the_figures_of_the_runs(study: Study) -> None:
 
 
 def test_an_estimated_error_stands_by_quantity_and_source(study: Study) -> None:
-    certificate = {"full": {"time step": {"displacement_rms": 0.01, "friction_energy": 0.02}}}
-    content = report.summary(study, certificate)
-    errors = content["models"]["full"]["estimated_error"]
-    assert errors["displacement_rms"]["time_step"] == 0.01
-    assert errors["friction_energy_per_cycle"]["time_step"] == 0.02
-    assert errors["loop_energy_per_cycle"]["time_step"] is None
-    (line,) = report.certificate_table(certificate).splitlines()[2:]
-    assert line.split() == ["full,", "time", "step", "1", "-", "2", "-"]
+    content = report.summary(study)
+    for name, model in study.models.items():
+        assert model.estimate is not None
+        errors = content["models"][name]["estimated_error"]
+        for source, parts in model.estimate.parts.items():
+            assert errors["displacement_rms"][source] == parts["displacement_rms"]
+            assert errors["friction_energy_per_cycle"][source] == parts["friction_energy"]
+    shown = report.estimate_table(content).splitlines()[2:]
+    rows = {line[:28].strip(): line[28:].split() for line in shown}
+    total = content["models"]["full"]["estimated_error"]["displacement_rms"]["total"]
+    assert rows["full model, total"][0] == f"{100 * total:.2g}"
+    assert {"reduced model, basis", "reduced model, law", "reduced model, points"} <= set(rows)
+    assert "full model, basis" not in rows
+    content["models"]["full"] = report.summary(run_scene(scene(accuracy={"estimate": False})))[
+        "models"
+    ]["full"]
+    assert "not estimated" in report.estimate_table(content)
 
 
 def test_energies_per_cycle_are_null_without_cycles() -> None:

@@ -1,0 +1,265 @@
+"""How well results know their errors: scenes drawn at random, stated over true errors.
+
+    python examples/benchmarks/estimates.py SEED COUNT            reduced models, COUNT scenes
+    python examples/benchmarks/estimates.py SEED COUNT full       time steps of full models
+    python examples/benchmarks/estimates.py SEED COUNT accuracy   1 % and 2 % asked for
+
+Bars with one to three joints and plates, loaded at ends and inside by one harmonic or several, by
+pulses that may set in late, near resonance and in gross slip too; reduced by 1 to 20 modes. The
+truth is the full model at an eighth of the step, of plates at a quarter.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_args
+
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
+
+import numpy as np
+from scipy import linalg
+
+from skfem_joint.analysis.asked import how_of
+from skfem_joint.analysis.estimate import again
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.errors import JointError
+from skfem_joint.mesh import NamedMesh, build_bar, build_plate
+from skfem_joint.scene import Scene, scene_from, tables
+
+#: Errors below this are not judged; of large ones no less than a part may be stated.
+JUDGED, LARGE = 3e-3, 2e-2
+WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
+REFERENCES = get_args(tables.Reduction.model_fields["reference"].annotation)
+ACCURACY = {"displacement": 0.01, "energy": 0.02}
+
+
+def _bar(rng: np.random.Generator) -> tuple[NamedMesh, list[str], list[str]]:
+    """Bar of one to three joints with plain parts between, its joints and points to load."""
+    regions, points, joints, x = [], {"fixed": 0.0}, [], 0.0
+    for k in range(int(rng.integers(1, 4))):
+        for name, share in (
+            (f"joint_{k}", 1.0),
+            (f"plain_{k}", rng.choice([0.0, 1.0], p=(0.3, 0.7))),
+        ):
+            if share:
+                length = round(float(rng.uniform(0.05, 0.25)), 3)
+                regions.append((name, length, int(rng.integers(10, 31))))
+                x += length
+                points[f"end_{name}"] = x
+        joints.append(f"joint_{k}")
+    return build_bar(regions, points), joints, [name for name in points if name != "fixed"]
+
+
+def _shape(rng: np.random.Generator, force: float, natural: float, steps: int | None) -> Any:
+    """Load and time of a scene whose first natural frequency is known, Hz."""
+    ratio = float(
+        rng.choice(
+            [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)],
+            p=(0.6, 0.2, 0.2),
+        )
+    )
+    base, kind = (
+        ratio * natural,
+        rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35)),
+    )
+    cycles = {
+        "cycles": int(rng.integers(3, 9)),
+        "steps_per_cycle": steps or int(rng.choice([60, 100, 200])),
+    }
+    if kind == "harmonic":
+        return {"kind": kind, "amplitude": force, "frequency": base}, cycles
+    if kind == "multi_harmonic":
+        parts = [(1, 0.7), (int(rng.integers(2, 5)), 0.4)]
+        component = [
+            {
+                "amplitude": a * force,
+                "frequency": n * base / 2.0,
+                "phase": float(rng.uniform(0, 6.28)),
+            }
+            for n, a in parts
+        ]
+        if steps:
+            cycles["steps_per_cycle"] = steps * parts[1][0]
+        return {"kind": kind, "components": component}, cycles
+    rise, start = (
+        float(rng.uniform(0.05, 0.6)) / natural,
+        float(rng.choice([0.0, 3.0], p=(0.7, 0.3))) / natural,
+    )
+    step = rise / (steps or int(rng.integers(10, 41)))
+    shape = str(rng.choice(["triangle", "half_sine", "versine"]))
+    load = {"kind": shape, "peak": force, "rise_time": rise, "start": start}
+    return load, {"duration": start + float(rng.uniform(3.0, 8.0)) / natural, "step": step}
+
+
+def natural_frequency(scene: Scene) -> float:
+    """Lowest with the contact held, Hz."""
+    system = scene.system()
+    held = np.unique(system.B.indices) if system.B.nnz else []
+    free = np.setdiff1d(np.arange(system.n), held)
+    if free.size == 0:  # a bar in contact throughout: as if half of it moved
+        free = np.arange(system.n // 2, system.n)
+    K, M = (A[free][:, free].toarray() for A in (system.K.tocsr(), system.M.tocsr()))
+    return float(np.sqrt(linalg.eigh(K, M, eigvals_only=True, subset_by_index=[0, 0])[0]) / 6.2832)
+
+
+def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene]:
+    """Scenes drawn at random; ``steps`` in a period or rise are drawn of, if given."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        flat = rng.random() < 0.2
+        if flat:
+            long, wide = int(rng.integers(8, 17)), int(rng.integers(2, 4))
+            mesh: NamedMesh = build_plate(
+                [("joint", 0.2, long // 2), ("linear", 0.2, long // 2)], WIDTH, wide
+            )
+            joints, places, fixed = ["joint"], ["right"], "left"
+        else:
+            (mesh, joints, places), fixed = _bar(rng), "fixed"
+        pressure = float(rng.uniform(2e6, 2e7))
+        law = (
+            {"law": "coulomb"}
+            if rng.random() < 0.15
+            else {"beta": float(10 ** rng.uniform(3.5, 6))}
+        )
+        values: dict[str, Any] = {
+            "mesh": {"file": "none"},
+            "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
+            "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
+            "support": {"fixed": [fixed]},
+            "joint": [
+                {"on": on, "pressure": pressure, "friction": FRICTION} | law for on in joints
+            ],
+            "damping": {"stiffness": float(10 ** rng.uniform(-6.5, -5))},
+            "load": [
+                {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
+                | ({"direction": [1.0, 0.0]} if flat else {})
+            ],
+            "time": {"cycles": 1},
+        }
+        plain = scene_from(values, mesh)
+        place = str(rng.choice(places[-2:] if rng.random() < 0.7 else places))
+        direction = {"direction": [1.0, float(rng.choice([0.0, 0.3]))]} if flat else {}
+        level = float(rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9))
+        limit = float(plain.system().w.sum()) * (1.0 if flat else 1.0 / len(joints))
+        load, times = _shape(
+            rng, level * limit, natural_frequency(plain), int(rng.choice(steps)) if steps else None
+        )
+        modes = int(rng.integers(1, 21))
+        apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
+        references = [one for one in REFERENCES if one != "paper" or apart]
+        reference = str(rng.choice(references))
+        if reference == "paper":
+            modes = min(modes, 12)
+        reduction = {"reference": reference, "modes": modes}
+        reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
+        reduction |= {"friction_points": "all"} if rng.random() < 0.3 else {}
+        changed = values | {
+            "load": [{"on": place} | direction | load],
+            "time": times,
+            "reduction": reduction,
+        }
+        yield scene_from(changed | {"models": {"run": ["full" if steps else "reduced"]}}, mesh)
+
+
+def truth_of(scene: Scene) -> Results:
+    """Results of the full model with far smaller steps."""
+    factor = 8 if scene.named_mesh.dim == 1 else 4
+    return results(again(scene.system(), how_of(scene), factor))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Stated and true errors of a scene's results by quantity, none where it was refused."""
+
+    what: str
+    stated: dict[str, float | None]
+    true: dict[str, float | None]
+    refused: str = ""
+
+    def ratios(self) -> Iterator[tuple[float, float]]:
+        """Stated over true error, and the true one, where that is worth a judgement."""
+        for name in QUANTITIES:
+            stated, true = self.stated.get(name), self.true.get(name)
+            if stated is not None and true is not None and true > JUDGED:
+                yield stated / true, true
+
+
+def judged(scene: Scene) -> Judged:
+    """Run the only model of a scene, and the truth."""
+    load, (name,) = scene.load[0], scene.models.run
+    reduction = scene.reduction
+    what = f"{load.kind:14s} {scene.system().n:4d} unknowns {scene.n_steps:5d} steps"
+    if name == "reduced":
+        what += f" {reduction.reference:5s} {reduction.modes!s:>4s} + "
+        what += f"{reduction.interface_modes!s:4s} modes"
+    try:
+        study = run_scene(scene)
+    except JointError as error:
+        return Judged(what, {}, {}, str(error))
+    model = study.models[name]
+    true = difference(truth_of(study.scene), results(model.run))
+    estimate = model.estimate
+    return Judged(
+        what, {q: None if estimate is None else estimate.of("total", q) for q in QUANTITIES}, true
+    )
+
+
+def report(all_judged: list[Judged]) -> list[str]:
+    """Shares of scenes by how well they are judged; the worst ratio of a scene counts."""
+    pairs = [list(one.ratios()) for one in all_judged]
+    some = [ratios for ratios in pairs if ratios]
+    flat = [pair for ratios in some for pair in ratios]
+    lines = [
+        f"{len(all_judged)} scenes, {sum(bool(one.refused) for one in all_judged)} refused, "
+        f"{len(some)} with an error above {JUDGED:.1%}"
+    ]
+    if flat:
+        found = np.array([ratio for ratio, _ in flat])
+        large = [ratio for ratio, true in flat if true > LARGE]
+        inside = np.mean([(found >= 0.5) & (found <= 3.0)])
+        whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
+        lines.append(
+            f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
+            "all of them"
+        )
+        lines.append(
+            f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, "
+            f"largest {found.max():.2f}"
+        )
+        lines.append(f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}")
+    return lines
+
+
+def _percent(value: float | None) -> str:
+    return "      -" if value is None else f"{100 * value:7.2f}"
+
+
+def main(arguments: list[str]) -> int:
+    """Print each scene and the shares."""
+    seed, count = int(arguments[0]), int(arguments[1])
+    kind = arguments[2] if len(arguments) > 2 else "reduced"
+    found, begin = [], time.perf_counter()
+    for scene in scenes(seed, count, (8, 12, 20, 40, 80, 150, 400) if kind == "full" else ()):
+        if kind == "accuracy":
+            scene = scene_from(
+                scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}, scene.named_mesh
+            )
+        one = judged(scene)
+        found.append(one)
+        cells = "  ".join(
+            f"{_percent(one.stated.get(q))} /{_percent(one.true.get(q))}" for q in QUANTITIES
+        )
+        print(f"{one.what:62s} {one.refused[:90] or cells}", flush=True)
+    print("\n".join([*report(found), f"{time.perf_counter() - begin:.0f} s"]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,304 @@
+"""Estimated errors of results, by the source of error; none costs more than a run of its own kind.
+
+A reduced model is looked at four times, and no step of the full one is done:
+
+basis
+    The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
+    .reduction.residual`). With the first modes of that the model is run again, and once more with
+    what that run lacks. How the second change relates to the first tells what is still missing.
+law
+    A law of friction ten times as steep, but no steeper than the full model's.
+points
+    All contact points instead of its few friction points.
+time step
+    Half of it, with what the basis lacks: a poor one is smoother than the truth.
+
+Where contact points are many they are merged in these looks, which end after a few cycles; what
+that leaves out is told by a shorter look at all of them.
+
+The looks are steps of one way, from the model asked for to the best one: energies may go up and
+down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
+what the last look of each kind still leaves.
+
+A full model is run with twice the step, half of it where twice is too long, and a quarter where it
+is too long itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.arrays import FloatArray
+from skfem_joint.reduction.basis import Basis, finished
+from skfem_joint.reduction.friction_points import merged_points, shared_points
+from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.system import System
+
+#: Sources of error, as a summary names them.
+SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
+#: Contact points from which on looks merge them to so many and take no more than the first cycles;
+#: all of the points are taken for fewer.
+MANY, FIRST, SHORT = 150, 4, 2
+#: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
+#: front that the basis holds: each look frees the next points.
+ADDED, MOST_LOOKS = 8, 4
+#: Steepness of the law's look over that of the model's.
+STEEPER = 10.0
+#: Share of an energy's or peak's largest part, and of the error in the history of the point that
+#: moves most, below which its error does not fall because parts cancel.
+CHANCE, AT_LEAST = 0.7, 0.1
+#: Largest ratio of the second change to the first that what is left is taken from.
+SLOWEST = 0.4
+#: Twice the step is looked at where it is at most this share of what a load allows (20 steps in a
+#: period): longer ones may agree with each other and miss the joint's higher harmonics.
+FOLLOWS = 0.4
+#: Error of a step over the difference to twice the step: 1/3 for second order, more with friction.
+SMOOTH = 0.4
+#: Difference between two steps, relative, from which on it is no small fraction of the error.
+LONG = 0.3
+
+#: Relative errors by quantity; None: not known, or zero in the result.
+Parts = dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """What a reduced model lacks."""
+
+    V: FloatArray  #: (n, j), its basis with what it lacks
+    velocities: FloatArray  #: (times, j), of the coordinates in a run with that
+    slips: bool  #: whether the most of it is slip, and not motion out of contact
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated relative errors of one model's results.
+
+    ``parts`` are by source, see `SOURCES`, and quantity; what is not there is not estimated.
+    """
+
+    parts: Mapping[str, Parts]
+    lacks: Lacking | None = field(default=None, repr=False)
+
+    def of(self, source: str, quantity: str) -> float | None:
+        """One of the errors; None where it is not known."""
+        return self.parts.get(source, {}).get(quantity)
+
+    def largest(self, source: str = "total") -> float:
+        """Largest of the errors from a source."""
+        return max((e for e in self.parts.get(source, {}).values() if e is not None), default=0.0)
+
+
+def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: int = 0) -> Run:
+    """Run of a system with ``factor`` times the steps of ``how``, fields stored every so many."""
+    every, cycle_steps = how["save"].every, how["cycle_steps"]
+    n_steps = int(how["n_steps"] * factor)
+    save = Save(every=max(1, int(every * factor)), fields=fields > 0, fields_every=max(1, fields))
+    return finished(
+        integrate(
+            system,
+            step=how["step"] / factor,
+            n_steps=n_steps,
+            scheme=how["scheme"],
+            save=save,
+            cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
+            progress=how.get("progress"),
+        )
+    )
+
+
+def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, Any]) -> Estimate:
+    """Errors of a reduced model.
+
+    Parameters
+    ----------
+    system, reduced : System
+        The full model, and the reduced one.
+    basis : Basis
+        That of the reduced one.
+    how : mapping
+        Steps, scheme, output and steps of a cycle, as `integrate` takes them.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a look does not converge.
+    KeyboardInterrupt
+        If a look is interrupted.
+    """
+    steepest, residual = float(reduced.beta.max()), Residual(system)
+    points = _Points(system, basis)
+    if system.contact_points > MANY and how["cycle_steps"] is not None:
+        how = {**how, "n_steps": min(how["n_steps"], FIRST * how["cycle_steps"])}
+    fields = stride(how["n_steps"], how["cycle_steps"])
+    base, V = results(again(reduced, how)), basis.V
+    run = again(points.model(V, steepest), how, fields=fields)
+    looks = [results(run)]
+    while len(looks) < 3 or (
+        len(looks) <= MOST_LOOKS and V.shape[1] < basis.V.shape[1] + 2 * ADDED
+    ):
+        V = np.hstack([V, residual.lacking(V, run, ADDED)])
+        run = again(points.model(V, steepest), how, fields=fields)
+        looks.append(results(run))
+    law, best = 0.0, looks[-1]
+    if np.any(system.beta > steepest):
+        law = 1.0 / (STEEPER - 1.0)
+        best = results(again(points.model(V, STEEPER * steepest), how))
+    halved = results(again(points.model(V, steepest), how, 2.0))
+    truth = best.plus(4.0 / 3.0, halved, looks[-1])
+
+    def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
+        return difference(truth, truth.plus(factor, one, other))
+
+    first, second = change(looks[-2], looks[-3]), change(looks[-1], looks[-2])
+    left = {name: _left(first[name], second[name]) for name in QUANTITIES}
+    steeper = change(best, looks[-1], law)
+    merged = _merged(points, steepest, how)
+    parts = {
+        "basis": added(change(looks[-1], looks[0]), left),
+        "law": change(best, looks[-1], 1.0 + law),
+        "points": added(change(looks[0], base), merged),
+        "time_step": change(halved, looks[-1], 4.0 / 3.0),
+    }
+    total = added(difference(truth, base), left, steeper, merged)
+    parts["total"] = _at_least(total, truth, base, *parts.values())
+    return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Contact points of looks: all of them, or as many as it takes where they are many."""
+
+    system: System
+    basis: Basis
+
+    @cached_property
+    def merged(self) -> tuple[System, Any]:
+        return merged_points(
+            self.system.project(self.basis.V),
+            self.basis.velocities,
+            np.flatnonzero(self.system.w),
+            MANY,
+            self.basis.group,
+        )
+
+    def model(self, V: FloatArray, beta: float) -> System:
+        """Reduced model on V."""
+        small = replace(self.system.project(V), beta=np.minimum(self.system.beta, beta))
+        if self.system.contact_points <= MANY:
+            return small
+        few, shares = self.merged
+        return shared_points(small, shares, few.w)[0]
+
+
+def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
+    """What a look's points cause: none if it has all, else told by the start of a run with all."""
+    system, V = points.system, points.basis.V
+    if system.contact_points <= MANY:
+        return dict.fromkeys(QUANTITIES, 0.0)
+    short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
+    some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
+    everything = replace(system.project(V), beta=np.minimum(system.beta, beta))
+    return difference(*(results(again(one, some)) for one in (everything, points.model(V, beta))))
+
+
+def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
+    """Errors of peaks and energies that do not vanish because their parts cancel by chance.
+
+    They are no less than a share of the largest part, and of the error in the history of the point
+    that moves most.
+    """
+    found = dict(total)
+    main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
+    for name in QUANTITIES[1:]:
+        error = total[name]
+        if error is not None:
+            others = (CHANCE * (part[name] or 0.0) for part in parts)
+            found[name] = max(error, AT_LEAST * (main or 0.0), *others)
+    return found
+
+
+def _left(first: float | None, second: float | None) -> float | None:
+    """What is left after two changes that go on as a geometric series."""
+    if first is None or second is None:
+        return None
+    ratio = min(second / first, SLOWEST) if first > 0.0 else 0.0
+    return second * ratio / (1.0 - ratio)
+
+
+def added(*parts: Parts) -> Parts:
+    """Sum of errors by quantity; None where one of them is not known."""
+    found: Parts = {}
+    for name in QUANTITIES:
+        values = [part[name] for part in parts]
+        found[name] = None if None in values else sum(values)  # type: ignore[arg-type]
+    return found
+
+
+def _slips(system: System, modes: FloatArray) -> bool:
+    """Whether the first of some modes is slip rather than motion out of contact."""
+    if modes.shape[1] == 0:
+        return False
+    slip = float(np.abs(system.B @ modes[:, 0]).max(initial=0.0))
+    return slip > 0.5 * float(np.abs(modes[:, 0]).max())
+
+
+def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
+    """Errors of a full model's run from its time step.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of the other run does not converge.
+    KeyboardInterrupt
+        If it is interrupted.
+    """
+    step, n_steps, cycle_steps = how["step"], how["n_steps"], how["cycle_steps"]
+    whole = n_steps % 2 == 0 and (cycle_steps is None or cycle_steps % 2 == 0)
+    longest = longest_step(system, step * n_steps)
+    if whole and 2.0 * step <= FOLLOWS * longest:
+        one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
+        found = _steps_apart(run, again(system, one, 0.5), 2)
+        parts = {name: None if e is None else _of_twice(e) for name, e in found.items()}
+    else:
+        factor = 2.0 if step <= FOLLOWS * longest else 4.0
+        found, rest = _steps_apart(again(system, how, factor), run), 1.0 - factor**-2
+        parts = {name: None if e is None else e / rest for name, e in found.items()}
+    return Estimate({"time_step": parts, "total": parts})
+
+
+def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
+    """Difference of two runs of one model; ``every`` so many rows of the first are in the other.
+
+    Where runs far apart meet by chance in the last cycle, the cycles before it tell.
+    """
+    found = difference(results(fine, every), results(coarse))
+    last = max(1, fine.cycles.friction.size // 2)
+    for name, one, other in (
+        (
+            "peak_displacement",
+            *(run.cycles.peak.max(axis=1, initial=0.0) for run in (fine, coarse)),
+        ),
+        ("friction_energy", fine.cycles.friction, coarse.cycles.friction),
+        ("loop_energy", *(run.cycles.input.sum(axis=1) for run in (fine, coarse))),
+    ):
+        error = found[name]
+        if error is not None and one.size:
+            mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2)))
+            found[name] = max(error, mean / abs(float(one[-1])))
+    return _at_least(found, results(fine, every), results(coarse))
+
+
+def _of_twice(error: float) -> float:
+    """Error of a step from the difference to twice the step, which is all of it if large."""
+    large = min(max((error - LONG) / (1.0 - LONG), 0.0), 1.0)
+    return error * (SMOOTH + (1.0 - SMOOTH) * large)

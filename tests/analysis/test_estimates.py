@@ -1,0 +1,205 @@
+"""Results know their errors: what is stated is what a run that has hardly any shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.estimates import judged, report, scenes
+from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene
+from scipy import linalg
+
+from skfem_joint.analysis import study as study_module
+from skfem_joint.analysis.asked import how_of
+from skfem_joint.analysis.estimate import again, of_full
+from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.recording import Save
+
+
+def pulse(**changes: Any) -> dict[str, Any]:
+    shape = {"on": "free_end", "kind": "triangle", "peak": 87.5e3, "rise_time": 4e-5}
+    return shape | changes
+
+
+def total(scene: Scene, model: str) -> dict[str, float | None]:
+    found = run_scene(scene).models[model].estimate
+    assert found is not None
+    return {name: found.of("total", name) for name in QUANTITIES}
+
+
+@pytest.fixture
+def without_full_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("the full model was run")
+
+    monkeypatch.setitem(study_module._MAKERS, "full", refuse)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"load": [harmonic(frequency=0.1)]},  # the law creeps everywhere
+        {"load": [harmonic(frequency=2500.0)]},  # gross slip
+        {
+            "load": [harmonic(amplitude=2e4), pulse(start=0.012)],  # after the probe's four cycles
+            "time": {"duration": 0.02, "step": 4e-6},
+        },
+        {"reduction": {"reference": "paper", "active_length": 0.03}},
+    ],
+    ids=["harmonic", "creep", "gross slip", "late load", "wrong active length"],
+)
+@pytest.mark.usefixtures("without_full_model")
+def test_errors_of_a_basis_are_stated_without_a_full_run(changes: dict[str, Any]) -> None:
+    one = judged(bar_scene("reduced", **changes))
+    for name in ("displacement_rms", "friction_energy"):
+        stated, true = one.stated[name], one.true[name]
+        assert stated is not None
+        assert true is not None
+        assert true > 0.01
+        assert 0.5 * true < stated < 2.0 * true
+
+
+def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_it() -> None:
+    scene = lap_joint(bar="short_lap_joint", beta=1e4, time={"cycles": 1, "steps_per_cycle": 50})
+    system, how = scene.system(), how_of(scene)
+    whole = linalg.eigh(system.K.toarray(), system.M.toarray())[1]
+    residual = Residual(system)
+    for V, lacking in ((whole, False), (whole[:, :10], True)):
+        run = again(system.project(V), how, fields=stride(50, 50))
+        left = residual.forces(V, run)
+        scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
+        assert np.abs(V.T @ left).max() < 1e-8 * scale * np.abs(V).max()
+        assert (np.abs(left).max() > 1e-3 * scale) == lacking
+        lacks = residual.lacking(V, run, 4)
+        assert lacks.shape == (system.n, 4 * lacking)
+        assert np.abs(V.T @ (system.M @ lacks)).max(initial=0.0) < 1e-9
+
+
+def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error() -> None:
+    scene = bar_scene("reduced")
+    study = Study(scene, scene.structure(), scene.system())
+    V = reduction_of(study, options_of(scene))[0].V
+    how = how_of(scene) | {"save": Save()}
+    full, residual = results(again(study.system, how)), Residual(study.system)
+    errors = []
+    for _ in range(3):
+        run = again(study.system.project(V), how, fields=stride(how["n_steps"], 200))
+        errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
+        V = np.hstack([V, residual.lacking(V, run, 8)])
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[2] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize(("kind", "count"), [("reduced", 8), ("full", 6)])
+def test_scenes_at_random_state_their_errors(kind: str, count: int) -> None:
+    steps = (8, 12, 20, 40, 80) if kind == "full" else ()
+    found = [judged(scene) for scene in scenes(5, count, steps)]
+    pairs = [pair for one in found for pair in one.ratios()]
+    assert len(pairs) >= 8
+    assert np.mean([0.5 <= ratio <= 3.0 for ratio, _ in pairs]) >= 0.85
+    assert min(ratio for ratio, true in pairs if true > 0.02) > 0.3
+    assert f"{count} scenes" in report(found)[0]
+
+
+@pytest.mark.parametrize("steps", [8, 25, 50])
+def test_time_step_of_a_resonant_joint_is_told(steps: int) -> None:
+    scene = bar_scene(
+        "full",
+        load=[harmonic(frequency=2200.0)],
+        damping={"stiffness": 1e-7},
+        time={"cycles": 40, "steps_per_cycle": steps},
+    )
+    how, system = how_of(scene), scene.system()
+    run = again(system, how)
+    stated = of_full(system, run, how).of("total", "displacement_rms") or 0.0
+    true = difference(results(again(system, how, 16)), results(run))["displacement_rms"] or 0.0
+    assert true > 0.04
+    assert 0.5 * true < stated < 3.0 * true
+
+
+def test_the_estimate_can_be_left_out() -> None:
+    study = run_scene(bar_scene("full", time={"cycles": 1}, accuracy={"estimate": False}))
+    assert study.models["full"].estimate is None
+
+
+def test_a_full_estimate_takes_half_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = []
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        run = integrate(*arguments, **options)
+        taken.append(run.counters.steps)
+        return run
+
+    integrate = study_module.integrate
+    monkeypatch.setattr("skfem_joint.analysis.estimate.integrate", counted)
+    run_scene(bar_scene("full", time={"cycles": 2}))
+    assert taken == [200]
+
+
+def test_an_error_beyond_five_percent_is_told_with_its_source_and_cure() -> None:
+    few = {"reference": "paper", "active_length": 0.03}
+    (told,) = [w for w in run_scene(bar_scene("reduced", reduction=few)).warnings if "errs by" in w]
+    assert "friction energy of the reduced model" in told
+    assert "from its basis: it lacks slip of the joint" in told
+    slow = run_scene(bar_scene("full", load=[harmonic(frequency=1.0)], time={"cycles": 1}))
+    assert any("law of joint 'joint' creeps" in warning for warning in slow.warnings)
+    assert not any("creeps" in w for w in run_scene(bar_scene("full")).warnings)
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_an_accuracy_that_is_asked_for_is_met(dimension: int) -> None:
+    asked = {"displacement": 0.005, "energy": 0.01}
+    if dimension == 1:
+        scene = bar_scene(accuracy=asked)
+    else:
+        time = {"cycles": 2, "steps_per_cycle": 60}
+        scene = plate_scene(mesh=plate(6), time=time, accuracy=asked, reduction={"modes": 4})
+    study = run_scene(scene)
+    truth = results(again(study.system, how_of(study.scene), 8))
+    for model in study.models.values():
+        off = difference(truth, results(model.run))
+        for name, error in off.items():
+            assert error is not None
+            assert error <= 1.5 * asked["energy" if "energy" in name else "displacement"]
+    chosen = [w for w in study.warnings if w.startswith("For the accuracy asked for")]
+    assert len(chosen) == 2
+
+
+def test_the_step_of_a_full_model_is_found_on_a_reduced_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken = []
+
+    def counted(system: Any, **options: Any) -> Any:
+        taken.append(options["n_steps"])
+        return integrate(system, **options)
+
+    integrate = study_module.integrate
+    monkeypatch.setattr(study_module, "integrate", counted)
+    time = {"cycles": 4, "steps_per_cycle": 25}
+    study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
+    assert taken == [study.scene.n_steps]
+    assert study.scene.n_steps >= 4 * 100
+
+
+def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for() -> None:
+    load = [pulse(rise_time=4e-4)]
+    scene = bar_scene(
+        "full", load=load, time={"duration": 6e-3, "step": 1e-3}, accuracy={"displacement": 0.05}
+    )
+    study = run_scene(scene)
+    assert study.scene.time_step < 2e-4
+    assert total(scene, "full")["displacement_rms"] <= 0.05  # type: ignore[operator]
+
+
+def test_an_accuracy_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skfem_joint.analysis.accuracy.ROUNDS", 1)
+    with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
+        run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
+    assert caught.value.exit_status == 3
