@@ -1,0 +1,157 @@
+"""What a structure does under forces that change slowly, with Coulomb friction: no inertia.
+
+From the state before, each increment d of the displacement solves
+
+    minimise  1/2 d K d - (f - K u) d + sum w |B d|,
+
+the problem of a time step with K in place of the step's matrix and the increment in place of the
+velocity. Points that stick do so exactly, reversals and histories of loads come by themselves. Each
+increment goes straight: slips that turn within one are not resolved.
+
+Bodies that friction alone holds have no stiffness of their own: there K gets a little of M, and
+forces that make everything slip are scaled back to just below what friction holds. That load is
+found from the motion d it sets off: by virtue of the upper bound theorem of limit analysis
+sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
+brings it down to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+from skfem_joint.stepping.steppers import contact_unknowns
+from skfem_joint.system import System
+
+#: Share of the load at which everything slips that is taken where nothing else holds.
+HELD = 0.98
+#: Force that the added mass may carry, as a share of the load, and how much of it is added.
+_SHIFTED, _SHIFT = 1e-3, 1e-9
+#: Newton's systems are solved to this share: without mass a small residual is a large displacement.
+_FORCING = 1e-4
+#: Pivots below this share of the largest are zero; iterations for the friction limit.
+_SINGULAR, _ITERATIONS = 1e-11, 20
+
+
+class QuasiStatic:
+    """Quasi-static response of one system: one matrix for all levels and histories of load.
+
+    Parameters
+    ----------
+    system : System
+        Its limits ``w`` count, its law and masses do not. Sparse.
+    tolerance : float
+        Largest force residual relative to the largest force.
+
+    Raises
+    ------
+    InputError
+        If no point carries friction, or slip rows depend on each other, as in dense systems.
+    """
+
+    def __init__(self, system: System, tolerance: float = 1e-8) -> None:
+        self.to = arranged(system)
+        inner = self.to.system
+        acting = inner.w > 0.0
+        if inner.is_dense or not (acting.any() and picks_unknowns(inner.B)):
+            raise InputError(
+                "quasi-static slip: needs friction in a sparse system whose slip rows do not "
+                "depend on each other"
+            )
+        self.tolerance = tolerance
+        self.K, self.M = (sparse.csr_array(A) for A in (inner.K, inner.M))
+        self.shift = 0.0
+        if is_singular(self.K):
+            self.shift = _SHIFT * self.K.diagonal().sum() / self.M.diagonal().sum()
+        A = sparse.csr_array(self.K + self.shift * self.M)
+        first, second = (unknown[acting] for unknown in contact_unknowns(inner))
+        self.problem = ContactProblem(
+            A, first, second, inner.w[acting], np.full(first.size, np.inf)
+        )
+        self.problem.forcing = _FORCING
+        self.solves = 0
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices factorised so far."""
+        return self.problem.factorizations
+
+    def follow(self, forces: FloatArray, held: float = HELD) -> FloatArray:
+        """Displacements (levels, n), m, under forces (levels, n), N, one after another from rest.
+
+        Forces that make everything slip where nothing else holds are scaled to the share ``held``
+        of what friction can hold; ``inf`` leaves them as they are.
+
+        Raises
+        ------
+        ConvergenceError
+            If a level does not converge.
+        """
+        u = np.zeros(self.K.shape[0])
+        path = np.empty((len(forces), u.size))
+        for level, force in enumerate(forces):
+            u = path[level] = u + self._increment(u, self.to.force(force), held)
+        return self.to.outer(path)
+
+    def limit(self, force: FloatArray) -> float:
+        """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
+        return self._limit(self.to.force(force)) if self.shift else np.inf
+
+    def _increment(self, u: FloatArray, f: FloatArray, held: float) -> FloatArray:
+        """Increment of the displacement under forces ``f``, scaled back where nothing holds."""
+        found = self._solve(f - self.K @ u)
+        if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
+            found = self._solve(min(1.0, held * self._limit(f)) * f - self.K @ u)
+        elif not found.converged:
+            raise ConvergenceError(
+                "the slip under a slowly changing load was not found: a force residual of "
+                f"{found.residual:.3g} N is left at unknown {found.where}"
+            )
+        return found.v
+
+    def _solve(self, right: FloatArray) -> Solution:
+        self.solves += 1
+        return self.problem.solve(right, np.zeros(right.size), self.tolerance)
+
+    def _carried(self, found: Solution, f: FloatArray) -> float:
+        """Share of the load that the added mass carries."""
+        carried = self.shift * float(np.linalg.norm(self.M @ found.v))
+        return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
+
+    def _limit(self, f: FloatArray) -> float:
+        """Multiple of the forces at which everything slips."""
+        limit, inner = np.inf, self.to.system
+        multiple = 1.0
+        for _ in range(_ITERATIONS):
+            found = self._solve(multiple * f)
+            if self._carried(found, multiple * f) <= _SHIFTED:
+                if np.isfinite(limit):
+                    return limit
+                if multiple > 1e6:
+                    return np.inf
+                multiple *= 10.0
+                continue
+            resisted = inner.w @ inner.slip_norm(inner.B @ found.v)
+            lower = float(resisted / (f @ found.v))
+            if lower >= limit * (1.0 - 1e-4):
+                return limit
+            limit, multiple = lower, 1.01 * lower
+        return limit
+
+
+def is_singular(K: sparse.csr_array) -> bool:
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
+    symmetric = {"SymmetricMode": True}
+    try:
+        factor = splu(
+            sparse.csc_array(K), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+        )
+    except RuntimeError:  # exactly singular
+        return True
+    pivots = factor.U.diagonal()
+    return bool(np.min(pivots) <= _SINGULAR * np.max(pivots))
