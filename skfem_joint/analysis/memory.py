@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from skfem_joint.analysis.study import options_of, save_of
 from skfem_joint.errors import InputError
-from skfem_joint.reduction.basis import PROBE_CYCLES, TRAINING_CYCLES
+from skfem_joint.reduction.basis import TRAINING_CYCLES
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -29,7 +29,7 @@ _OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
 # Entries of them for each unknown: share times this power of the unknowns, by dimension; measured.
 _FILL = {1: (3.0, 0.0), 2: (10.0, 0.3), 3: (2.2, 2.0 / 3.0)}
 _MOST_TIMES = 300  # of a run that a decomposition takes
-_PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
+_PATH_STATES = 150  # of static paths, of which increments are kept too
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
     if reduced:
         cycle_steps = scene.cycle_steps or scene.n_steps
         steps = 1 + min(scene.n_steps, TRAINING_CYCLES * cycle_steps)
-        if scene.reduction.reference == "paper":
-            steps = min(1 + PROBE_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
+        if scene.reduction.reference != "self":
+            steps = 2 * _PATH_STATES
         times = 2 * min(steps, _MOST_TIMES)
         # Two histories and the friction, and a decomposition with its works arrays.
         training = steps * (2 * n + 4 * rows) + 4 * times * n
@@ -167,7 +167,7 @@ def _savings(scene: Scene, need: Need, limit: float) -> list[tuple[str, int]]:
         ("output", "plots", False),
         ("output", "frames", frames),
         ("output", "vtk", False),
-        ("reduction", "reference", "paper"),
+        ("reduction", "reference", "static"),
     ]
     found = []
     for table, key, value in options:

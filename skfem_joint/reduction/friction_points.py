@@ -35,10 +35,9 @@ from skfem_joint.system import System
 
 #: Friction points for each mode: of each active stretch along a line, of all that is merged.
 POINTS_PER_MODE = 4
-#: Slip velocities of a reduced model are wrong by about a percent of the largest one: resolving the
-#: friction law more finely than this share of it costs iterations and gains nothing. A free decay
-#: comes to rest, where a law less steep would let the joint creep: there a hundredth of it.
-RESOLVED_SHARE = 1e-4
+#: Resolving the friction law more finely than the modes resolve velocities gains nothing. A free
+#: decay comes to rest, where a law less steep would let the joint creep: there it is steeper.
+DECAYING = 100.0
 #: Slip velocity of a joint that sticks throughout, for the choice of beta, m/s.
 STUCK_VELOCITY = 1e-3
 #: Times at which slip velocities are compared, and principal directions that are kept of them.
@@ -101,7 +100,7 @@ def reduced_system(
     if not isinstance(beta, str):
         return replace(reduced, beta=np.full_like(reduced.beta, beta)), shares
     velocity = basis.slip_velocity or STUCK_VELOCITY
-    share = RESOLVED_SHARE if periodic else 0.01 * RESOLVED_SHARE
+    share = basis.resolved if periodic else basis.resolved / DECAYING
     steepest = 1.0 / (share * velocity)
     if np.any(system.beta > steepest):
         warn.append(

@@ -158,7 +158,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
         Where scaled modes cannot follow: joints without axis or friction or that touch, a load
         inside a joint, no load at all.
     """
-    own = "use reference = 'self'"
+    own = "use reference = 'static'"
     for patch in structure.patches:
         if axis_of(structure, patch.joint) is None:
             raise InputError(

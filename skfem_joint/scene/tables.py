@@ -375,18 +375,20 @@ class Models(SceneTable):
 class Reduction(SceneTable):
     """``[reduction]``: how the reduced model is made."""
 
-    reference: Literal["self", "paper"] = key(
-        "origin of joint modes: the scene's own run, or the paper's joint, scaled", "self"
+    reference: Literal["static", "self", "paper"] = key(
+        "origin of joint modes: the static slip path, the scene's own run, or the paper's joint, "
+        "scaled",
+        "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(NUMBER)], one_of(WORD)] = key(
-        "number of joint modes; 'auto' is 12 of the scene's own, 5 of the paper's",
+        "number of joint modes; 'auto' is 12, of the paper's 5",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
     interface_modes: Annotated[
         Auto | Annotated[int, Field(ge=0, le=MOST), Tag(NUMBER)], one_of(WORD)
     ] = key(
-        "number of modes beside joint modes; 'auto' goes by the frequency of the loads",
+        "number of fixed-interface modes beside them; 'auto' goes by their share in the response",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )
@@ -408,7 +410,7 @@ class Reduction(SceneTable):
         "both",
     )
     inner_product: Literal["auto", "euclidean", "mass", "energy"] = key(
-        "weight of snapshots; 'auto' is energy for own modes, euclidean for the paper's", "auto"
+        "weight of snapshots of the scene's run (energy) or the paper's (euclidean)", "auto"
     )
     active_length: Annotated[
         Annotated[Literal["auto", "estimate"], Tag(WORD)]
@@ -416,7 +418,7 @@ class Reduction(SceneTable):
         | Annotated[dict[str, Positive], Tag(TABLE)],
         one_of(WORD, TABLE),
     ] = key(
-        "length that the paper's modes are scaled to, m; 'auto' by a quick run, 'estimate' by "
+        "length that the paper's modes are scaled to, m; 'auto' by the static path, 'estimate' by "
         "Eqs. (17)-(20)",
         "auto",
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
