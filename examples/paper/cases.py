@@ -17,12 +17,11 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import HalfSine, RampAndHold, Triangle, Versine
 from skfem_joint.mesh import NamedMesh, build_bar
 from skfem_joint.reduction.active_length import THRESHOLD, Estimate, measured
-from skfem_joint.reduction.basis import Basis, Course, own_basis, scaled_basis
+from skfem_joint.reduction.basis import Basis, own_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
 from skfem_joint.reduction.reference import paper_reference
-from skfem_joint.reduction.static_path import slip_path
-from skfem_joint.reduction.zones import active_zones, zone_lengths
+from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -186,12 +185,11 @@ def _scaled(its: Scene) -> Basis:
     """Scaled modes of the paper's reference joint, however few."""
     options, structure, system = options_of(its), its.structure(), its.system()
     zones = active_zones(structure, system)
-    path = slip_path(system.with_beta(inf), its.time_step, its.n_steps)
-    course = Course.of_path(system, path)
-    lengths = zone_lengths(system, zones, options.active_length, course.slip_peak, [])
+    probe = probed(system, zones, its.time_step, its.n_steps, its.cycle_steps)
+    lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, [])
     modes = paper_reference(snapshots=options.snapshots, inner_product=options.product)
     counts = {"modes": options.mode_count, "interface_modes": options.interface_modes}
-    return scaled_basis(structure, system, modes, zones, lengths, course, **counts)
+    return scaled_basis(structure, system, modes, zones, lengths, probe, **counts)
 
 
 def _reduced(its: Scene) -> Model:

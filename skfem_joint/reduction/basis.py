@@ -31,6 +31,7 @@ from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.friction import norms
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import (
     ProperModes,
@@ -52,8 +53,10 @@ from skfem_joint.reduction.zones import (
     ZoneLength,
     active_zones,
     axis_of,
+    mouths,
     natural_modes,
     picked,
+    probed,
     zone_lengths,
 )
 from skfem_joint.stepping.integrate import integrate
@@ -80,7 +83,7 @@ _RESOLVED, _TOLD = 1e-5, 1e-7
 class Options:
     """What a reduced model is made of: names and values of a scene's table `reduction`.
 
-    ``active_length`` is "auto" (measured on the static path), "estimate", or a length (m) for all
+    ``active_length`` is "auto" (measured in a probe), "estimate", or a length (m) for all
     joints or by name; the others are "auto" or what they say.
     """
 
@@ -200,8 +203,23 @@ def make_basis(
             inner_product=product,
             interface_modes=interface,
         )
-    elif options.reference in ("static", "paper"):
-        basis = _basis_of_path(structure, system, options, step, n_steps, scheme, warn)
+    elif options.reference == "static":
+        path = slip_path(system, step, n_steps, scheme)
+        if path.blind > BLIND:
+            warn.append(
+                f"The slip went on growing while the modes were made: {100 * path.blind:.2g} % of "
+                "what slips at last stuck in the round before. Use more modes and see whether the "
+                "result stays, or take reference = 'self'."
+            )
+        basis = static_basis(system, path, options.mode_count, options.interface_modes)
+    elif options.reference == "paper":
+        reference = paper_reference(snapshots=snapshots, inner_product=product)
+        zones = active_zones(structure, system)
+        probe = probed(system, zones, step, n_steps, cycle_steps)
+        lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)
+        counts: dict[str, Any] = {"modes": options.mode_count}
+        counts["interface_modes"] = options.interface_modes
+        basis = scaled_basis(structure, system, reference, zones, lengths, probe, **counts)
     else:
         raise InputError(
             f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
@@ -222,36 +240,6 @@ def make_basis(
     for number, patch in enumerate(structure.patches):
         group[patch.points] = number
     return replace(basis, group=group)
-
-
-def _basis_of_path(
-    structure: Structure,
-    system: System,
-    options: Options,
-    step: float,
-    n_steps: int,
-    scheme: Scheme | None,
-    warn: list[str],
-) -> Basis:
-    """Basis of the static path, or of the paper's modes scaled to what slips on it."""
-    # Coulomb friction, which does not creep, shows where the active length ends.
-    law = system.with_beta(np.inf) if options.reference == "paper" else system
-    path = slip_path(law, step, n_steps, scheme)
-    if path.blind > BLIND:
-        warn.append(
-            f"The slip went on growing while the modes were made: {100 * path.blind:.2g} % of what "
-            "slips at last stuck in the round before. Use more modes and see whether the result "
-            "stays, or take reference = 'self'."
-        )
-    if options.reference == "static":
-        return static_basis(system, path, options.mode_count, options.interface_modes)
-    reference = paper_reference(snapshots=options.snapshots, inner_product=options.product)
-    zones, course = active_zones(structure, system), Course.of_path(system, path)
-    lengths = zone_lengths(system, zones, options.active_length, course.slip_peak, warn)
-    counts: dict[str, Any] = {"modes": options.mode_count}
-    counts["interface_modes"] = options.interface_modes
-    basis = scaled_basis(structure, system, reference, zones, lengths, course, **counts)
-    return replace(basis, offline=path.offline)
 
 
 def finished(run: Run) -> Run:
@@ -347,7 +335,7 @@ def scaled_basis(
     reference: ReferenceModes,
     zones: Sequence[Zone],
     lengths: Sequence[ZoneLength],
-    course: Course,
+    probe: Run,
     *,
     modes: int = 5,
     interface_modes: str | int = "auto",
@@ -356,8 +344,9 @@ def scaled_basis(
 
     Parameters
     ----------
-    zones, lengths, course
-        Ends of joints where force enters, their active lengths, and what they are measured in.
+    zones, lengths, probe
+        Ends of joints where force enters, their active lengths, and the run that they are measured
+        in, see :func:`skfem_joint.reduction.zones.probed`.
     modes : int
         Reference modes of each zone.
     interface_modes : "auto" or int
@@ -385,8 +374,11 @@ def scaled_basis(
     parts.append(_following(system, F, np.hstack(breathing)))
     if F.shape[1]:
         parts += _rest_modes(system, wide, parts[0], interface_modes)
+    slips = norms(probe.point_v, system.directions[mouths(zones)])
+    course = Course(probe.u, probe.v, probe.slip_peak, float(slips.max(initial=0.0)))
     V, carrying = np.hstack(parts), active & (system.w > 0.0)
     basis = _basis(system, V, course, modes, reference.proper, carrying)
+    basis = replace(basis, offline=(("full steps", probe.counters.steps),))
     lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
     ordered = tuple(stretches) if lines else None
     return replace(basis, reference=reference, zones=tuple(lengths), stretches=ordered)

@@ -31,6 +31,7 @@ from scipy.linalg import eigh_tridiagonal
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.static_path import NO_FRICTION
 from skfem_joint.system import System
 
 #: Friction points for each mode: of each active stretch along a line, of all that is merged.
@@ -77,10 +78,7 @@ def reduced_system(
         If no point carries friction, or for less than one point.
     """
     if system.contact_points == 0:
-        raise InputError(
-            "models.run: 'reduced' needs friction in a joint; every joint has zero pressure or "
-            "zero friction. Run 'full' alone."
-        )
+        raise InputError(NO_FRICTION)
     reduced = system.project(basis.V)
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:

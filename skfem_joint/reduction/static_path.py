@@ -42,6 +42,10 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 
+NO_FRICTION = (
+    "models.run: 'reduced' needs friction in a joint; every joint has zero pressure or zero "
+    "friction. Run 'full' alone."
+)
 #: Levels of the first path and of the second where one harmonic acts, and how far beyond the peak
 #: they go.
 FIRST, SECOND, BEYOND = 6, 13, (1.12, 1.05)
@@ -59,8 +63,9 @@ _SHARE, _MOST = 4e-3, 20
 _INCREMENTS = 3.0
 #: Modes of the preliminary model; rigid motions and stiffness: share of the mean square frequency.
 _MODES, _RIGID = 14, 1e-9
-#: The law of the preliminary model goes from -1 to 1 within this inverse share of the velocity.
-_RESOLVED = 1e4
+#: The preliminary model's law goes from -1 to 1 within this inverse share of the slip velocity,
+#: which is not below the second, m/s.
+_RESOLVED, _SLOW = 1e4, 1e-3
 
 
 @dataclass(frozen=True)
@@ -162,7 +167,7 @@ def _harmonics(amplitude: Amplitude) -> tuple[Harmonic, ...]:
 def slip_path(
     system: System, step: float, n_steps: int, scheme: Scheme | None = None
 ) -> StaticPath:
-    """Follow the slip of a system through a run to come, of which this is the step (s).
+    """Follow the slip of a system through a run to come, as `integrate` takes it.
 
     Raises
     ------
@@ -173,6 +178,8 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
+    if system.contact_points == 0:
+        raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
     path = QuasiStatic(system)
     response = np.stack([path.follow(f[np.newaxis])[0] for f in loads.vectors.T], axis=1)
@@ -239,7 +246,7 @@ def _second(
         rows = _evenly(run, K, rows, WHOLE)
     else:
         last = rows[run.times[rows] >= run.times[-1] - 1.25 * loads.period * (1.0 + 1e-9)]
-        start = rows[run.times[rows] < min(loads.period, run.times[last[0]])]
+        start = rows[run.times[rows] < run.times[last[0]]]
         parts = [(start, START)] if start.size else []
         rows = np.concatenate([_evenly(run, K, *part) for part in [*parts, (last, PERIOD)]])
     states = path.follow(acting.at(rows), run.times[rows])
@@ -322,8 +329,7 @@ def _preliminary(
     """
     small = system.project(V)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
-    if velocity > 0.0:
-        small = replace(small, beta=np.minimum(small.beta, _RESOLVED / velocity))
+    small = replace(small, beta=np.minimum(small.beta, _RESOLVED / max(velocity, _SLOW)))
     step, steps, cycles, most = loads.step, loads.n_steps, 1, 1
     if loads.period is not None:
         most = max(1, int(step * loads.n_steps / loads.period * (1.0 + 1e-9)))

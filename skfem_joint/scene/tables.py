@@ -418,7 +418,7 @@ class Reduction(SceneTable):
         | Annotated[dict[str, Positive], Tag(TABLE)],
         one_of(WORD, TABLE),
     ] = key(
-        "length that the paper's modes are scaled to, m; 'auto' by the static path, 'estimate' by "
+        "length that the paper's modes are scaled to, m; 'auto' by a quick run, 'estimate' by "
         "Eqs. (17)-(20)",
         "auto",
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",

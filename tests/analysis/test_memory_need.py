@@ -118,7 +118,7 @@ def test_the_estimate_bounds_what_a_run_takes_and_is_not_far_above(
         ),
         (
             lambda: bar(*BOTH, elements=500, cycles=3, steps=4000, reference="self"),
-            ['reduction.reference = "paper"'],
+            ['reduction.reference = "static"'],
             ["output.frames"],
         ),
         (lambda: bar(elements=100_000, cycles=1, steps=10), ["coarser mesh"], ["output."]),

@@ -25,7 +25,7 @@ from scipy import linalg
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic
-from skfem_joint.reduction.basis import Basis, Course, Options, make_basis, scaled_basis
+from skfem_joint.reduction.basis import Basis, Options, make_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.reference import (
     ReferenceModes,
@@ -35,8 +35,7 @@ from skfem_joint.reduction.reference import (
     reference_modes,
     run_lap_joint,
 )
-from skfem_joint.reduction.static_path import slip_path
-from skfem_joint.reduction.zones import active_zones, zone_lengths
+from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.structure import Load, Structure
 from skfem_joint.system import System
@@ -125,11 +124,11 @@ def test_modes_do_not_depend_on_the_order_of_the_nodes() -> None:
 
 
 def scaled(structure: Structure, system: System, length: object = "auto", **options: Any) -> Basis:
-    """Basis of scaled modes, for two periods of 500 Hz."""
+    """Basis of scaled modes; the probe takes two periods of 500 Hz."""
     zones = active_zones(structure, system)
-    course = Course.of_path(system, slip_path(system.with_beta(np.inf), 1e-5, 400))
-    lengths = zone_lengths(system, zones, length, course.slip_peak, [])  # type: ignore[arg-type]
-    return scaled_basis(structure, system, paper_reference(), zones, lengths, course, **options)
+    probe = probed(system, zones, 1e-5, 400, None)
+    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])  # type: ignore[arg-type]
+    return scaled_basis(structure, system, paper_reference(), zones, lengths, probe, **options)
 
 
 def test_basis_is_mass_orthonormal_and_zero_in_the_grey_length() -> None:
@@ -145,11 +144,11 @@ def test_basis_is_mass_orthonormal_and_zero_in_the_grey_length() -> None:
 def unloaded(structure: Structure, system: System, length: float) -> np.ndarray:
     """Basis without responses to loads and without fixed-interface modes, on all nodes."""
     zones = active_zones(structure, system)
-    course = Course.of_path(system, slip_path(system, 2e-5, 10))
-    lengths = zone_lengths(system, zones, length, course.slip_peak, [])
+    probe = probed(system, zones, 2e-5, 10, None)
+    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
     none = replace(system, loads=())
     basis = scaled_basis(
-        structure, none, paper_reference(), zones, lengths, course, interface_modes=0
+        structure, none, paper_reference(), zones, lengths, probe, interface_modes=0
     )
     return structure.expand(basis.V.T)[..., 0].T
 
@@ -220,6 +219,25 @@ def test_interface_modes_that_take_no_part_are_left_out() -> None:
     # Longitudinal vibration of the arm alone, clamped: 0.5 m.
     frequency = np.sqrt(linalg.eigvalsh(system.project(V).K)) / (2.0 * np.pi)
     assert frequency[0] < SPEED / (4 * 0.5) < frequency[-1]
+
+
+def test_probe_takes_the_steps_that_the_fastest_load_needs_at_most_the_run_s_own() -> None:
+    structure, _ = fig_18()
+
+    def steps(loads: list[Load], cycle_steps: int, period: float) -> int:
+        system = structure.system(loads)
+        zones = active_zones(structure, system)
+        run = probed(system, zones, period / cycle_steps, 2 * cycle_steps, cycle_steps)
+        return run.counters.steps // 2
+
+    slow = Load("end", Harmonic(6e4, 200.0))
+    assert steps([slow], 400, 5e-3) == 100
+    assert steps([slow], 64, 5e-3) == 64
+    fast = Load("end", Harmonic(2e4, 2600.0))  # 13 times as fast
+    assert steps([slow, fast], 400, 5e-3) == 260
+    assert steps([slow, fast], 120, 5e-3) == 120
+    jump = Load("end", Harmonic(6e4, 20.0, np.pi / 2))  # sets off a vibration
+    assert 100 < steps([jump], 4000, 0.05) < 4000
 
 
 def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does() -> None:

@@ -329,7 +329,7 @@ def test_defaults_are_those_documented() -> None:
     assert scene.reduction.model_dump() == {
         "modes": "auto",
         "active_length": "auto",
-        "reference": "self",
+        "reference": "static",
         "interface_modes": "auto",
         "beta": "auto",
         "friction_points": "auto",
