@@ -46,7 +46,7 @@ def reduce(
     run : Run, optional
         Own run with stored fields, ``save=Save(fields=True)``, to take modes of instead.
     friction_points : "auto", "all" or int
-        Most friction points; four for each mode. Points that slip alike are merged.
+        Most friction points; "auto" is as many as it takes. Points that slip alike are merged.
     beta : "auto" or float
         Scaling constant of Eq. (2), s/m; no steeper than the modes resolve.
 

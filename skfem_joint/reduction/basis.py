@@ -315,7 +315,9 @@ def static_basis(
     modes = min(modes, int(np.count_nonzero(told)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
     count = _MOST if isinstance(interface, str) else interface
-    shapes, share = interface_modes(system, path.response, path.loads, max(count, 0))
+    shapes, share = path.interface[:, :count], path.share[:count]
+    if count > share.size:
+        shapes, share = interface_modes(system, path.response, path.loads, count)
     if isinstance(interface, str) and share.size:
         W = orthonormal(V, system.M)
         left = shapes - W @ (W.T @ (system.M @ shapes))
@@ -472,7 +474,7 @@ def _basis(
     active: BoolArray,
 ) -> Basis:
     """Basis with what the course that it comes from tells about it."""
-    V = orthonormal(V, system.M)
+    V = orthonormal(orthonormal(V, system.M), system.M)  # once leaves what is nearly dependent
     velocities = np.asarray(course.v @ (system.M @ V))
     u = course.u[:: max(1, -(-len(course.u) // _MOST_TIMES))]
     left = u - (u @ (system.M @ V)) @ V.T

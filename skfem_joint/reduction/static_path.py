@@ -75,6 +75,8 @@ class StaticPath:
     snapshots: FloatArray  #: (s, n), states and increments of both paths, scaled
     response: FloatArray  #: (n, loads), static response to the peak of each load, m
     rigid: FloatArray  #: (n, r), motions that friction alone holds
+    interface: FloatArray  #: (n, k), fixed-interface modes, by their share in the response
+    share: FloatArray  #: (k,), their shares, see :func:`interface_modes`
     slip_peak: FloatArray  #: (m,), largest slip of each contact point on the second path, m
     V: FloatArray  #: (n, j), basis of the preliminary model
     run: Run  #: of the preliminary model, with fields
@@ -206,9 +208,8 @@ def slip_path(
         slipping |= now
     rigid = rigid if path.held_back else rigid[:, :0]
     scaled, solves = _scaled(snapshots), path.solves
-    return StaticPath(
-        scaled, response, rigid, slip_peak, V, run, loads, blind, solves, path.factorizations, steps
-    )
+    made = scaled, response, rigid, interface, share, slip_peak, V, run, loads, blind
+    return StaticPath(*made, solves, path.factorizations, steps)
 
 
 def _first(

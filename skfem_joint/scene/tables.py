@@ -400,7 +400,7 @@ class Reduction(SceneTable):
     friction_points: Annotated[
         Annotated[Literal["auto", "all"], Tag(WORD)] | Annotated[Count, Tag(NUMBER)], one_of(WORD)
     ] = key(
-        "number of points with friction; 'auto' is four a mode, 'all' every contact point",
+        "number of points with friction; 'auto' is as many as it takes, 'all' every contact point",
         "auto",
         allowed="'auto', 'all' or a whole number >= 1",
     )

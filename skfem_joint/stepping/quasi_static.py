@@ -23,7 +23,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.friction import potential
 from skfem_joint.stepping.arrangement import arranged, picks_unknowns
@@ -38,7 +38,8 @@ HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-9
 #: Newton's systems are solved to this share: without mass a small residual is a large displacement.
-_FORCING = 1e-4
+#: A kept factor is given up when one takes more solves than this.
+_FORCING, _PATIENCE = 1e-2, 16
 #: Pivots below this share of the largest are zero; iterations for the friction limit.
 _SINGULAR, _ITERATIONS = 1e-11, 20
 
@@ -66,6 +67,11 @@ class _Projected(ContactProblem):
         """1/2 v A v - g v + sum w |v|."""
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
         return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
+
+    def _conjugate_gradients(
+        self, r: FloatArray, tangents: FloatArray, held: BoolArray, most: int
+    ) -> tuple[FloatArray, int, bool]:
+        return super()._conjugate_gradients(r, tangents, held, max(most, _PATIENCE))
 
     def _search(
         self, v: FloatArray, d: FloatArray, g: FloatArray, Av: FloatArray
