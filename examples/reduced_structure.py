@@ -5,7 +5,8 @@ Strong and weak form as in ``lap_joint.py``, with friction in the joint only:
 
     rho A u'' - (E A (u_x + eps u'_x))_x + [x < 0.1 m] mu P w sigma(u') = 0.
 
-The reduced basis holds proper orthogonal modes of the structure's own first periods, u = V q, and
+The reduced basis holds proper orthogonal modes of the structure's static slip path, u = V q, for
+which the full model is not run, the static response to the load and fixed-interface modes.
 Galerkin's projection of Eqs. (4)-(9) makes a system of the same type from them. Contact points that
 slip alike are merged, so that friction is evaluated at a few dozen points instead of a hundred.
 

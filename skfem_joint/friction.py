@@ -56,6 +56,14 @@ def slope(v: ArrayLike, beta: ArrayLike) -> FloatArray:
     return np.where(coulomb, np.where(v_array == 0.0, inf, 0.0), arctan_slope)
 
 
+def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Potential psi(v), m/s, whose derivative is :func:`force`; zero at rest, |v| for Coulomb."""
+    v_array, finite, coulomb = _split(v, beta)
+    z = finite * v_array
+    arctan_potential = 2.0 / pi * (v_array * np.arctan(z) - 0.5 * np.log1p(z * z) / finite)
+    return np.where(coulomb, np.abs(v_array), arctan_potential)
+
+
 def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
     """Norms of the slip vectors of points.
 

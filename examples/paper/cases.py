@@ -18,11 +18,11 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import HalfSine, RampAndHold, Triangle, Versine
 from skfem_joint.mesh import NamedMesh, build_bar
 from skfem_joint.reduction.active_length import THRESHOLD, Estimate, measured
-from skfem_joint.reduction.basis import Basis, own_basis, probed, scaled_basis
+from skfem_joint.reduction.basis import Basis, own_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
 from skfem_joint.reduction.reference import paper_reference
-from skfem_joint.reduction.zones import active_zones, zone_lengths
+from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
-from skfem_joint.reduction.basis import PROBE_CYCLES, TRAINING_CYCLES
+from skfem_joint.reduction.basis import TRAINING_CYCLES
 from skfem_joint.reduction.residual import INSTANTS
+from skfem_joint.reduction.zones import PROBE_CYCLES
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -31,6 +32,8 @@ _OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
 _FILL = {1: (3.0, 0.0), 2: (10.0, 0.3), 3: (2.2, 2.0 / 3.0)}
 _MOST_TIMES = 300  # of a run that a decomposition takes
 _PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
+# States of static paths, with increments, in general and under one harmonic; preliminary steps.
+_PATH_STATES, _PRELIMINARY_STEPS = (230, 40), 400
 
 
 @dataclass(frozen=True)
@@ -96,9 +99,13 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
         steps = 1 + min(scene.n_steps, TRAINING_CYCLES * cycle_steps)
         if scene.reduction.reference == "paper":
             steps = min(1 + PROBE_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
-        times = 2 * min(steps, _MOST_TIMES)
+        kept, times = steps * (2 * n + 4 * rows), 2 * min(steps, _MOST_TIMES)
+        if scene.reduction.reference == "static":
+            single = [load.kind for load in scene.load] == ["harmonic"]
+            times = _PATH_STATES[single]
+            kept = min(steps, _PRELIMINARY_STEPS) * (2 * rows + 2 * min(n, 50))
         # Two histories and the friction, and a decomposition with its works arrays.
-        training = steps * (2 * n + 4 * rows) + 4 * times * n
+        training = kept + 4 * times * n
         training += min(times, n) * (times + 8 * min(times, n))
 
     # Load amplitudes are made for a chunk of steps at a time.
@@ -174,7 +181,7 @@ def _savings(scene: Scene, need: Need, limit: float) -> list[tuple[str, int]]:
         ("output", "plots", False),
         ("output", "frames", frames),
         ("output", "vtk", False),
-        ("reduction", "reference", "paper"),
+        ("reduction", "reference", "static"),
     ]
     found = []
     for table, key, value in options:

@@ -1,54 +1,79 @@
 """Reduced models of structures with joints.
 
-`pod` decomposes histories; `basis` makes modes, of the structure's own run or scaled from the
-paper's `reference` joint over the active `zones` (`active_length`); `friction_points` gives a
-reduced system as few points of friction as it can make use of.
+`static_path` finds how the joints slip without a full run, `pod` decomposes snapshots of that or of
+a run, `basis` makes modes of them, or scales those of the paper's `reference` joint over the active
+`zones` (`active_length`); `friction_points` gives a reduced system as few points of friction as it
+can make use of.
 """
 
 from __future__ import annotations
 
-from skfem_joint.reduction.basis import TRAINING_CYCLES, finished, own_basis
+from skfem_joint.errors import InputError
+from skfem_joint.loads import common_period
+from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
+
+#: Steps of a run to come: in a period of its loads, or in all.
+_STEPS, _MOST_STEPS = 200, 2000
 
 
 def reduce(
     system: System,
-    modes: int = 10,
+    modes: int = 12,
     *,
+    interface_modes: str | int = "auto",
+    duration: float | None = None,
     run: Run | None = None,
     friction_points: str | int = "auto",
     beta: str | float = "auto",
 ) -> System:
-    """Reduced model on proper orthogonal modes of a system's own run.
+    """Reduced model on modes of a system's static slip path, or of a run of its own.
 
     Parameters
     ----------
     system : System
         With loads, as runs to come have them.
     modes : int
+        Joint modes; static responses to the loads stand beside them.
+    interface_modes : "auto" or int
+        Fixed-interface modes beside them; "auto": those with a share in the response.
+    duration : float, optional
+        Of the run to come, s; needed for loads that do not repeat.
     run : Run, optional
-        With stored fields, ``save=Save(fields=True)``; three periods of the loads from rest, of 200
-        steps each, if not given.
+        Own run with stored fields, ``save=Save(fields=True)``, to take modes of instead.
     friction_points : "auto", "all" or int
-        Most friction points; four for each mode. Points that slip alike are merged.
+        Most friction points; "auto" is as many as it takes. Points that slip alike are merged.
     beta : "auto" or float
         Scaling constant of Eq. (2), s/m; no steeper than the modes resolve.
 
     Returns
     -------
     System
-        Of ``modes`` unknowns; its ``expand`` gives the displacement of all that the full one has.
+        Its ``expand`` gives the displacement of all that the full one has.
 
     Raises
     ------
     InputError
-        If the loads have no common period, nothing moves, or no point carries friction.
+        If the loads have no common period and no duration is given, nothing moves, or no point
+        carries friction.
     """
-    if run is None:
-        save = Save(fields=True, points=False)
-        run = finished(integrate(system, cycles=TRAINING_CYCLES, steps_per_cycle=200, save=save))
-    basis = own_basis(system, run, modes)
+    if run is not None:
+        count = 0 if isinstance(interface_modes, str) else interface_modes
+        basis = own_basis(system, run, modes, interface_modes=count)
+    else:
+        period = common_period(load.amplitude for load in system.loads)
+        whole = duration if period is None else TRAINING_CYCLES * period
+        if whole is None:
+            raise InputError(
+                "reduce: the loads have no common period that is known; give the duration (s) of "
+                "the run to come"
+            )
+        step = whole / _MOST_STEPS if period is None else period / _STEPS
+        step = min(step, longest_step(system, whole))
+        path = slip_path(system, step, round(whole / step))
+        basis = static_basis(system, path, modes, interface_modes)
     return reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])[0]

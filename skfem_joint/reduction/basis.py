@@ -1,4 +1,9 @@
-"""Reduced bases of structures: modes of the structure's own run, or scaled reference modes.
+"""Reduced bases of structures: modes of its static slip path, of its own run, or scaled ones.
+
+Modes of the static path (:mod:`skfem_joint.reduction.static_path`) need no run of the full model.
+Beside them stand the static responses to the loads, fixed-interface modes with a share in the
+response that the others cannot follow, and rigid motions where friction alone holds a body and
+does not hold it.
 
 Modes of the own run are orthogonal in the inner product of energy, by default: with that of mass
 the first go to what swings most, which is seldom the joint. At ten modes the friction energy of an
@@ -18,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -35,41 +41,53 @@ from skfem_joint.reduction.pod import (
     snapshot_matrix,
 )
 from skfem_joint.reduction.reference import ReferenceModes, paper_reference
+from skfem_joint.reduction.static_path import (
+    BLIND,
+    StaticPath,
+    energy,
+    interface_modes,
+    slip_path,
+)
 from skfem_joint.reduction.zones import (
     Zone,
     ZoneLength,
     active_zones,
     axis_of,
+    mouths,
     natural_modes,
     picked,
+    probed,
     zone_lengths,
 )
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.structure import Structure
 from skfem_joint.system import System
 
-#: Cycles of a run that modes come from; cycles and least steps a cycle of a probe, and steps in the
-#: shortest period of the loads that it takes.
-TRAINING_CYCLES, PROBE_CYCLES, PROBE_STEPS, PROBE_STEPS_PER_PERIOD = 3, 4, 100, 20
+#: Cycles of a run that modes come from.
+TRAINING_CYCLES = 3
 #: Share of a run that the modes made with it may miss without a word, and at all.
 DOUBTFUL_BASIS, WRONG_BASIS = 0.1, 0.5
 # Fixed-interface modes to choose from; share in the response, relative to the largest, with which
-# they count; times of a run that a decomposition takes; numbers of a field that a probe stores.
-_MOST_INTERFACE_MODES, _LEAST_SHARE, _MOST_TIMES, _MOST_NUMBERS = 40, 1e-4, 300, 20_000_000
+# they count; times of a run that a decomposition takes.
+_MOST_INTERFACE_MODES, _LEAST_SHARE, _MOST_TIMES = 40, 1e-4, 300
+#: Interface modes beside modes of the static path: share in the response, and most of them.
+_SHARE, _MOST = 1e-2, 2
+#: Share of the largest slip velocity that modes of the static path resolve, and of the largest
+#: singular value below which they are what is left of its tolerance.
+_RESOLVED, _TOLD = 1e-5, 1e-7
 
 
 @dataclass(frozen=True)
 class Options:
     """What a reduced model is made of: names and values of a scene's table `reduction`.
 
-    ``active_length`` is "auto" (measured in a probe), "estimate", or a length (m) for all joints or
-    by name; the others are "auto" or what they say.
+    ``active_length`` is "auto" (measured in a probe), "estimate", or a length (m) for all
+    joints or by name; the others are "auto" or what they say.
     """
 
-    reference: str = "self"
+    reference: str = "static"
     modes: str | int = "auto"
     interface_modes: str | int = "auto"
     snapshots: str = "both"
@@ -92,17 +110,47 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Course:
+    """A course that a structure takes, from which it is told what the runs to come will do."""
+
+    u: FloatArray  #: (times, n), displacement, m
+    v: FloatArray  #: (times, n), velocity, m/s
+    slip_peak: FloatArray  #: (m,), largest slip of each contact point, m
+    slip_velocity: float  #: largest, m/s
+
+    @staticmethod
+    def of_run(system: System, run: Run) -> Course:
+        """Course of a full run with stored fields."""
+        velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
+        return Course(run.u, run.v, run.slip_peak, velocity)
+
+    @staticmethod
+    def of_path(system: System, path: StaticPath) -> Course:
+        """Course of the preliminary run of a static path, whose own slip is the sharper one."""
+        stride = max(1, -(-len(path.run.u) // _MOST_TIMES))
+        u, v = (x[::stride] @ path.V.T for x in (path.run.u, path.run.v))
+        slip = path.run.slip_peak if path.rigid.size else path.slip_peak
+        velocity = float(system.slip_norm(path.run.v @ (system.B @ path.V).T).max(initial=0.0))
+        return Course(u, v, slip, velocity)
+
+
+@dataclass(frozen=True)
 class Basis:
-    """Basis of a reduced structure, and what the run that it comes from tells about it."""
+    """Basis of a reduced structure, and what the course that it comes from tells about it."""
 
     V: FloatArray  #: (n, j), mass-orthonormal; ``system.project(V)`` has all contact points
-    modes: int  #: joint modes: of each zone, or of the own run
+    modes: int  #: joint modes: of each zone, or of the path or run
     proper: ProperModes  #: decomposition that they come from
-    slip_velocity: float  #: largest in the run, m/s
-    velocities: FloatArray  #: (times, j), of the coordinates in the run: friction points fit them
-    slip_peak: FloatArray  #: (m,), largest slip of each contact point in the run, m
+    slip_velocity: float  #: largest in the course, m/s
+    velocities: FloatArray  #: (times, j), of the coordinates: friction points fit them
+    slip_peak: FloatArray  #: (m,), largest slip of each contact point in the course, m
     active: IntArray  #: contact points with friction that move in the basis
-    missed: float  #: share of the run that it cannot follow, in the norm of strain energy
+    missed: float  #: share of the course that it cannot follow, in the norm of strain energy
+    resolved: float = 1e-4  #: share of the largest slip velocity that the modes resolve
+    #: What the columns of V were made of, and how many of each.
+    columns: tuple[tuple[str, int], ...] = ()
+    #: Full steps, quasi-static states, factorisations and preliminary steps it took.
+    offline: tuple[tuple[str, int], ...] = ()
     reference: ReferenceModes | None = None  #: what scaled modes come from
     zones: tuple[ZoneLength, ...] = ()  #: active lengths of scaled modes
     #: Points and positions (m) of each active zone, where they lie along a line.
@@ -155,28 +203,30 @@ def make_basis(
             inner_product=product,
             interface_modes=interface,
         )
-        if options.active_length != "auto":
-            warn.append("reduction.active_length has no effect beside reference = 'self'.")
+    elif options.reference == "static":
+        path = slip_path(system, step, n_steps, scheme)
+        if path.blind > BLIND:
+            warn.append(
+                f"The slip went on growing while the modes were made: {100 * path.blind:.2g} % of "
+                "what slips at last stuck in the round before. Use more modes and see whether the "
+                "result stays, or take reference = 'self'."
+            )
+        basis = static_basis(system, path, options.mode_count, options.interface_modes)
     elif options.reference == "paper":
         reference = paper_reference(snapshots=snapshots, inner_product=product)
         zones = active_zones(structure, system)
         probe = probed(system, zones, step, n_steps, cycle_steps)
         lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)
-        basis = scaled_basis(
-            structure,
-            system,
-            reference,
-            zones,
-            lengths,
-            probe,
-            modes=options.mode_count,
-            interface_modes=options.interface_modes,
-        )
+        counts: dict[str, Any] = {"modes": options.mode_count}
+        counts["interface_modes"] = options.interface_modes
+        basis = scaled_basis(structure, system, reference, zones, lengths, probe, **counts)
     else:
         raise InputError(
-            f"reduction.reference: found {options.reference!r}, must be 'self' or 'paper'"
+            f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
         )
-    own = "" if options.reference == "self" else "; or take reference = 'self'"
+    if options.active_length != "auto" and options.reference != "paper":
+        warn.append("reduction.active_length has no effect but beside reference = 'paper'.")
+    own = "; or take reference = 'static'" if options.reference == "paper" else ""
     missed = (
         f"The {basis.V.shape[1]} vectors of the reduced model cannot follow "
         f"{100 * min(basis.missed, 1.0):.2g} % of the full model's displacement (norm of strain "
@@ -238,40 +288,47 @@ def own_basis(
             "the snapshots of the run can make"
         )
     V, F = proper.modes[:, :modes], _out_of_contact(system)
+    columns: tuple[tuple[str, int], ...] = (("modes of the own run", modes),)
     if interface_modes > 0 and F.shape[1]:
         V = np.hstack([V, F @ natural_modes(*_within(system, F), interface_modes)[1]])
-    velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
-    return _basis(system, V, run, modes, proper, velocity, system.w > 0.0)
+        columns = (*columns, ("interface modes", V.shape[1] - modes))
+    basis = _basis(system, V, Course.of_run(system, run), modes, proper, system.w > 0.0)
+    return replace(basis, columns=columns, offline=(("full steps", run.counters.steps),))
 
 
-def probed(
-    system: System, zones: Sequence[Zone], step: float, n_steps: int, cycle_steps: int | None
-) -> Run:
-    """Quick run of the full model with exact Coulomb friction, which costs least.
+def static_basis(
+    system: System, path: StaticPath, modes: int, interface: str | int = "auto"
+) -> Basis:
+    """Proper orthogonal modes of a static path, in the norm of strain energy.
 
-    Its points are the slips at the mouths. The slip beyond the active length is exactly zero, so
-    that the length measured hardly depends on the threshold. Where a run is counted in cycles it
-    takes a few of them, in steps that the fastest harmonic and jumps of the loads allow.
+    Parameters
+    ----------
+    path : StaticPath
+    modes : int
+        Fewer where the path makes no more.
+    interface : "auto" or int
+        Fixed-interface modes, those with the largest share in the response first; "auto": whose
+        share beyond what the others follow is more than a hundredth, at most two.
     """
-    rows = np.isin(np.repeat(np.arange(system.w.size), system.directions), _mouths(zones))
-    coulomb = replace(
-        system.with_beta(np.inf),
-        P=sparse.csr_array(system.B)[np.flatnonzero(rows)],
-        points=tuple(f"slip {row}" for row in np.flatnonzero(rows)),
-    )
-    if cycle_steps is not None:
-        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, PROBE_CYCLES)
-        highest = max((load.amplitude.highest_frequency or 0.0) for load in system.loads)
-        least = max(PROBE_STEPS_PER_PERIOD * highest * period, PROBE_STEPS)
-        least = max(least, period / longest_step(coulomb, cycles * period))
-        steps = min(cycle_steps, int(np.ceil(least * (1.0 - 1e-9))))
-        step, n_steps = period / steps, cycles * steps
-    save = Save(fields=True, fields_every=max(1, -(-n_steps * system.n // _MOST_NUMBERS)))
-    return finished(integrate(coulomb, step=step, n_steps=n_steps, save=save))
-
-
-def _mouths(zones: Sequence[Zone]) -> IntArray:
-    return np.unique(np.concatenate([zone.mouth for zone in zones]))
+    proper = proper_modes(path.snapshots, energy(system))
+    told = proper.singular_values > _TOLD * proper.singular_values[0]
+    modes = min(modes, int(np.count_nonzero(told)))
+    V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
+    count = _MOST if isinstance(interface, str) else interface
+    shapes, share = path.interface[:, :count], path.share[:count]
+    if count > share.size:
+        shapes, share = interface_modes(system, path.response, path.loads, count)
+    if isinstance(interface, str) and share.size:
+        W = orthonormal(V, system.M)
+        left = shapes - W @ (W.T @ (system.M @ shapes))
+        size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
+        shapes = shapes[:, share * np.sqrt(size / whole) > _SHARE]
+    V = np.hstack([V, shapes])
+    basis = _basis(system, V, Course.of_path(system, path), modes, proper, system.w > 0.0)
+    names = ("modes of the static path", "load responses", "rigid motions", "interface modes")
+    counts = (modes, path.response.shape[1], path.rigid.shape[1], shapes.shape[1])
+    columns = tuple((name, k) for name, k in zip(names, counts, strict=True) if k)
+    return replace(basis, columns=columns, offline=path.offline, resolved=_RESOLVED)
 
 
 def scaled_basis(
@@ -290,7 +347,8 @@ def scaled_basis(
     Parameters
     ----------
     zones, lengths, probe
-        Ends of joints where force enters, their active lengths, and what :func:`probed` gives.
+        Ends of joints where force enters, their active lengths, and the run that they are measured
+        in, see :func:`skfem_joint.reduction.zones.probed`.
     modes : int
         Reference modes of each zone.
     interface_modes : "auto" or int
@@ -318,10 +376,11 @@ def scaled_basis(
     parts.append(_following(system, F, np.hstack(breathing)))
     if F.shape[1]:
         parts += _rest_modes(system, wide, parts[0], interface_modes)
-    slips = norms(probe.point_v, system.directions[_mouths(zones)])
-    velocity = float(slips.max(initial=0.0))
+    slips = norms(probe.point_v, system.directions[mouths(zones)])
+    course = Course(probe.u, probe.v, probe.slip_peak, float(slips.max(initial=0.0)))
     V, carrying = np.hstack(parts), active & (system.w > 0.0)
-    basis = _basis(system, V, probe, modes, reference.proper, velocity, carrying)
+    basis = _basis(system, V, course, modes, reference.proper, carrying)
+    basis = replace(basis, offline=(("full steps", probe.counters.steps),))
     lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
     ordered = tuple(stretches) if lines else None
     return replace(basis, reference=reference, zones=tuple(lengths), stretches=ordered)
@@ -409,18 +468,17 @@ def _rest_modes(
 def _basis(
     system: System,
     V: FloatArray,
-    run: Run,
+    course: Course,
     modes: int,
     proper: ProperModes,
-    slip_velocity: float,
     active: BoolArray,
 ) -> Basis:
-    """Basis with what the run that it comes from tells about it."""
-    V = orthonormal(V, system.M)
-    velocities = np.asarray(run.v @ (system.M @ V))
-    u = run.u[:: max(1, -(-len(run.u) // _MOST_TIMES))]
+    """Basis with what the course that it comes from tells about it."""
+    V = orthonormal(orthonormal(V, system.M), system.M)  # once leaves what is nearly dependent
+    velocities = np.asarray(course.v @ (system.M @ V))
+    u = course.u[:: max(1, -(-len(course.u) // _MOST_TIMES))]
     left = u - (u @ (system.M @ V)) @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
     missed = float(np.sqrt(energies[0] / energies[1])) if energies[1] > 0.0 else 0.0
-    points = np.flatnonzero(active)
-    return Basis(V, modes, proper, slip_velocity, velocities, run.slip_peak, points, missed)
+    slips = course.slip_velocity, velocities, course.slip_peak
+    return Basis(V, modes, proper, *slips, np.flatnonzero(active), missed)

@@ -17,9 +17,16 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.structure import Joint, Patch, Structure
 from skfem_joint.system import System
 
+#: Cycles and least steps a cycle of a probe, and steps in the shortest period of the loads.
+PROBE_CYCLES, PROBE_STEPS, PROBE_STEPS_PER_PERIOD = 4, 100, 20
+#: Numbers of a field that a probe stores.
+_MOST_NUMBERS = 20_000_000
 #: Positions along an axis that differ by less than this share of a joint's length are the same.
 _SAME = 1e-7
 
@@ -158,7 +165,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
         Where scaled modes cannot follow: joints without axis or friction or that touch, a load
         inside a joint, no load at all.
     """
-    own = "use reference = 'self'"
+    own = "use reference = 'static'"
     for patch in structure.patches:
         if axis_of(structure, patch.joint) is None:
             raise InputError(
@@ -232,6 +239,40 @@ def measured_lengths(structure: Structure, slip_peak: FloatArray) -> dict[str, f
             found = measured(distance - distance[0], peak)
             lengths[low.name] = lengths.get(low.name, 0.0) + found
     return lengths
+
+
+def probed(
+    system: System, zones: Sequence[Zone], step: float, n_steps: int, cycle_steps: int | None
+) -> Run:
+    """Quick run of the full model with exact Coulomb friction, which costs least.
+
+    Its points are the slips at the mouths. The slip beyond the active length is exactly zero, so
+    that the length measured hardly depends on the threshold. Where a run is counted in cycles it
+    takes a few of them, in steps that the fastest harmonic and jumps of the loads allow.
+    """
+    rows = np.isin(np.repeat(np.arange(system.w.size), system.directions), mouths(zones))
+    coulomb = replace(
+        system.with_beta(np.inf),
+        P=sparse.csr_array(system.B)[np.flatnonzero(rows)],
+        points=tuple(f"slip {row}" for row in np.flatnonzero(rows)),
+    )
+    if cycle_steps is not None:
+        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, PROBE_CYCLES)
+        highest = max((load.amplitude.highest_frequency or 0.0) for load in system.loads)
+        least = max(PROBE_STEPS_PER_PERIOD * highest * period, PROBE_STEPS)
+        least = max(least, period / longest_step(coulomb, cycles * period))
+        steps = min(cycle_steps, int(np.ceil(least * (1.0 - 1e-9))))
+        step, n_steps = period / steps, cycles * steps
+    save = Save(fields=True, fields_every=max(1, -(-n_steps * system.n // _MOST_NUMBERS)))
+    run = integrate(coulomb, step=step, n_steps=n_steps, save=save)
+    if run.interrupted:
+        raise KeyboardInterrupt
+    return run
+
+
+def mouths(zones: Sequence[Zone]) -> IntArray:
+    """Contact points at the mouths of all zones."""
+    return np.unique(np.concatenate([zone.mouth for zone in zones]))
 
 
 def zone_lengths(

@@ -234,5 +234,5 @@ def relations(scene: Scene, right: Collection[str]) -> Iterator[str]:
             if joint.axis is None:
                 yield (
                     f"joint[{i}].axis: missing, must be given with reduction.reference = 'paper': "
-                    "the direction along which modes are laid; or use reference = 'self'"
+                    "the direction along which modes are laid; or use reference = 'static'"
                 )

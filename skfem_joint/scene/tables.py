@@ -365,18 +365,20 @@ class Models(SceneTable):
 class Reduction(SceneTable):
     """``[reduction]``: how the reduced model is made."""
 
-    reference: Literal["self", "paper"] = key(
-        "origin of joint modes: the scene's own run, or the paper's joint, scaled", "self"
+    reference: Literal["static", "self", "paper"] = key(
+        "origin of joint modes: the static slip path, the scene's own run, or the paper's joint, "
+        "scaled",
+        "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(NUMBER)], one_of(WORD)] = key(
-        "number of joint modes; 'auto' is 12 of the scene's own, 5 of the paper's",
+        "number of joint modes; 'auto' is 12, of the paper's 5",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
     interface_modes: Annotated[
         Auto | Annotated[int, Field(ge=0, le=MOST), Tag(NUMBER)], one_of(WORD)
     ] = key(
-        "number of modes beside joint modes; 'auto' goes by the frequency of the loads",
+        "number of fixed-interface modes beside them; 'auto' goes by their share in the response",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )
@@ -388,7 +390,7 @@ class Reduction(SceneTable):
     friction_points: Annotated[
         Annotated[Literal["auto", "all"], Tag(WORD)] | Annotated[Count, Tag(NUMBER)], one_of(WORD)
     ] = key(
-        "number of points with friction; 'auto' is four a mode, 'all' every contact point",
+        "number of points with friction; 'auto' is as many as it takes, 'all' every contact point",
         "auto",
         allowed="'auto', 'all' or a whole number >= 1",
     )
@@ -398,7 +400,7 @@ class Reduction(SceneTable):
         "both",
     )
     inner_product: Literal["auto", "euclidean", "mass", "energy"] = key(
-        "weight of snapshots; 'auto' is energy for own modes, euclidean for the paper's", "auto"
+        "weight of snapshots of the scene's run (energy) or the paper's (euclidean)", "auto"
     )
     active_length: Annotated[
         Annotated[Literal["auto", "estimate"], Tag(WORD)]

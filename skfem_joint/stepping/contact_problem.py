@@ -38,10 +38,8 @@ from skfem_joint.stepping.schemes import factorised, inverse
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
-#: Newton's systems are solved to this share of their right side, in so many solves at most.
-FORCING, MOST_SOLVES = 0.1, 60
-#: The kept factor is given up when a system takes more solves.
-PATIENCE = 8
+#: Most solves of a Newton's system; the kept factor is given up when one takes more.
+MOST_SOLVES, PATIENCE = 60, 8
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 #: Forces, N, that count as none: products of smaller ones are lost.
@@ -254,6 +252,8 @@ class ContactProblem:
         Friction limit, N, and scaling constant, s/m (``inf``: Coulomb).
     """
 
+    #: Share of their right side that Newton's systems are solved to.
+    forcing = 0.1
     #: Tangents and held unknowns of the factor that is kept, on which further solutions depend.
     kept: tuple[FloatArray, BoolArray] | None = None
 
@@ -424,7 +424,7 @@ class ContactProblem:
 
         d = np.zeros_like(r)
         left = r.copy()
-        enough = FORCING * np.linalg.norm(r)
+        enough = self.forcing * np.linalg.norm(r)
         p = np.zeros_like(r)
         before = 1.0
         for solves in range(1, most + 1):

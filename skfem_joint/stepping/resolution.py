@@ -15,10 +15,8 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Amplitude
-from skfem_joint.stepping.arrangement import arranged, picks_unknowns
-from skfem_joint.stepping.steppers import contact_unknowns
 from skfem_joint.system import System
 
 #: Steps that a period of the load needs. At 8 the displacement may be off by more than a fifth.
@@ -118,24 +116,17 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
     A load below the friction limit moves a part of the joint only, which vibrates the faster the
     smaller it is. In dense systems points share their unknowns: there friction is left out.
     """
-    acting = system.w > 0.0
-    to = arranged(system)
-    inner = to.system
-    if not inner.is_dense and acting.any() and picks_unknowns(inner.B):
-        from skfem_joint.stepping.contact_problem import ContactProblem
+    if not system.is_dense and system.contact_points:
+        from skfem_joint.stepping.quasi_static import QuasiStatic
 
-        K, M = (sparse.csr_array(A) for A in (inner.K, inner.M))
-        # Bodies that friction alone holds have no stiffness of their own.
-        small = 1e-9 * K.diagonal().sum() / M.diagonal().sum()
-        first, second = contact_unknowns(inner)
-        coulomb = np.full(int(acting.sum()), np.inf)
-        problem = ContactProblem(
-            sparse.csr_array(K + small * M), first[acting], second[acting], inner.w[acting], coulomb
-        )
-        found = problem.solve(to.force(f), np.zeros(inner.n), 1e-6)
-        # Where all sticks nothing moves under Coulomb; a regularised law lets it creep.
-        if found.converged and (np.any(found.v) or np.isinf(inner.beta[acting]).all()):
-            return to.outer(found.v)
+        try:
+            found: FloatArray = QuasiStatic(system, 1e-6).follow(f[np.newaxis], held=np.inf)[0]
+        except (ConvergenceError, InputError):
+            pass  # points share their unknowns, or hold each other
+        else:
+            # Where all sticks nothing moves under Coulomb; a regularised law lets it creep.
+            if np.any(found) or np.isinf(system.beta[system.w > 0.0]).all():
+                return found
     try:
         return np.asarray(
             linalg.solve(system.K, f, assume_a="sym")

@@ -110,7 +110,7 @@ DEAR: list[tuple[Make, list[str], list[str]]] = [
     ),
     (
         lambda: bar(*BOTH, elements=500, cycles=3, steps=4000, reference="self"),
-        ['reduction.reference = "paper"'],
+        ['reduction.reference = "static"'],
         ["output.frames"],
     ),
     (lambda: bar(elements=100_000, cycles=1, steps=10), ["coarser mesh"], ["output."]),

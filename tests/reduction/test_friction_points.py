@@ -259,12 +259,12 @@ def test_partition_finds_what_is_apart() -> None:
 # Reduced systems
 
 
-def test_a_reduced_system_has_four_points_a_mode_and_a_beta_that_its_modes_resolve() -> None:
+def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve() -> None:
     system, basis = example()
     warn: list[str] = []
     reduced, shares = reduced_system(system, basis, warn=warn)
     assert reduced.n == 8
-    assert 28 <= reduced.w.size <= 32
+    assert 20 <= reduced.w.size <= 24  # three a mode
     assert shares.shape == (reduced.w.size, system.w.size)
     np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.slip_velocity), rtol=1e-12)
     assert len(warn) == 1

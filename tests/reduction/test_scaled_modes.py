@@ -25,7 +25,7 @@ from scipy import linalg
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic
-from skfem_joint.reduction.basis import Basis, Options, make_basis, probed, scaled_basis
+from skfem_joint.reduction.basis import Basis, Options, make_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.reference import (
     ReferenceModes,
@@ -35,7 +35,7 @@ from skfem_joint.reduction.reference import (
     reference_modes,
     run_lap_joint,
 )
-from skfem_joint.reduction.zones import active_zones, zone_lengths
+from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.structure import Load, Structure
 from skfem_joint.system import System

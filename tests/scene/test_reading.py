@@ -162,7 +162,7 @@ BAD_PLATES: list[tuple[Change, list[str]]] = [
     (("direction = [1, 0]\n", ""), ["direction", "missing"]),
     (
         ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"'),
-        ["joint[0].axis: missing", "reference = 'self'"],
+        ["joint[0].axis: missing", "reference = 'static'"],
     ),
 ]
 

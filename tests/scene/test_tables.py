@@ -366,7 +366,7 @@ def test_defaults_are_those_documented() -> None:
     assert (scene.damping.stiffness, scene.damping.mass, scene.time.rho_infinity) == (0, 0, 1)
     assert (scene.time.steps_per_cycle, scene.models.run) == (200, ("full",))
     reduction = scene.reduction
-    assert (reduction.reference, reduction.snapshots) == ("self", "both")
+    assert (reduction.reference, reduction.snapshots) == ("static", "both")
     automatic = reduction.model_dump(exclude={"reference", "snapshots"})
     assert set(automatic.values()) == {"auto"}
     assert not scene.output.vtk

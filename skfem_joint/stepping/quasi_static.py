@@ -1,0 +1,242 @@
+"""What a structure does under forces that change slowly, with Coulomb friction: no inertia.
+
+From the state before, each increment d of the displacement solves
+
+    minimise  1/2 d K d - (f - K u) d + sum w |B d|,
+
+the problem of a time step with K in place of the step's matrix and the increment in place of the
+velocity. Points that stick do so exactly, reversals and histories of loads come by themselves. Each
+increment goes straight: slips that turn within one are not resolved.
+
+Bodies that friction alone holds have no stiffness of their own: there K gets a little of M, and
+forces that make everything slip are scaled back to just below what friction holds. That load is
+found from the motion d it sets off: by virtue of the upper bound theorem of limit analysis
+sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
+brings it down to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.friction import potential
+from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+from skfem_joint.stepping.steppers import contact_unknowns
+from skfem_joint.system import System
+
+#: Share of the load at which everything slips that is taken where nothing else holds.
+HELD = 0.98
+#: A level that is not found at once is gone to in parts, halved at most this often.
+HALVINGS = 6
+#: Force that the added mass may carry, as a share of the load, and how much of it is added.
+_SHIFTED, _SHIFT = 1e-3, 1e-9
+#: Newton's systems are solved to this share: without mass a small residual is a large displacement.
+#: A kept factor is given up when one takes more solves than this.
+_FORCING, _PATIENCE = 1e-2, 16
+#: Pivots below this share of the largest are zero; iterations for the friction limit.
+_SINGULAR, _ITERATIONS = 1e-11, 20
+
+
+class _Projected(ContactProblem):
+    """Directions that would turn slips over end where these stop, if that leads further down.
+
+    Without mass one point that turns would block all the others (Graeser and Kornhuber, J. Comput.
+    Math. 27, 2009, project in the same way).
+    """
+
+    forcing = _FORCING
+
+    def __init__(
+        self, A: Any, first: IntArray, second: IntArray, w: FloatArray, beta: FloatArray
+    ) -> None:
+        super().__init__(A, first, second, w, beta)
+        self.limited = np.searchsorted(self.first, first)
+
+    def set_rate(self, beta: FloatArray | float) -> None:
+        """Let the law of the points act on increments with the constants ``beta``, 1/m."""
+        self.beta[self.limited] = beta
+
+    def objective(self, v: FloatArray, g: FloatArray) -> float:
+        """1/2 v A v - g v + sum w |v|."""
+        slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
+        return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
+
+    def _conjugate_gradients(
+        self, r: FloatArray, tangents: FloatArray, held: BoolArray, most: int
+    ) -> tuple[FloatArray, int, bool]:
+        return super()._conjugate_gradients(r, tangents, held, max(most, _PATIENCE))
+
+    def _search(
+        self, v: FloatArray, d: FloatArray, g: FloatArray, Av: FloatArray
+    ) -> tuple[float, int]:
+        length, trials = super()._search(v, d, g, Av)
+        if length >= 1.0:
+            return length, trials
+        two = self.second >= 0
+        i, j = self.first[two], self.second[two]
+        turning = v * (v + d)
+        turning[i] = turning[j] = turning[i] + turning[j]
+        limited = np.zeros(v.size, dtype=bool)
+        limited[self.first[self.limited]] = True
+        limited[j] = limited[i]
+        stopped = np.where(limited & (turning < 0.0), -v, d)
+        if self.objective(v + stopped, g) < self.objective(v + length * d, g):
+            d[:] = stopped
+            return 1.0, trials + 2
+        return length, trials + 2
+
+
+class QuasiStatic:
+    """Quasi-static response of one system: one matrix for all levels and histories of load.
+
+    Parameters
+    ----------
+    system : System
+        Its limits ``w`` count, its law and masses do not. Sparse.
+    tolerance : float
+        Largest force residual relative to the largest force.
+
+    Raises
+    ------
+    InputError
+        If no point carries friction, or slip rows depend on each other, as in dense systems.
+    """
+
+    def __init__(self, system: System, tolerance: float = 1e-8) -> None:
+        self.to = arranged(system)
+        inner = self.to.system
+        acting = inner.w > 0.0
+        if inner.is_dense or not (acting.any() and picks_unknowns(inner.B)):
+            raise InputError(
+                "quasi-static slip: needs friction in a sparse system whose slip rows do not "
+                "depend on each other"
+            )
+        self.tolerance = tolerance
+        self.K, self.M = (sparse.csr_array(A) for A in (inner.K, inner.M))
+        self.shift = 0.0
+        if is_singular(self.K):
+            self.shift = _SHIFT * self.K.diagonal().sum() / self.M.diagonal().sum()
+        A = sparse.csr_array(self.K + self.shift * self.M)
+        first, second = (unknown[acting] for unknown in contact_unknowns(inner))
+        self.beta = inner.beta[acting]
+        self.problem = _Projected(A, first, second, inner.w[acting], self.beta)
+        self.last = np.zeros(A.shape[0])
+        self.solves = 0
+        self.held_back = 0  # levels whose forces were scaled back
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices factorised so far."""
+        return self.problem.factorizations
+
+    def follow(
+        self, forces: FloatArray, times: FloatArray | None = None, held: float = HELD
+    ) -> FloatArray:
+        """Displacements (levels, n), m, under forces (levels, n), N, one after another from rest.
+
+        Parameters
+        ----------
+        forces : ndarray, shape (levels, n)
+        times : ndarray, shape (levels,), optional
+            When each level is reached, s, from 0: the system's own law acts, which creeps.
+            Coulomb's, which time does not matter to, if not given.
+        held : float
+            Forces that make everything slip where nothing else holds are scaled to this share of
+            what friction can hold; ``inf`` leaves them as they are.
+
+        Raises
+        ------
+        ConvergenceError
+            If a level does not converge.
+        """
+        self.last = u = f = np.zeros(self.K.shape[0])
+        path = np.empty((len(forces), u.size))
+        lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
+        for level, force in enumerate(forces):
+            before, f = f, self.to.force(force)
+            rate = np.inf if times is None else self.beta / lasting[level]
+            u = path[level] = self._state(u, before, f, held, rate)
+        return self.to.outer(path)
+
+    def limit(self, force: FloatArray) -> float:
+        """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
+        return self._limit(self.to.force(force)) if self.shift else np.inf
+
+    def _state(
+        self,
+        u: FloatArray,
+        before: FloatArray,
+        f: FloatArray,
+        held: float,
+        rate: FloatArray | float,
+        halvings: int = 0,
+    ) -> FloatArray:
+        """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
+        self.problem.set_rate(rate)
+        found = self._solve(f - self.K @ u)
+        if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
+            self.held_back += 1
+            found = self._solve(min(1.0, held * self._limit(f)) * f - self.K @ u)
+        elif not found.converged and halvings < HALVINGS:
+            middle = 0.5 * (before + f)
+            rest = (held, 2.0 * rate, halvings + 1)
+            return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
+        elif not found.converged:
+            raise ConvergenceError(
+                "the slip under a slowly changing load was not found: a force residual of "
+                f"{found.residual:.3g} N is left at unknown {found.where}"
+            )
+        self.last = found.v
+        return u + found.v
+
+    def _solve(self, right: FloatArray) -> Solution:
+        """Increment, from the last one where that is better than none."""
+        self.solves += 1
+        better = self.problem.objective(self.last, right) < 0.0
+        start = self.last if better else np.zeros_like(right)
+        return self.problem.solve(right, start, self.tolerance)
+
+    def _carried(self, found: Solution, f: FloatArray) -> float:
+        """Share of the load that the added mass carries."""
+        carried = self.shift * float(np.linalg.norm(self.M @ found.v))
+        return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
+
+    def _limit(self, f: FloatArray) -> float:
+        """Multiple of the forces at which everything slips."""
+        limit, inner = np.inf, self.to.system
+        multiple = 1.0
+        for _ in range(_ITERATIONS):
+            found = self._solve(multiple * f)
+            if self._carried(found, multiple * f) <= _SHIFTED:
+                if np.isfinite(limit):
+                    return limit
+                if multiple > 1e6:
+                    return np.inf
+                multiple *= 10.0
+                continue
+            resisted = inner.w @ inner.slip_norm(inner.B @ found.v)
+            lower = float(resisted / (f @ found.v))
+            if lower >= limit * (1.0 - 1e-4):
+                return limit
+            limit, multiple = lower, 1.01 * lower
+        return limit
+
+
+def is_singular(K: sparse.csr_array) -> bool:
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
+    symmetric = {"SymmetricMode": True}
+    try:
+        factor = splu(
+            sparse.csc_array(K), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+        )
+    except RuntimeError:  # exactly singular
+        return True
+    pivots = factor.U.diagonal()
+    return bool(np.min(pivots) <= _SINGULAR * np.max(pivots))

@@ -1,0 +1,127 @@
+"""Quasi-static slip: the exact curves of a bar, Masing's rule, friction limits; SI units."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import linalg, sparse
+from stepping_systems import EA, STEEL, WIDTH, struts
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.structure import Joint, Load, Structure
+from skfem_joint.system import System
+
+TAU, JOINT, FREE = 1.75e6, 0.2, 0.5  # N/m, m, m
+ENDS = {"fixed": 0.0, "end": JOINT + FREE}
+
+
+@cache
+def bar(elements: int = 100, held: bool = True) -> System:
+    """Bar with a free length beyond a joint of constant friction per length."""
+    mesh = build_bar([("joint", JOINT, elements), ("free", FREE, 100)], ENDS)
+    joint = Joint("joint", TAU / 0.7 / WIDTH, 0.7, normal_force="consistent")
+    supports = {"fixed": ["fixed"]} if held else {"fixed": (), "free": True}
+    return struts(mesh, [joint], **supports).system([Load("end", Harmonic(1.0, 1.0))])
+
+
+def mode(system: System) -> tuple[float, FloatArray]:
+    """Frequency (rad/s) and first mode, of unit mass, with the contact stuck."""
+    free = np.setdiff1d(np.arange(system.n), sparse.csr_array(system.B).indices)
+    K, M = (sparse.csr_array(A)[free][:, free].toarray() for A in (system.K, system.M))
+    values, vectors = linalg.eigh(K, M, subset_by_index=[0, 0])
+    shape = np.zeros(system.n)
+    shape[free] = vectors[:, 0] * np.sign(vectors[:, 0].sum())
+    return float(np.sqrt(values[0])), shape
+
+
+def backbone(share: float, elements: int) -> tuple[float, float]:
+    """Errors of frequency and damping at a share of the friction limit, relative to exact ones."""
+    system = bar(elements)
+    omega, shape = mode(system)
+    momentum = np.sqrt(8.0 * STEEL.density * EA / STEEL.E * FREE) / np.pi
+    level = share * TAU * JOINT / momentum
+    levels = level * np.linspace(0.0, 1.0, 73)[1:]
+    u = QuasiStatic(system).follow(levels[:, np.newaxis] * (system.M @ shape))
+    q = u @ (system.M @ shape)
+    loop = 8.0 * np.trapezoid(np.r_[0.0, levels], np.r_[0.0, q]) - 4.0 * level * q[-1]
+    damping = loop / (2.0 * np.pi * level * q[-1])
+    exact = 1.0 / (1.0 + omega**2 * momentum**3 * level / (2.0 * EA * TAU))
+    frequency_error = np.sqrt(level / q[-1]) / omega / np.sqrt(exact) - 1.0
+    return abs(frequency_error), abs(damping / (2.0 / 3.0 / np.pi * (1.0 - exact)) - 1.0)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_backbone_and_damping_of_a_bar_converge_to_the_exact_curves(share: float) -> None:
+    coarse, fine = (backbone(share, elements) for elements in (100, 200))
+    assert max(coarse[0], fine[0]) < 1e-9
+    assert fine[1] < 1e-4 / share**2
+    assert fine[1] < 0.3 * coarse[1]
+
+
+def test_backbone_and_damping_of_a_bar_that_slips_far() -> None:
+    frequency, damping = backbone(0.7, 100)
+    assert frequency < 1e-9
+    assert damping < 2e-4
+
+
+def test_unloading_is_the_loading_doubled_and_loops_close() -> None:
+    system = bar()
+    shape = system.loads[0].vector
+    up, down = np.linspace(0.0, 1.0, 41)[1:], np.linspace(1.0, -1.0, 81)[1:]
+    history = 0.7 * TAU * JOINT * np.concatenate([up, down, -down])
+    end = QuasiStatic(system).follow(history[:, np.newaxis] * shape) @ shape
+    first, back = end[:40], end[39] - end[40:120]
+    assert np.abs(back[1::2] - 2.0 * first).max() < 1e-9 * first[-1]
+    assert end[199] == pytest.approx(end[39], rel=1e-12)
+
+
+@pytest.mark.parametrize("multiple", [0.5, 3.0, 1e3])
+def test_a_body_that_friction_holds_slips_at_its_limit(multiple: float) -> None:
+    system = bar(held=False)
+    path = QuasiStatic(system)
+    force, limit = multiple * system.loads[0].vector, float(system.w.sum())
+    assert path.limit(force) == pytest.approx(limit / multiple, rel=1e-3)
+    # Loads beyond what friction holds are scaled back: the body stays where it is.
+    held, beyond = path.follow(np.array([0.98, 1.5])[:, np.newaxis] * limit / multiple * force)
+    assert np.abs(beyond - held).max() < 1e-4 * np.abs(held).max()
+
+
+def test_an_elastic_support_has_no_friction_limit() -> None:
+    assert QuasiStatic(bar()).limit(bar().loads[0].vector) == np.inf
+
+
+def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left() -> None:
+    mesh = build_plate([("joint", 0.1, 10), ("free", 0.1, 10)], 0.05, 4)
+    structure = Structure(
+        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[Joint("joint", 5e6, 0.5)]
+    )
+    system = structure.system([Load("right", Harmonic(1.0, 1.0), (1.0, 0.3))], [])
+    f = 6e3 * system.loads[0].vector
+    path = QuasiStatic(system)
+    u = path.follow(np.linspace(0.1, 1.0, 10)[:, np.newaxis] * f)
+    slips = np.asarray((system.B @ u.T).T)
+    # Friction is admissible, and opposes the last increment wherever that slips.
+    force = f - system.K @ u[-1]
+    rows = sparse.csr_array(system.B)
+    friction = (rows @ force).reshape(-1, 2)
+    assert (np.hypot(*friction.T) <= system.w * (1.0 + 1e-6)).all()
+    last = (slips[-1] - slips[-2]).reshape(-1, 2)
+    slipping = np.hypot(*last.T) > 1e-6 * np.abs(last).max()
+    assert 5 < slipping.sum() < slipping.size
+    product = (friction * last).sum(axis=1)[slipping]
+    assert product == pytest.approx((system.w * np.hypot(*last.T))[slipping], rel=1e-6)
+    # A level takes one solve; factors are kept from one to the next where they serve.
+    assert path.solves == 10
+    assert path.factorizations <= 40
+
+
+def test_dense_systems_are_refused() -> None:
+    system = bar().project(np.eye(bar().n)[:, :3])
+    with pytest.raises(InputError, match="slip rows do not depend"):
+        QuasiStatic(system)
