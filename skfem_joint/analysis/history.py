@@ -18,9 +18,10 @@ QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_
 AT_REST = 1e-2
 
 #: Under the regularised law a point slips while it is faster than this share of its own largest
-#: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick.
+#: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick, below
+#: `GREY_SHARE_REDUCED` in a reduced model, whose modes do not hold them quite still.
 SLIP_SHARE = 0.05
-GREY_SHARE = 1e-3
+GREY_SHARE, GREY_SHARE_REDUCED = 1e-3, 1e-2
 
 
 def hysteresis_loop(
@@ -39,7 +40,9 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(slip_velocity: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
+def slip_state(
+    slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE
+) -> NDArray[np.int8]:
     """1 where a contact point slips, 0 where it sticks.
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
@@ -52,11 +55,13 @@ def slip_state(slip_velocity: FloatArray, beta: FloatArray) -> NDArray[np.int8]:
         Norm for each contact point (`System.slip_norm`), m/s.
     beta : ndarray, shape (m,)
         Scaling constant of the law of each point, s/m.
+    grey : float
+        Share of the largest velocity that a point must reach to slip at all.
     """
     speed = np.abs(slip_velocity)
     own = speed.max(axis=0, initial=0.0)
     limit = np.where(np.isinf(beta), 0.0, SLIP_SHARE * own)
-    active = np.isinf(beta) | (own > GREY_SHARE * own.max(initial=0.0))
+    active = np.isinf(beta) | (own > grey * own.max(initial=0.0))
     return np.asarray((speed > limit) & active, dtype=np.int8)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.analysis.history import slip_state
+from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_state
 from skfem_joint.analysis.study import friction_work, shared_work
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
@@ -182,7 +182,8 @@ def _field_of(study: Study, model: Model) -> Field:
     sigma = model.normalised_friction(system)
     steepest = model.run.system.beta.max(initial=0.0)
     speed = system.slip_norm(model.slips(system)[1])
-    state = slip_state(speed, np.minimum(system.beta, steepest))
+    grey = GREY_SHARE if model.basis is None else GREY_SHARE_REDUCED
+    state = slip_state(speed, np.minimum(system.beta, steepest), grey)
     work, share = friction_work(study, model), shared_work(study).tocsr()
     traction = np.zeros(u.shape)
     density = np.zeros(u.shape[:2])

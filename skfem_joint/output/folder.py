@@ -28,6 +28,12 @@ _OURS = re.compile(
     r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
     r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png"
 )
+# What proper orthogonal modes come from, by the scene's `reduction.reference`.
+_WHOSE = {
+    "static": "the static slip path",
+    "self": "the full model's own run",
+    "paper": "the paper's reference joint",
+}
 # Files of a run that did not end, and hidden ones.
 _PASSED = re.compile(r"checkpoint_.*\.npz|\..*")
 
@@ -154,7 +160,7 @@ def _curves(study: Study) -> dict[str, Writer]:
             add(name, plots.hysteresis_figure, runs, load.on, k, rows)
     for basis in [model.basis for model in study.models.values() if model.basis is not None]:
         reference = basis.reference
-        whose = "the full model's own run" if reference is None else "the paper's reference joint"
+        whose = _WHOSE[scene.reduction.reference]
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
         if reference is not None:
             add("proper_orthogonal_modes.png", plots.modes_figure, reference, whose)
