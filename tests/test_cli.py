@@ -262,7 +262,7 @@ def test_reduction_that_does_not_fit_the_scene(
     assert cli.main(["run", str(path), "--out", str(out)]) == 2
     told = capsys.readouterr()
     assert "a load acts inside it" in told.err
-    assert "self" in told.err
+    assert "static" in told.err
     # The full model was run by then, and is not lost.
     models = json.loads((out / "summary.json").read_text())["models"]
     assert list(models) == ["full"]

@@ -56,7 +56,7 @@ def results(folder: Path) -> tuple[Mapping[str, Any], Mapping[str, bytes]]:
     """Summary without times, and the arrays of the history as bytes."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     for model in summary["models"].values():
-        del model["wall_s"], model["offline_s"]
+        del model["wall_s"], model["offline_s"], model["estimate_s"]
     with np.load(folder / "history.npz", allow_pickle=False) as history:
         return summary, {name: history[name].tobytes() for name in history}
 
@@ -222,7 +222,8 @@ def test_a_finished_model_is_not_run_again(
 
     monkeypatch.setattr(study, "run_scene", watched)
     assert cli.main([*arguments, "--resume"]) == 0
-    assert set(steps) == {"reduced model"}
+    assert "full model" not in steps
+    assert "reduced model" in steps
     assert results(out) == results(tmp_path / "whole")
     assert not list(out.glob("checkpoint_*"))
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -37,11 +38,13 @@ from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
 from skfem_joint.reduction.zones import natural_modes, picked
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.stepping.quasi_static import QuasiStatic
 
 NO_FRICTION = (
     "models.run: 'reduced' needs friction in a joint; every joint has zero pressure or zero "
@@ -181,6 +184,8 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
+    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
+
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
@@ -304,7 +309,7 @@ def interface_modes(
     K, M, C = (sparse.csc_array(sparse.csr_array(A)[free][:, free])
                for A in (system.K, system.M, system.C))  # fmt: skip
     frequency, shapes = natural_modes(K, M, min(2 * most, free.size))
-    omega = 2.0 * np.pi * frequency
+    omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
     stop = loads.step * loads.n_steps
     stop = stop if loads.period is None else min(stop, CYCLES * loads.period)
     times = np.arange(0.0, stop * (1.0 + 1e-9), loads.step)
@@ -312,7 +317,8 @@ def interface_modes(
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     share = np.zeros(omega.size)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
-        oscillator = ([c, w * w], [1.0, c, w * w])  # as transfer from its support
+        # Displacement and velocity over w, driven by the support; both are of one size.
+        oscillator = ([[0.0, w], [-w, -c]], [[0.0], [w]], [[1.0, c / w]], [[0.0]])
         share[k] = w * np.abs(lsim(oscillator, driven[k], times)[1] - driven[k]).max()
     order = np.argsort(-share, kind="stable")[:most]
     V = np.zeros((system.n, order.size))

@@ -143,7 +143,12 @@ def test_coarse_mesh_keeps_regions_and_points() -> None:
 
 def test_time_at_an_error_follows_the_logarithms() -> None:
     points: Any = [
-        SimpleNamespace(wall_s=wall, counts=True, error=lambda name, error=error: error)
+        SimpleNamespace(
+            wall_s=wall,
+            seconds=lambda total=False, wall=wall: wall,
+            counts=True,
+            error=lambda name, error=error: error,
+        )
         for wall, error in ((1e-3, 1e-2), (1e-2, 1e-4), (5e-2, 1e-3))
     ]
     assert ready_made.time_at(points, 1e-3) == pytest.approx(10**-2.5)
