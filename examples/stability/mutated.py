@@ -75,10 +75,8 @@ def drawn(rng: random.Random) -> tuple[Tables, list[NamedMesh]]:
     if _BODIES[kind] == 2:
         joined["against"] = "lower"
     section: Tables = {"thickness": thickness} | ({"width": width} if "bar" in kind else {})
-    material: Tables = {"E": E, "density": density}
-    material["mass_matrix"] = (
-        rng.choice(["consistent", "lumped"]) if "bar" in kind else "consistent"
-    )
+    masses = ["consistent", "lumped"][: 2 if "bar" in kind else 1]
+    material: Tables = {"E": E, "density": density, "mass_matrix": rng.choice(masses)}
     load: Tables = {"on": "free_end"}
     if "bar" not in kind:
         material["poisson"] = rng.uniform(0.0, 0.4)
@@ -108,40 +106,31 @@ def _bodies(
     rng: random.Random, kind: str, length: float, share: float, width: float
 ) -> list[NamedMesh]:
     """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
-    bars = "bar" in kind
-    counts = [rng.randint(1, 30 if bars else 6) for _ in range(2)]
-    joint, rest = ("joint", share * length, counts[0]), ("rest", length - share * length, counts[1])
-    if kind == "bar":
-        ends = {"fixed": 0.0, "free_end": joint[1] + rest[1]}
-        return [build_bar([joint, rest], ends)]
-    if kind == "bars":
-        upper = build_bar([("held", rest[1], counts[1]), joint], {"fixed": 0.0})
-        lower = build_bar(
-            [("lower", joint[1], counts[0]), rest],
-            {"free_end": joint[1] + rest[1]},
-            origin=(rest[1], 0.0, 0.0),
-        )
-        return [upper, lower]
+    bars, two = "bar" in kind, _BODIES[kind] == 2
+    counts = [rng.randint(1, 30 if bars else 6) for _ in range(3)]
     across: Any = width, rng.randint(1, 3)
     shape: Any = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
-    ends_of: Any = {"fixed": "left", "free_end": "right"}
-    if kind == "plate":
-        return [build_plate([joint, rest], *across, boundaries=ends_of, **shape)]
-    if kind == "side":
-        ends_of |= {"joint": ("bottom", "pressed")}
-        strips = [("pressed", *joint[1:]), rest]
-        return [build_plate(strips, *across, boundaries=ends_of, **shape)]
-    upper = build_plate(
-        [("held", rest[1], counts[1]), joint], *across, boundaries={"fixed": "left"}, **shape
-    )
-    lower = build_plate(
-        [("lower", joint[1], rng.randint(1, 6)), rest],
-        *across,
-        boundaries={"free_end": "right"},
-        origin=(rest[1], 0.0),
-        **shape,
-    )
-    return [upper, lower]
+    pressed, beside = share * length, length - share * length
+    rest = "rest", beside, counts[1]
+
+    def body(strips: list[Any], names: Sequence[str], start: float = 0.0) -> NamedMesh:
+        if bars:
+            ends = {"fixed": 0.0, "free_end": strips[0][1] + strips[1][1]}
+            points = {name: ends[name] for name in names}
+            return build_bar(strips, points, origin=(start, 0.0, 0.0))
+        sides: Any = {"fixed": "left", "free_end": "right"}
+        edges = {name: sides[name] for name in names}
+        edges |= {"joint": ("bottom", "pressed")} if kind == "side" else {}
+        return build_plate(strips, *across, boundaries=edges, origin=(start, 0.0), **shape)
+
+    if not two:
+        name = "pressed" if kind == "side" else "joint"
+        return [body([(name, pressed, counts[0]), rest], ["fixed", "free_end"])]
+    lower = ("lower", pressed, counts[0 if bars else 2])  # nodes of bars must match
+    return [
+        body([("held", *rest[1:]), ("joint", pressed, counts[0])], ["fixed"]),
+        body([lower, rest], ["free_end"], beside),
+    ]
 
 
 def _loads(
@@ -276,11 +265,8 @@ def damaged(data: bytes, rng: random.Random, tokens: Sequence[str] = TOKENS) -> 
     """Copy of a file with a few bytes, words or lines changed, cut, doubled or exchanged."""
     for _ in range(rng.choice([1, 1, 1, 2, 4])):
         lines = data.split(b"\n")
-        i, j, at = (
-            rng.randrange(len(lines)),
-            rng.randrange(len(lines)),
-            rng.randrange(len(data) + 1),
-        )
+        i, j = (rng.randrange(len(lines)) for _ in range(2))
+        at = rng.randrange(len(data) + 1)
         digits = [k for k, byte in enumerate(data) if 48 <= byte < 58] or [at]
         how = rng.choice(["byte", "bit", "digit", "insert", "hole", "cut", "line", *["word"] * 5])
         if how == "byte":
