@@ -106,7 +106,7 @@ def show_model(reader, name, paths, view, factor, shift):
     """Warped bodies of one model in colour, their edges, and the model's name."""
     model = simple.ExtractBlock(Input=reader, Selectors=paths)
     moved = simple.Transform(Input=model)
-    moved.Transform.Translate = [*shift, 0.0]
+    moved.Transform.Translate = [0.0, shift, 0.0]
     warped = simple.WarpByVector(
         Input=moved, Vectors=["POINTS", "displacement"], ScaleFactor=factor
     )
@@ -151,29 +151,23 @@ def colour_by_state(view):
 
 
 def laid_out(low, high, count, pixels):
-    """Lay models out below or beside each other so that they are drawn as large as they can be.
+    """Lay models out below each other, drawn as large as they can be.
 
     From the corners of the box that one model moves in, and the pixels of the view; returns the
-    shift of each model along x and y, the place of its name, the middle of all along x and up the
+    shift of each model along y, the place of its name, the middle of all along x and up the
     picture, and the length of a pixel.
     """
     label = LABEL if count > 1 else 0
     wide, bottom = high[0] - low[0], low[1] * RISE - low[2] * BACK
     top = high[1] * RISE - high[2] * BACK
-    tall, options = top - bottom, []
-    for columns, rows in ((1, count), (count, 1)):
-        room = 0.94 * pixels[0] - (columns - 1) * SPACE
-        height = pixels[1] - ABOVE - BELOW - rows * label - (rows - 1) * SPACE
-        options.append((max(columns * wide / room, rows * tall / height), columns, rows))
-    pixel, columns, rows = min(options)
-    right = wide + SPACE * pixel if columns > 1 else 0.0
-    down = tall + (SPACE + label) * pixel if rows > 1 else 0.0
-    shifts = [(k * right, -k * down / RISE) for k in range(count)]
+    height = pixels[1] - ABOVE - BELOW - count * label - (count - 1) * SPACE
+    pixel = max(wide / (0.94 * pixels[0]), count * (top - bottom) / height)
+    down = top - bottom + (SPACE + label) * pixel
+    shifts = [-k * down / RISE for k in range(count)]
     name = (top + 0.2 * label * pixel + high[2] * BACK) / RISE
-    names = [(low[0] + x, name + y, high[2]) for x, y in shifts]
-    across = low[0] + 0.5 * (wide + (count - 1) * right)
-    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down)
-    return shifts, names, (across, up + 0.5 * (ABOVE - BELOW) * pixel), pixel
+    names = [(low[0], name + y, high[2]) for y in shifts]
+    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down + (ABOVE - BELOW) * pixel)
+    return shifts, names, (low[0] + 0.5 * wide, up), pixel
 
 
 def aim(view, middle, pixel, pixels):
@@ -188,11 +182,21 @@ def aim(view, middle, pixel, pixels):
     view.CameraParallelScale = 0.5 * pixels[1] * pixel
 
 
-def table(script):
-    """Table that a script makes inside ParaView."""
+def shown_series(script, names, view, times=None):
+    """Show columns of a table that a script makes inside ParaView, anew at each of some times."""
     source = simple.ProgrammableSource(OutputDataSetType="vtkTable")
     source.Script = script
-    return source
+    if times is not None:
+        source.ScriptRequestInformation = TIME_STEPS.format(times=times)
+    shown = simple.Show(source, view)
+    shown.UseIndexForXAxis, shown.XArrayName = 0, "time, ms"
+    shown.SeriesVisibility = names
+    return shown
+
+
+def each(names, look):
+    """Setting of a chart: name of each series, then what ``look`` gives for its number and name."""
+    return [word for k, name in enumerate(names) for word in (name, *look(k, name))]
 
 
 def show_load(path, times, view):
@@ -203,26 +207,17 @@ def show_load(path, times, view):
     largest = max((abs(float(word)) for row in rows for word in row[1:]), default=0.0)
     unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
     names = [name.removesuffix("N") + short for name in columns[1:]]
-    curve = simple.Show(table(CURVE.format(path=path, names=names, unit=unit)), view)
-    curve.UseIndexForXAxis, curve.XArrayName = 0, "time, ms"
-    curve.SeriesVisibility = names
-    curve.SeriesLabel = [word for name in names for word in (name, name)]
-    curve.SeriesColor = [
-        word for k, name in enumerate(names) for word in (name, *(3 * [str(0.1 + 0.3 * k)]))
-    ]
-    curve.SeriesLineThickness = [word for name in names for word in (name, "2")]
-
-    source = table(MARK.format(path=path, unit=unit))
-    source.ScriptRequestInformation = TIME_STEPS.format(times=times)
-    mark = simple.Show(source, view)
+    curve = shown_series(CURVE.format(path=path, names=names, unit=unit), names, view)
+    curve.SeriesLabel = each(names, lambda k, name: [name])
+    curve.SeriesColor = each(names, lambda k, name: 3 * [str(0.1 + 0.3 * k)])
+    curve.SeriesLineThickness = each(names, lambda k, name: ["2"])
     marks = [f"now {k}" for k in range(1, len(columns))]
-    mark.UseIndexForXAxis, mark.XArrayName = 0, "time, ms"
-    mark.SeriesVisibility = marks
-    mark.SeriesLabel = [word for name in marks for word in (name, "now")]
-    mark.SeriesColor = [word for name in marks for word in (name, "0.82", "0.12", "0.12")]
-    mark.SeriesLineStyle = [word for name in marks for word in (name, "0")]
-    mark.SeriesMarkerStyle = [word for name in marks for word in (name, "4")]  # a circle
-    mark.SeriesMarkerSize = [word for name in marks for word in (name, "14")]
+    mark = shown_series(MARK.format(path=path, unit=unit), marks, view, times)
+    mark.SeriesLabel = each(marks, lambda k, name: ["now"])
+    mark.SeriesColor = each(marks, lambda k, name: ["0.82", "0.12", "0.12"])
+    mark.SeriesLineStyle = each(marks, lambda k, name: ["0"])
+    mark.SeriesMarkerStyle = each(marks, lambda k, name: ["4"])  # a circle
+    mark.SeriesMarkerSize = each(marks, lambda k, name: ["14"])
 
     view.HideTimeMarker = 1
     view.BottomAxisTitle = "time, ms"

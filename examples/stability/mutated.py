@@ -22,7 +22,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from math import pi, sqrt
 from pathlib import Path
@@ -194,14 +194,18 @@ def scaled(tables: Tables, force: float, length: float) -> Tables:
     factors |= dict.fromkeys(("width", "thickness", "positions"), length)
 
     def change(name: str, value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: change(key, part) for key, part in value.items()}
-        if isinstance(value, list):
-            return [change(name, part) for part in value]
         return value * factors[name] if name in factors else value
 
-    changed: Tables = change("", tables)
-    return changed
+    return walked("", tables, change)
+
+
+def walked(key: str, value: Any, change: Callable[[str, Any], Any], order: Any = list) -> Any:
+    """Copy with each value changed by the key that it stands under, and keys in another order."""
+    if isinstance(value, dict):
+        return {key: walked(key, part, change, order) for key, part in order(value.items())}
+    if isinstance(value, list):
+        return [walked(key, part, change, order) for part in value]
+    return change(key, value)
 
 
 def moved(text: str, factors: tuple[float, float, float]) -> str:
@@ -226,15 +230,12 @@ def renamed(rng: random.Random, tables: Tables, texts: list[str]) -> tuple[Table
         texts = [text.replace(f'"{name}"', f'"{word}"') for text in texts]
 
     def change(key: str, value: Any) -> Any:
-        if isinstance(value, dict):
-            items = list(value.items())
-            rng.shuffle(items)
-            return {key: change(key, part) for key, part in items}
-        if isinstance(value, list):
-            return [change(key, part) for part in value]
         return names.get(value, value) if key in ("on", "against", "fixed", "points") else value
 
-    return change("", tables), texts
+    def shuffled(items: Any) -> Any:
+        return rng.sample(list(items), len(items))
+
+    return walked("", tables, change, shuffled), texts
 
 
 def toml(tables: Tables) -> str:
