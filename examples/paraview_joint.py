@@ -106,7 +106,7 @@ def show_model(reader, name, paths, view, factor, shift):
     """Warped bodies of one model in colour, their edges, and the model's name."""
     model = simple.ExtractBlock(Input=reader, Selectors=paths)
     moved = simple.Transform(Input=model)
-    moved.Transform.Translate = [0.0, shift, 0.0]
+    moved.Transform.Translate = [*shift, 0.0]
     warped = simple.WarpByVector(
         Input=moved, Vectors=["POINTS", "displacement"], ScaleFactor=factor
     )
@@ -151,23 +151,29 @@ def colour_by_state(view):
 
 
 def laid_out(low, high, count, pixels):
-    """Lay models out below each other, drawn as large as they can be.
+    """Lay models out below or beside each other so that they are drawn as large as they can be.
 
     From the corners of the box that one model moves in, and the pixels of the view; returns the
-    shift of each model along y, the place of its name, the middle of all along x and up the
+    shift of each model along x and y, the place of its name, the middle of all along x and up the
     picture, and the length of a pixel.
     """
     label = LABEL if count > 1 else 0
     wide, bottom = high[0] - low[0], low[1] * RISE - low[2] * BACK
     top = high[1] * RISE - high[2] * BACK
-    height = pixels[1] - ABOVE - BELOW - count * label - (count - 1) * SPACE
-    pixel = max(wide / (0.94 * pixels[0]), count * (top - bottom) / height)
-    down = top - bottom + (SPACE + label) * pixel
-    shifts = [-k * down / RISE for k in range(count)]
+    tall, options = top - bottom, []
+    for columns, rows in ((1, count), (count, 1)):
+        room = 0.94 * pixels[0] - (columns - 1) * SPACE
+        height = pixels[1] - ABOVE - BELOW - rows * label - (rows - 1) * SPACE
+        options.append((max(columns * wide / room, rows * tall / height), columns, rows))
+    pixel, columns, rows = min(options)
+    right = wide + SPACE * pixel if columns > 1 else 0.0
+    down = tall + (SPACE + label) * pixel if rows > 1 else 0.0
+    shifts = [(k * right, -k * down / RISE) for k in range(count)]
     name = (top + 0.2 * label * pixel + high[2] * BACK) / RISE
-    names = [(low[0], name + y, high[2]) for y in shifts]
-    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down + (ABOVE - BELOW) * pixel)
-    return shifts, names, (low[0] + 0.5 * wide, up), pixel
+    names = [(low[0] + x, name + y, high[2]) for x, y in shifts]
+    across = low[0] + 0.5 * (wide + (count - 1) * right)
+    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down)
+    return shifts, names, (across, up + 0.5 * (ABOVE - BELOW) * pixel), pixel
 
 
 def aim(view, middle, pixel, pixels):
@@ -194,9 +200,9 @@ def shown_series(script, names, view, times=None):
     return shown
 
 
-def each(names, look):
-    """Setting of a chart: name of each series, then what ``look`` gives for its number and name."""
-    return [word for k, name in enumerate(names) for word in (name, *look(k, name))]
+def each(names, *look):
+    """Setting of a chart: the name of each series, then the same words for all."""
+    return [word for name in names for word in (name, *look)]
 
 
 def show_load(path, times, view):
@@ -208,16 +214,18 @@ def show_load(path, times, view):
     unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
     names = [name.removesuffix("N") + short for name in columns[1:]]
     curve = shown_series(CURVE.format(path=path, names=names, unit=unit), names, view)
-    curve.SeriesLabel = each(names, lambda k, name: [name])
-    curve.SeriesColor = each(names, lambda k, name: 3 * [str(0.1 + 0.3 * k)])
-    curve.SeriesLineThickness = each(names, lambda k, name: ["2"])
+    curve.SeriesLabel = [word for name in names for word in (name, name)]
+    curve.SeriesColor = [
+        word for k, name in enumerate(names) for word in each([name], *3 * [str(0.1 + 0.3 * k)])
+    ]
+    curve.SeriesLineThickness = each(names, "2")
     marks = [f"now {k}" for k in range(1, len(columns))]
     mark = shown_series(MARK.format(path=path, unit=unit), marks, view, times)
-    mark.SeriesLabel = each(marks, lambda k, name: ["now"])
-    mark.SeriesColor = each(marks, lambda k, name: ["0.82", "0.12", "0.12"])
-    mark.SeriesLineStyle = each(marks, lambda k, name: ["0"])
-    mark.SeriesMarkerStyle = each(marks, lambda k, name: ["4"])  # a circle
-    mark.SeriesMarkerSize = each(marks, lambda k, name: ["14"])
+    mark.SeriesLabel = each(marks, "now")
+    mark.SeriesColor = each(marks, "0.82", "0.12", "0.12")
+    mark.SeriesLineStyle = each(marks, "0")
+    mark.SeriesMarkerStyle = each(marks, "4")  # a circle
+    mark.SeriesMarkerSize = each(marks, "14")
 
     view.HideTimeMarker = 1
     view.BottomAxisTitle = "time, ms"
