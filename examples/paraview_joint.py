@@ -188,21 +188,11 @@ def aim(view, middle, pixel, pixels):
     view.CameraParallelScale = 0.5 * pixels[1] * pixel
 
 
-def shown_series(script, names, view, times=None):
-    """Show columns of a table that a script makes inside ParaView, anew at each of some times."""
+def table(script):
+    """Table that a script makes inside ParaView."""
     source = simple.ProgrammableSource(OutputDataSetType="vtkTable")
     source.Script = script
-    if times is not None:
-        source.ScriptRequestInformation = TIME_STEPS.format(times=times)
-    shown = simple.Show(source, view)
-    shown.UseIndexForXAxis, shown.XArrayName = 0, "time, ms"
-    shown.SeriesVisibility = names
-    return shown
-
-
-def each(names, *look):
-    """Setting of a chart: the name of each series, then the same words for all."""
-    return [word for name in names for word in (name, *look)]
+    return source
 
 
 def show_load(path, times, view):
@@ -213,19 +203,26 @@ def show_load(path, times, view):
     largest = max((abs(float(word)) for row in rows for word in row[1:]), default=0.0)
     unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
     names = [name.removesuffix("N") + short for name in columns[1:]]
-    curve = shown_series(CURVE.format(path=path, names=names, unit=unit), names, view)
+    curve = simple.Show(table(CURVE.format(path=path, names=names, unit=unit)), view)
+    curve.UseIndexForXAxis, curve.XArrayName = 0, "time, ms"
+    curve.SeriesVisibility = names
     curve.SeriesLabel = [word for name in names for word in (name, name)]
     curve.SeriesColor = [
-        word for k, name in enumerate(names) for word in each([name], *3 * [str(0.1 + 0.3 * k)])
+        word for k, name in enumerate(names) for word in (name, *(3 * [str(0.1 + 0.3 * k)]))
     ]
-    curve.SeriesLineThickness = each(names, "2")
+    curve.SeriesLineThickness = [word for name in names for word in (name, "2")]
+
+    source = table(MARK.format(path=path, unit=unit))
+    source.ScriptRequestInformation = TIME_STEPS.format(times=times)
+    mark = simple.Show(source, view)
     marks = [f"now {k}" for k in range(1, len(columns))]
-    mark = shown_series(MARK.format(path=path, unit=unit), marks, view, times)
-    mark.SeriesLabel = each(marks, "now")
-    mark.SeriesColor = each(marks, "0.82", "0.12", "0.12")
-    mark.SeriesLineStyle = each(marks, "0")
-    mark.SeriesMarkerStyle = each(marks, "4")  # a circle
-    mark.SeriesMarkerSize = each(marks, "14")
+    mark.UseIndexForXAxis, mark.XArrayName = 0, "time, ms"
+    mark.SeriesVisibility = marks
+    mark.SeriesLabel = [word for name in marks for word in (name, "now")]
+    mark.SeriesColor = [word for name in marks for word in (name, "0.82", "0.12", "0.12")]
+    mark.SeriesLineStyle = [word for name in marks for word in (name, "0")]
+    mark.SeriesMarkerStyle = [word for name in marks for word in (name, "4")]  # a circle
+    mark.SeriesMarkerSize = [word for name in marks for word in (name, "14")]
 
     view.HideTimeMarker = 1
     view.BottomAxisTitle = "time, ms"
