@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.files import replacing
+from skfem_joint.output.plots import new_figure, save_figure
 
 #: Line styles by order: dark to light, and differently broken.
 STYLES: tuple[dict[str, Any], ...] = (
@@ -108,18 +107,12 @@ def draw(
     InputError
         If matplotlib is missing.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise InputError("pictures need matplotlib: pip install 'skfem-joint[plot]'") from error
     panels = [{**picture, **panel} for panel in picture.get("panels", [{}])]
     columns = picture.get("columns", len(panels))
     rows, (width, height) = -(-len(panels) // columns), picture.get("size", (6.0, 4.0))
-    drawing = Figure(figsize=(columns * width, rows * height), layout="constrained")
+    drawing = new_figure(columns * width, rows * height)
     for panel, axes in zip(
         panels, drawing.subplots(rows, columns, squeeze=False).flat, strict=True
     ):
         _draw_panel(panel, curves, mark, axes)
-    with replacing(path) as temporary:
-        FigureCanvasAgg(drawing).print_figure(temporary, format="png", dpi=110)
+    save_figure(path, drawing)

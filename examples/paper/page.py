@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skfem_joint.analysis.error_time import markdown_table
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import replacing
 
@@ -168,20 +169,9 @@ class Item:
         cells.append("agrees" if near else entry["otherwise"])
         self.rows.append(Row(entry["what"], f"{value:g}", *cells))
 
-    def text(self) -> str:
-        """Table for the terminal."""
-        rows = [HEADINGS, *self.rows]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
-        ]
-        return "\n".join([self.title, lines[0], "-" * len(lines[0]), *lines[1:]])
-
     def markdown(self) -> list[str]:
-        """Its part of the page."""
-        lines = [HEADINGS, ("---",) * len(HEADINGS), *self.rows]
-        parts = [f"## {self.title}", "\n".join(f"| {' | '.join(cells)} |" for cells in lines)]
-        parts += self.notes
+        """Its part of the page; the title and the table come first."""
+        parts = [f"## {self.title}", markdown_table(HEADINGS, self.rows), *self.notes]
         parts += [f"![{self.title}](pictures/{name}.png)" for name in self.pictures]
         names = ", ".join(f"[{name}.csv](curves/{name}.csv)" for name in self.curves)
         return [*parts, f"Curves: {names}."] if names else parts

@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with holding(options.out):
             for key in keys:
                 items.append(made(key, options.quick))
-                print(items[-1].text(), end="\n\n", flush=True)
+                print(*items[-1].markdown()[:2], sep="\n\n", end="\n\n", flush=True)
                 page.write(options.out, items[-1])
                 page.write_page(options.out, items)
     except JointError as error:

@@ -22,7 +22,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from math import pi, sqrt
 from pathlib import Path
@@ -75,10 +75,8 @@ def drawn(rng: random.Random) -> tuple[Tables, list[NamedMesh]]:
     if _BODIES[kind] == 2:
         joined["against"] = "lower"
     section: Tables = {"thickness": thickness} | ({"width": width} if "bar" in kind else {})
-    material: Tables = {"E": E, "density": density}
-    material["mass_matrix"] = (
-        rng.choice(["consistent", "lumped"]) if "bar" in kind else "consistent"
-    )
+    masses = ["consistent", "lumped"][: 2 if "bar" in kind else 1]
+    material: Tables = {"E": E, "density": density, "mass_matrix": rng.choice(masses)}
     load: Tables = {"on": "free_end"}
     if "bar" not in kind:
         material["poisson"] = rng.uniform(0.0, 0.4)
@@ -108,40 +106,31 @@ def _bodies(
     rng: random.Random, kind: str, length: float, share: float, width: float
 ) -> list[NamedMesh]:
     """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
-    bars = "bar" in kind
-    counts = [rng.randint(1, 30 if bars else 6) for _ in range(2)]
-    joint, rest = ("joint", share * length, counts[0]), ("rest", length - share * length, counts[1])
-    if kind == "bar":
-        ends = {"fixed": 0.0, "free_end": joint[1] + rest[1]}
-        return [build_bar([joint, rest], ends)]
-    if kind == "bars":
-        upper = build_bar([("held", rest[1], counts[1]), joint], {"fixed": 0.0})
-        lower = build_bar(
-            [("lower", joint[1], counts[0]), rest],
-            {"free_end": joint[1] + rest[1]},
-            origin=(rest[1], 0.0, 0.0),
-        )
-        return [upper, lower]
+    bars, two = "bar" in kind, _BODIES[kind] == 2
+    counts = [rng.randint(1, 30 if bars else 6) for _ in range(3)]
     across: Any = width, rng.randint(1, 3)
     shape: Any = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
-    ends_of: Any = {"fixed": "left", "free_end": "right"}
-    if kind == "plate":
-        return [build_plate([joint, rest], *across, boundaries=ends_of, **shape)]
-    if kind == "side":
-        ends_of |= {"joint": ("bottom", "pressed")}
-        strips = [("pressed", *joint[1:]), rest]
-        return [build_plate(strips, *across, boundaries=ends_of, **shape)]
-    upper = build_plate(
-        [("held", rest[1], counts[1]), joint], *across, boundaries={"fixed": "left"}, **shape
-    )
-    lower = build_plate(
-        [("lower", joint[1], rng.randint(1, 6)), rest],
-        *across,
-        boundaries={"free_end": "right"},
-        origin=(rest[1], 0.0),
-        **shape,
-    )
-    return [upper, lower]
+    pressed, beside = share * length, length - share * length
+    rest = "rest", beside, counts[1]
+
+    def body(strips: list[Any], names: Sequence[str], start: float = 0.0) -> NamedMesh:
+        if bars:
+            ends = {"fixed": 0.0, "free_end": strips[0][1] + strips[1][1]}
+            points = {name: ends[name] for name in names}
+            return build_bar(strips, points, origin=(start, 0.0, 0.0))
+        sides: Any = {"fixed": "left", "free_end": "right"}
+        edges = {name: sides[name] for name in names}
+        edges |= {"joint": ("bottom", "pressed")} if kind == "side" else {}
+        return build_plate(strips, *across, boundaries=edges, origin=(start, 0.0), **shape)
+
+    if not two:
+        name = "pressed" if kind == "side" else "joint"
+        return [body([(name, pressed, counts[0]), rest], ["fixed", "free_end"])]
+    lower = ("lower", pressed, counts[0 if bars else 2])  # nodes of bars must match
+    return [
+        body([("held", *rest[1:]), ("joint", pressed, counts[0])], ["fixed"]),
+        body([lower, rest], ["free_end"], beside),
+    ]
 
 
 def _loads(
@@ -205,14 +194,18 @@ def scaled(tables: Tables, force: float, length: float) -> Tables:
     factors |= dict.fromkeys(("width", "thickness", "positions"), length)
 
     def change(name: str, value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: change(key, part) for key, part in value.items()}
-        if isinstance(value, list):
-            return [change(name, part) for part in value]
         return value * factors[name] if name in factors else value
 
-    changed: Tables = change("", tables)
-    return changed
+    return walked("", tables, change)
+
+
+def walked(key: str, value: Any, change: Callable[[str, Any], Any], order: Any = list) -> Any:
+    """Copy with each value changed by the key that it stands under, and keys in another order."""
+    if isinstance(value, dict):
+        return {key: walked(key, part, change, order) for key, part in order(value.items())}
+    if isinstance(value, list):
+        return [walked(key, part, change, order) for part in value]
+    return change(key, value)
 
 
 def moved(text: str, factors: tuple[float, float, float]) -> str:
@@ -237,15 +230,12 @@ def renamed(rng: random.Random, tables: Tables, texts: list[str]) -> tuple[Table
         texts = [text.replace(f'"{name}"', f'"{word}"') for text in texts]
 
     def change(key: str, value: Any) -> Any:
-        if isinstance(value, dict):
-            items = list(value.items())
-            rng.shuffle(items)
-            return {key: change(key, part) for key, part in items}
-        if isinstance(value, list):
-            return [change(key, part) for part in value]
         return names.get(value, value) if key in ("on", "against", "fixed", "points") else value
 
-    return change("", tables), texts
+    def shuffled(items: Any) -> Any:
+        return rng.sample(list(items), len(items))
+
+    return walked("", tables, change, shuffled), texts
 
 
 def toml(tables: Tables) -> str:
@@ -276,11 +266,8 @@ def damaged(data: bytes, rng: random.Random, tokens: Sequence[str] = TOKENS) -> 
     """Copy of a file with a few bytes, words or lines changed, cut, doubled or exchanged."""
     for _ in range(rng.choice([1, 1, 1, 2, 4])):
         lines = data.split(b"\n")
-        i, j, at = (
-            rng.randrange(len(lines)),
-            rng.randrange(len(lines)),
-            rng.randrange(len(data) + 1),
-        )
+        i, j = (rng.randrange(len(lines)) for _ in range(2))
+        at = rng.randrange(len(data) + 1)
         digits = [k for k, byte in enumerate(data) if 48 <= byte < 58] or [at]
         how = rng.choice(["byte", "bit", "digit", "insert", "hole", "cut", "line", *["word"] * 5])
         if how == "byte":

@@ -1,8 +1,7 @@
-"""What became of the cases: a page, a table of all of them, and a picture of the schemes."""
+"""What became of the cases: a page with a table of all of them, and a picture of the schemes."""
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,13 +9,15 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from skfem_joint.files import needed, replacing
+from skfem_joint.analysis.error_time import markdown_table
+from skfem_joint.files import replacing
+from skfem_joint.output.plots import new_figure, save_figure
 from stability.cases import BETAS, MANY, PLATE_RADII, RADII
 from stability.judge import REFUSED, RIGHT, WRONG, Verdict
 
 OUTCOMES = (RIGHT, REFUSED, WRONG)
-#: Name of the page, of the table of all cases and of the picture.
-PAGE, TABLE, PICTURE = "stability.md", "stability.csv", "stability.png"
+#: Name of the page and of the picture.
+PAGE, PICTURE = "stability.md", "stability.png"
 _EXPLANATION = (
     "*Right* means: the energy audit closes, friction takes energy at every point and nothing is "
     "stored that was not put in, the friction force keeps to its law and its limit and acts "
@@ -50,9 +51,10 @@ def bottom_line(verdicts: Sequence[Verdict], seconds: float) -> str:
     return f"{len(verdicts)} cases: {found}, in {seconds:.0f} s."
 
 
-def summary(verdicts: Sequence[Verdict]) -> list[list[str]]:
-    """Table by axis, its head first."""
-    rows = [["axis", *OUTCOMES, "error", "over allowed", "energy left over", "fallbacks", "halved"]]
+def summary(verdicts: Sequence[Verdict]) -> str:
+    """Table by axis."""
+    head = ["axis", *OUTCOMES, "error", "over allowed", "energy left over", "fallbacks", "halved"]
+    rows = []
     for axis in dict.fromkeys(verdict.case.axis for verdict in verdicts):
         group = [verdict for verdict in verdicts if verdict.case.axis == axis]
         judged = [v for v in group if v.error is not None]
@@ -63,31 +65,8 @@ def summary(verdicts: Sequence[Verdict]) -> list[list[str]]:
             max((v.energy or 0.0 for v in judged), default=None),
         ]
         sums = sum(v.nested + v.descents for v in group), sum(v.halved for v in group)
-        numbers = *(counts[outcome] for outcome in OUTCOMES), *map(_cell, worst), *sums
-        rows.append([axis, *map(str, numbers)])
-    return rows
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.1e}"
-
-
-def text_table(verdicts: Sequence[Verdict]) -> str:
-    """Table by axis for the terminal, and each case that is wrong."""
-    rows = summary(verdicts)
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows]
-    lines.insert(1, "-" * len(lines[0]))
-    wrong = [v for v in verdicts if v.outcome == WRONG]
-    lines += [f"{WRONG}: {v.case.axis}, {v.case.value}: {v.reason}" for v in wrong]
-    return "\n".join(line.rstrip() for line in lines)
-
-
-def _markdown(head: Sequence[str], *rows: Sequence[str]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
+        rows.append([axis, *(counts[outcome] for outcome in OUTCOMES), *worst, *sums])
+    return markdown_table(head, rows)
 
 
 def _iterations(verdicts: Sequence[Verdict]) -> list[list[str]]:
@@ -142,51 +121,37 @@ def page(verdicts: Sequence[Verdict], seconds: float) -> str:
         f"periods and {steady['not reached']} did not: those are not judged by symmetry.",
         f"![Where each scheme holds and where it refuses]({PICTURE})",
         "## By axis",
-        _markdown(*summary(verdicts)),
+        summary(verdicts),
     ]
     for title, rows in tables.items():
-        parts += [f"## {title}", _markdown(*rows)] if len(rows) > 1 else []
+        parts += [f"## {title}", markdown_table(rows[0], rows[1:])] if len(rows) > 1 else []
     head = ["axis", "case", "outcome", "error", "allowed", "against", "energy left over"]
     head += ["steady state", "iterations a step", "fallbacks", "halved"]
     rows = [_row(verdict) for verdict in verdicts]
-    parts += ["## Where the matrix ends", _LIMITS, "## All cases", _markdown(head, *rows)]
+    parts += ["## Where the matrix ends", _LIMITS, "## All cases", markdown_table(head, rows)]
     return "\n\n".join(parts) + "\n"
 
 
-def _row(v: Verdict) -> list[str]:
-    numbers = [f"{v.iterations:.1f}", str(v.nested + v.descents), str(v.halved)]
+def _row(v: Verdict) -> list[Any]:
+    work = [f"{v.iterations:.1f}", v.nested + v.descents, v.halved]
     return [
-        *(v.case.axis, v.case.value, v.outcome, _cell(v.error), _cell(v.error_bound), v.against),
-        *(_cell(v.energy), v.steady, *(["", "", ""] if v.error is None else numbers)),
+        *(v.case.axis, v.case.value, v.outcome, v.error, v.error_bound, v.against),
+        *(v.energy, v.steady, *(["", "", ""] if v.error is None else work)),
     ]
 
 
 def write(folder: Path, verdicts: Sequence[Verdict], seconds: float) -> list[Path]:
-    """Write the page, the table of all cases and the picture; returns their paths."""
-    paths = [folder / name for name in (PAGE, TABLE, PICTURE)]
-    with replacing(paths[0]) as temporary:
+    """Write the page and the picture; returns their paths."""
+    with replacing(folder / PAGE) as temporary:
         temporary.write_text(page(verdicts, seconds), encoding="utf-8")
-    with replacing(paths[1]) as temporary, temporary.open("w", newline="") as stream:
-        fields = [name for name in Verdict.__dataclass_fields__ if name != "case"]
-        writer = csv.writer(stream)
-        writer.writerow(["axis", "case", *fields])
-        for v in verdicts:
-            writer.writerow([v.case.axis, v.case.value, *(getattr(v, name) for name in fields)])
-    with replacing(paths[2]) as temporary:
-        draw(verdicts).savefig(temporary, dpi=110, format="png")
-    return paths
-
-
-def new_drawing() -> Any:
-    """Empty picture; refused where matplotlib is missing."""
-    return needed("matplotlib.figure", "plot").Figure(figsize=(20.0, 7.5), layout="constrained")
+    return [folder / PAGE, save_figure(folder / PICTURE, draw(verdicts))]
 
 
 def draw(verdicts: Sequence[Verdict]) -> Any:
     """Figure: right, refused or wrong over beta and steps per period, scheme by scheme."""
     from matplotlib.colors import LogNorm
 
-    drawing, norm = new_drawing(), LogNorm(1e-7, 0.2)
+    drawing, norm = new_figure(20.0, 7.5), LogNorm(1e-7, 0.2)
     axes = drawing.subplots(2, 5)
     maps = [v for v in verdicts if v.case.axis in _MAPS]
     for panel, name in zip(axes.ravel(), _BARS + _PLATES, strict=True):

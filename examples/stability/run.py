@@ -3,7 +3,7 @@
     python examples/stability/run.py --out DIR            all cases, a few minutes
     python examples/stability/run.py --out DIR --quick    a few of each kind
 
-Writes a page, a table of all cases and a picture; the exit status is 1 if a case is wrong.
+Writes a page and a picture; the exit status is 1 if a case is wrong.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from skfem_joint.files import holding
+from skfem_joint.output.plots import new_figure
 from stability import judge, report
 from stability.cases import matrix, quick_matrix
 
@@ -30,14 +31,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
     options = parser.parse_args(arguments)
-    report.new_drawing()  # so that a library which is missing is told before anything is computed
+    new_figure(1.0, 1.0)  # so that a library which is missing is told before anything is computed
     with holding(options.out):
         begin = time.perf_counter()
         cases = quick_matrix() if options.quick else matrix()
         verdicts = judge.judge_all(cases, progress=_tell if sys.stderr.isatty() else None)
         seconds = time.perf_counter() - begin
         files = report.write(options.out, verdicts, seconds)
-    print(report.text_table(verdicts))
+    print(report.summary(verdicts))
+    for verdict in verdicts:
+        if verdict.outcome == judge.WRONG:
+            print(f"{judge.WRONG}: {verdict.case.axis}, {verdict.case.value}: {verdict.reason}")
     print(f"\n{report.bottom_line(verdicts, seconds)}")
     print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
     return int(any(verdict.outcome == judge.WRONG for verdict in verdicts))

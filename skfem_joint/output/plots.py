@@ -47,7 +47,7 @@ _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 _LOST = ("friction", "viscous", "scheme")
 
 
-def _new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
     """Empty figure of a size in inches."""
     made: Figure = needed("matplotlib.figure", "plot").Figure(
         figsize=(width, height), layout=layout
@@ -84,7 +84,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     the one called "full" is drawn solid.
     """
     moving = _moving(runs, points)
-    figure = _new_figure(7.5, 1.0 + 2.2 * len(moving))
+    figure = new_figure(7.5, 1.0 + 2.2 * len(moving))
     panels = figure.subplots(len(moving), 1, sharex=True, squeeze=False)[:, 0]
     time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
     for panel, point in zip(panels, moving, strict=True):
@@ -136,7 +136,7 @@ def hysteresis_figure(
     ]
     unit, scale = prefixed_unit("m", (u for u, _ in loops))
     force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
-    figure = _new_figure(6.0, 5.0)
+    figure = new_figure(6.0, 5.0)
     panel = figure.subplots()
     for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
         panel.plot(u / scale, force / force_scale, label=name, **style)
@@ -154,7 +154,7 @@ def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
     ``whose`` says what moves in these modes, for the title.
     """
     xi, modes, values = reference.xi, reference.modes.T[:MODES], reference.proper.proper_values
-    figure = _new_figure(7.5, 4.5)
+    figure = new_figure(7.5, 4.5)
     panel = figure.subplots()
     panel.axhline(0.0, color="0.6", linewidth=0.8)
     for k, (mode, value) in enumerate(zip(modes, values, strict=False)):
@@ -177,7 +177,7 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     values, sums = proper.proper_values, proper.cumulative
     count = min(VALUES, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
-    figure = _new_figure(8.0, 3.8)
+    figure = new_figure(8.0, 3.8)
     figure.suptitle(f"proper orthogonal modes of {whose}")
     left, right = figure.subplots(1, 2)
     left.bar(number, values[:count], color="#7fb2e5", edgecolor="#1a1a1a", linewidth=0.6)
@@ -203,7 +203,7 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
     size = {name: max(np.abs(one).max(initial=0.0) for one in works[name]) for name in works}
     titles = [name for name in works if size[name] > AT_REST * size["input"]] or ["input"]
     columns = 2 if len(titles) == 4 else len(titles)
-    figure = _new_figure(3.8 * columns, 0.5 + 2.7 * (len(titles) // columns))
+    figure = new_figure(3.8 * columns, 0.5 + 2.7 * (len(titles) // columns))
     panels = figure.subplots(len(titles) // columns, columns, squeeze=False).ravel()
     for panel, title in zip(panels, titles, strict=True):
         unit, scale = prefixed_unit("J", works[title])
@@ -263,11 +263,11 @@ def active_region_figure(
     # A line along its longest direction; an area in its two longest.
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
     names = [f"{'xyz'[axis]}, m" if structure.dim > 1 else "position, m" for axis in axes]
-    figure = _new_figure(7.5, 3.5)
+    figure = new_figure(7.5, 3.5)
     if corners > 2:
         wide, tall = np.ptp(place[:, axes], axis=0)
         height = float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0))
-        figure = _new_figure(8.0, height, "compressed")
+        figure = new_figure(8.0, height, "compressed")
     panel = figure.subplots()
     panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
     figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")

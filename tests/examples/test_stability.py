@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
@@ -284,10 +283,7 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
     page = (tmp_path / report.PAGE).read_text(encoding="utf-8")
     assert "4 cases: 2 right, 1 refused, 1 wrong in silence" in page
     assert "3 cases are bars, 1 plates." in page
-    assert "share \\| 1" in page
-    with (tmp_path / report.TABLE).open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert [row["outcome"] for row in rows] == [RIGHT, REFUSED, WRONG, RIGHT]
+    assert "share / 1" in page
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
@@ -296,4 +292,4 @@ def test_a_quick_run_finds_nothing_wrong_in_silence(
 ) -> None:
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
-    assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.TABLE, report.PICTURE}
+    assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.PICTURE}
