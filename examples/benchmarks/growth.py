@@ -57,7 +57,7 @@ def time_per_step(elements: int, n_steps: int, repeats: int) -> None:
 
 
 def long_structure(elements: int, repeats: int) -> None:
-    """Structure of Fig. 18 with so many elements in its joint and beyond; the paper's five modes."""
+    """Structure of Fig. 18, so many elements in the joint and beyond; the paper's five modes."""
     scene = load_scene(Path(__file__).parents[1] / "structure_harmonic.toml")
     points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
     bar = build_bar([("joint", 0.1, elements), ("linear", 0.5, elements)], points)
