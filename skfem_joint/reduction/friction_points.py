@@ -36,7 +36,7 @@ from skfem_joint.system import System
 
 #: Friction points for each mode: of each active stretch along a line; of all that is merged, more
 #: while merging loses more than a share of the friction power.
-POINTS_PER_MODE, MERGED_PER_MODE, MOST_LOST = 4, (2, 3, 6, 12), 3e-3
+POINTS_PER_MODE, MERGED_PER_MODE, MOST_LOST = 4, (3, 6, 12), 3e-3
 #: Resolving the friction law more finely than the modes resolve velocities gains nothing. A free
 #: decay comes to rest, where a law less steep would let the joint creep: there it is steeper.
 DECAYING = 100.0
