@@ -116,7 +116,8 @@ class QuasiStatic:
         if inner.is_dense or not (acting.any() and picks_unknowns(inner.B)):
             raise InputError(
                 "quasi-static slip: needs friction in a sparse system whose slip rows do not "
-                "depend on each other"
+                "depend on each other; take modes of an own run instead: reference = 'self' in a "
+                "scene, run=... in `reduce`"
             )
         self.tolerance = tolerance
         self.K, self.M = (sparse.csr_array(A) for A in (inner.K, inner.M))

@@ -117,6 +117,9 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted() -> None:
     assert "cannot follow" in warn[0]
     with pytest.raises(InputError, match="cannot follow"):
         make_basis(structure, bent, one, **steps, warn=warn)
+    basis = make_basis(structure, bent, one, **steps, enriched=True, warn=warn)
+    assert basis.missed > 0.5
+    assert warn[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 
 # One line
