@@ -46,6 +46,8 @@ from skfem_joint.system import System
 
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
+#: Relative change of cycles below which they are alike.
+SETTLED = 0.01
 #: Contact points from which on looks merge them to so many and take no more than the first cycles;
 #: all of the points are taken for fewer.
 MANY, FIRST, SHORT = 150, 4, 2
@@ -139,8 +141,9 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
         If a look is interrupted.
     """
     steepest, points = float(reduced.beta.max()), _Points(system, basis)
+    run = again(reduced, how)
     if how["cycle_steps"] is not None:
-        how = {**how, "n_steps": min(how["n_steps"], FIRST * how["cycle_steps"])}
+        how = {**how, "n_steps": min(how["n_steps"], _settles(run) * how["cycle_steps"])}
     longer = _twice(system, how)
     factor, weight = (0.5, -SMOOTH) if longer else (2.0, 4.0 / 3.0)
     if longer:
@@ -168,6 +171,15 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
     total = added(difference(truth, base), left, change(best, looks[-1], law), merged)
     parts["total"] = _at_least(total, truth, base, *parts.values())
     return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
+
+
+def _settles(run: Run) -> int:
+    """Cycles after which a run's energies and peak hardly change any more, or all of them."""
+    cycles = run.cycles
+    peak = cycles.peak.max(axis=1, initial=0.0)
+    series = np.stack([cycles.friction, cycles.input.sum(axis=1), peak])
+    changes = np.any(np.abs(series - series[:, -1:]) > SETTLED * np.abs(series[:, -1:]), axis=0)
+    return max(FIRST, int(np.flatnonzero(changes).max(initial=-1)) + 2)
 
 
 def _twice(system: System, how: Mapping[str, Any]) -> bool:
