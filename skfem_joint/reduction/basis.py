@@ -175,12 +175,14 @@ def make_basis(
     n_steps: int,
     cycle_steps: int | None = None,
     scheme: Scheme | None = None,
+    enriched: bool = False,
     warn: list[str],
 ) -> Basis:
     """Basis of a structure as its options say; does the run that it needs.
 
     Steps and scheme are those of the run to come, as `integrate` takes them. Sentences about what
-    to beware of are appended to ``warn``.
+    to beware of are appended to ``warn``; one that misses too much is among them where the basis
+    is ``enriched`` before it counts, and the end of it elsewhere.
 
     Raises
     ------
@@ -232,7 +234,7 @@ def make_basis(
         f"{100 * min(basis.missed, 1.0):.2g} % of the full model's displacement (norm of strain "
         f"energy); use more modes{own}."
     )
-    if basis.missed > WRONG_BASIS:
+    if basis.missed > WRONG_BASIS and not enriched:
         raise InputError(missed)
     if basis.missed > DOUBTFUL_BASIS:
         warn.append(missed)
