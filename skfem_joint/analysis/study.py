@@ -212,9 +212,12 @@ def _refine(study: Study, progress: Progress | None) -> None:
     """Choose a reduced model, and a time step, for the accuracy that is asked for."""
     begin = time.perf_counter()
     scene = study.scene
-    basis = _basis(study, options_of(scene), study.warnings)
+    warn: list[str] = []
+    basis = _basis(study, options_of(scene), warn, enriched=True)
     report = None if progress is None else partial(progress, "choosing a reduced model")
     study.met = accuracy.meet(scene, basis, report)
+    if study.met.basis is basis:  # what an enriched one lacked at first is of no concern
+        study.warnings += warn
     study.scene, system = study.met.scene, study.met.system
     study.met_s = time.perf_counter() - begin
     study.warnings.append(
@@ -339,8 +342,8 @@ def reduction_of(
     return basis, system, shares
 
 
-def _basis(study: Study, options: Options, warn: list[str]) -> Basis:
-    how = how_of(study.scene)
+def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
+    how = how_of(study.scene) | {"enriched": enriched}
     del how["save"]
     return make_basis(study.structure, study.system, options, warn=warn, **how)
 

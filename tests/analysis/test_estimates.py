@@ -142,6 +142,32 @@ def test_a_full_estimate_takes_half_the_steps(monkeypatch: pytest.MonkeyPatch) -
     assert taken == [200]
 
 
+@pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
+def test_looks_end_where_the_reduced_run_has_settled(
+    monkeypatch: pytest.MonkeyPatch, frequency: float, settles: bool
+) -> None:
+    taken = []
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        run = integrate(*arguments, **options)
+        taken.append(run.counters.steps)
+        return run
+
+    integrate = study_module.integrate
+    monkeypatch.setattr("skfem_joint.analysis.estimate.integrate", counted)
+    run_scene(
+        bar_scene(
+            "reduced",
+            load=[harmonic(frequency=frequency)],
+            damping={"stiffness": 1e-5 if settles else 1e-7},
+            time={"cycles": 12, "steps_per_cycle": 100},
+        )
+    )
+    assert taken[0] == 1200
+    assert taken[-1] == 50 * (4 if settles else 12)  # twice the step
+    assert set(taken[1:-1]) == {400 if settles else 1200}
+
+
 def test_an_error_beyond_five_percent_is_told_with_its_source_and_cure() -> None:
     few = {"reference": "paper", "active_length": 0.03}
     (told,) = [w for w in run_scene(bar_scene("reduced", reduction=few)).warnings if "errs by" in w]
