@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import argparse
 import copy
+import faulthandler
 import io
 import json
 import random
 import re
-import signal
 import sys
 import time
 import traceback
@@ -38,7 +38,7 @@ from skfem_joint.mesh import NamedMesh, write_mesh
 Tables = dict[str, Any]
 
 #: Seconds after which a scene is taken to hang; unknowns times steps that are run.
-PATIENCE, MOST_WORK = 60.0, 500_000
+PATIENCE, MOST_WORK = 300.0, 500_000
 #: Share of the largest displacement by which the same motion may differ.
 SAME = 1e-6
 #: What a damaged value may become.
@@ -98,7 +98,7 @@ def drawn(rng: random.Random) -> tuple[Tables, list[NamedMesh]]:
     }
     if rng.random() < 0.1 and joined["law"] == "arctan":
         tables["models"] = {"run": ["full", "reduced"]}
-        tables["reduction"] = {"modes": rng.choice([3, 5])}
+        tables["reduction"] = {"friction_points": rng.choice(["auto", "all"])}
     return tables, bodies
 
 
@@ -367,7 +367,12 @@ def judge(number: int, seed: int, folder: Path) -> str:
         return "damaged: run"
     way = rng.choice([mirrored, doubled, in_millimetres])
     told = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
-    study = _valid(folder, *told)
+    try:
+        study = _valid(folder, *told)
+    except InputError as error:
+        if "reduced model cannot follow" in str(error):  # and says what to do
+            return "valid, reduction refused"
+        raise
     check(study)
     if number % 20 == 0:
         _by_command(folder)
@@ -407,12 +412,8 @@ def main(arguments: list[str] | None = None) -> int:
     found: Counter[str] = Counter()
     broken, begin = 0, time.perf_counter()
 
-    def hangs(*_: Any) -> None:
-        raise BrokenError(f"takes more than {PATIENCE} s")
-
-    signal.signal(signal.SIGALRM, hangs)
     for number in range(options.first, options.first + options.count):
-        signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+        faulthandler.dump_traceback_later(PATIENCE, exit=True, file=sys.__stderr__)
         try:
             found[judge(number, options.seed, options.out)] += 1
         except Exception as error:  # noqa: BLE001 - anything that is not a message is a finding
@@ -426,7 +427,7 @@ def main(arguments: list[str] | None = None) -> int:
             (kept / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
             print(f"scene {number}: {type(error).__name__}: {error}"[:300], flush=True)
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            faulthandler.cancel_dump_traceback_later()
     for word, count in sorted(found.items()):
         print(f"{word}: {count}")
     print(f"{options.count} scenes in {time.perf_counter() - begin:.0f} s, {broken} broken")

@@ -324,7 +324,7 @@ def interface_modes(
     V = np.zeros((system.n, order.size))
     V[free] = shapes[:, order]
     strain = float(np.sqrt(np.einsum("ij,ij->", response, system.K @ response)))
-    return V, share[order] / strain
+    return V, share[order] / strain if strain > 0.0 else 0.0 * share[order]
 
 
 def _preliminary(
