@@ -219,7 +219,7 @@ def test_every_mistake_of_a_scene_is_told_at_once(
     scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
     path = scene(
-        ("modes = 5", "modes = 0"),
+        ("[reduction]\n", "[reduction]\nmodes = 0\n"),
         ('on = "free_end"', 'on = "free"'),
         ("cycles = 2", "cycles = 0"),
         ('title = "', 'colour = "red"\ntitle = "'),
@@ -257,7 +257,8 @@ def test_output_folder_that_is_a_file(
 def test_reduction_that_does_not_fit_the_scene(
     scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
-    path = scene(('on = "free_end"', 'on = "joint"'))
+    paper = ('reference = "static"', 'reference = "paper"')
+    path = scene(('on = "free_end"', 'on = "joint"'), paper)
     out = tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(out)]) == 2
     told = capsys.readouterr()
