@@ -1,7 +1,7 @@
 """A series of any dimension opens in ParaView itself, and the script for it shows the joint.
 
 Skipped only where ParaView's Python, ``pvpython``, is not installed; drawing needs a display or
-``xvfb-run`` besides (Debian: ``apt-get install python3-paraview xvfb``).
+``Xvfb`` besides (Debian: ``apt-get install python3-paraview xvfb``).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,8 @@ PLACES = {
 
 paraview = pytest.mark.skipif(shutil.which("pvpython") is None, reason="pvpython not installed")
 drawing = pytest.mark.skipif(
-    shutil.which("pvpython") is None or not (os.environ.get("DISPLAY") or shutil.which("xvfb-run")),
-    reason="pvpython, or a display or xvfb-run for it, not there",
+    shutil.which("pvpython") is None or not (os.environ.get("DISPLAY") or shutil.which("Xvfb")),
+    reason="pvpython, or a display or Xvfb for it, not there",
 )
 
 LOOK = """
@@ -132,16 +133,32 @@ def test_without_a_display_the_script_draws_or_says_what_is_missing(
         assert not picture.exists()
 
 
+@pytest.fixture(scope="module")
+def display() -> Iterator[dict[str, str]]:
+    """Environment with a display: the one that is there, or a server that says when it listens."""
+    if os.environ.get("DISPLAY"):
+        yield dict(os.environ)
+        return
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1400x900x24"]
+    with subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL) as server:
+        os.close(writing)
+        with open(reading, encoding="ascii") as told:
+            number = told.readline().strip()
+        try:
+            yield {**os.environ, "DISPLAY": f":{number}"}
+        finally:
+            server.terminate()
+
+
 @drawing
 @pytest.mark.parametrize("series", ["bars", "solids"], indirect=True)
 def test_the_script_draws_the_joint_and_the_mark_on_its_load(
-    series: Series, tmp_path: Path
+    series: Series, tmp_path: Path, display: dict[str, str]
 ) -> None:
     picture = tmp_path / "a.png"
     command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4"]
-    if not os.environ.get("DISPLAY"):
-        command = ["xvfb-run", "-a", *command]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=display)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     pixels = matplotlib.image.imread(picture)[..., :3]
     assert pixels.shape == (900, 1400, 3)
