@@ -10,7 +10,7 @@ file; the series may be played then, and the mark on the load's curve runs with 
 
 Needs ParaView 5.11 or newer. Without a display, use a build of ParaView for that (EGL, OSMesa), or
 for one that draws through X, such as Debian's, an X server in memory: apt-get install xvfb, then
-xvfb-run -a pvpython examples/paraview_joint.py out/fields.pvd picture.png
+xvfb-run -a -s -noreset pvpython examples/paraview_joint.py out/fields.pvd picture.png
 """
 
 import argparse
