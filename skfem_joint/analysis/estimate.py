@@ -130,7 +130,13 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
     )
 
 
-def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, Any]) -> Estimate:
+def of_reduced(
+    system: System,
+    basis: Basis,
+    reduced: System,
+    how: Mapping[str, Any],
+    run: Run | None = None,
+) -> Estimate:
     """Errors of a reduced model.
 
     Parameters
@@ -141,6 +147,8 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
         That of the reduced one.
     how : mapping
         Steps, scheme, output and steps of a cycle, as `integrate` takes them.
+    run : Run, optional
+        Its whole run, made here if it is needed and not given.
 
     Raises
     ------
@@ -150,15 +158,15 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
         If a look is interrupted.
     """
     steepest, points = float(reduced.beta.max()), _Points(system, basis)
-    run = again(reduced, how)
     if how["cycle_steps"] is not None:
-        how = {**how, "n_steps": min(how["n_steps"], _settles(run) * how["cycle_steps"])}
+        cycles = _settles(again(reduced, how) if run is None else run)
+        how = {**how, "n_steps": min(how["n_steps"], cycles * how["cycle_steps"])}
     longer = _twice(system, how)
     factor, weight = (0.5, -SMOOTH) if longer else (2.0, 4.0 / 3.0)
     if longer:
         how = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
     base = results(again(reduced, how))
-    looks, bases, run = _enriched(points, steepest, how)
+    looks, bases, last = _enriched(points, steepest, how)
     V, W = bases[-1], bases[1]
     steep, law = looks[1], 0.0
     if np.any(system.beta > steepest):
@@ -180,7 +188,7 @@ def of_reduced(system: System, basis: Basis, reduced: System, how: Mapping[str, 
     }
     total = added(difference(truth, base), left, change(steep, looks[1], law), merged)
     parts["total"] = _at_least(total, truth, base, *parts.values())
-    return Estimate(parts, Lacking(V, run.v, _slips(system, V[:, basis.V.shape[1] :])))
+    return Estimate(parts, Lacking(V, last.v, _slips(system, V[:, basis.V.shape[1] :])))
 
 
 def _settles(run: Run) -> int:
@@ -288,8 +296,8 @@ def added(*parts: Parts) -> Parts:
     """Sum of errors by quantity; None where one of them is not known."""
     found: Parts = {}
     for name in QUANTITIES:
-        values = [part[name] for part in parts]
-        found[name] = None if None in values else sum(values)  # type: ignore[arg-type]
+        known = [error for part in parts if (error := part[name]) is not None]
+        found[name] = sum(known) if len(known) == len(parts) else None
     return found
 
 

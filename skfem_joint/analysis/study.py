@@ -278,7 +278,8 @@ def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
         if model.basis is None:
             found = estimate.of_full(study.system, model.run, how)
         else:
-            found = estimate.of_reduced(study.system, model.basis, model.run.system, how)
+            run = model.run
+            found = estimate.of_reduced(study.system, model.basis, run.system, how, run)
     except JointError as error:
         study.warnings.append(f"The errors of the {model.name} model are not estimated: {error}")
         return

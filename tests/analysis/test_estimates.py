@@ -163,9 +163,8 @@ def test_looks_end_where_the_reduced_run_has_settled(
             time={"cycles": 12, "steps_per_cycle": 100},
         )
     )
-    assert taken[0] == 1200
     assert taken[-1] == 50 * (4 if settles else 12)  # twice the step
-    assert set(taken[1:-1]) == {400 if settles else 1200}
+    assert set(taken[:-1]) == {400 if settles else 1200}  # the run itself is not made again
 
 
 def test_an_error_beyond_five_percent_is_told_with_its_source_and_cure() -> None:
@@ -221,7 +220,7 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for() -> None:
     )
     study = run_scene(scene)
     assert study.scene.time_step < 2e-4
-    assert total(scene, "full")["displacement_rms"] <= 0.05  # type: ignore[operator]
+    assert (total(scene, "full")["displacement_rms"] or np.inf) <= 0.05
 
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
