@@ -45,7 +45,7 @@ import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
-from skfem_joint.reduction.basis import Basis, finished
+from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.integrate import integrate
@@ -117,17 +117,15 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
     every, cycle_steps = how["save"].every, how["cycle_steps"]
     n_steps = int(how["n_steps"] * factor)
     save = Save(every=max(1, int(every * factor)), fields=fields > 0, fields_every=max(1, fields))
-    return finished(
-        integrate(
-            system,
-            step=how["step"] / factor,
-            n_steps=n_steps,
-            scheme=how["scheme"],
-            save=save,
-            cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
-            progress=how.get("progress"),
-        )
-    )
+    return integrate(
+        system,
+        step=how["step"] / factor,
+        n_steps=n_steps,
+        scheme=how["scheme"],
+        save=save,
+        cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
+        progress=how.get("progress"),
+    ).finished()
 
 
 def of_reduced(

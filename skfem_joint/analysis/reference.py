@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint.analysis.certificate import Source, full_results, halved, kept, looks
 from skfem_joint.analysis.history import QUANTITIES, Results
 from skfem_joint.errors import InputError
-from skfem_joint.reduction.basis import finished
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
@@ -61,7 +60,7 @@ class Grid:
             save=Save(every=parts, fields=fields > 0, fields_every=max(1, parts // max(fields, 1))),
             cycle_steps=None if self.cycles is None else parts * PER_CYCLE,
         )
-        return finished(run)
+        return run.finished()
 
 
 @dataclass(frozen=True)

@@ -195,7 +195,7 @@ def make_basis(
     if options.reference == "self":
         steps = n_steps if cycle_steps is None else min(n_steps, TRAINING_CYCLES * cycle_steps)
         save = Save(fields=True, points=False)
-        run = finished(integrate(system, step=step, n_steps=steps, scheme=scheme, save=save))
+        run = integrate(system, step=step, n_steps=steps, scheme=scheme, save=save).finished()
         interface = 0 if isinstance(options.interface_modes, str) else options.interface_modes
         basis = own_basis(
             system,
@@ -242,13 +242,6 @@ def make_basis(
     for number, patch in enumerate(structure.patches):
         group[patch.points] = number
     return replace(basis, group=group)
-
-
-def finished(run: Run) -> Run:
-    """Pass on a whole run."""
-    if run.interrupted:
-        raise KeyboardInterrupt
-    return run
 
 
 def own_basis(

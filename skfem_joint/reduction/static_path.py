@@ -349,8 +349,7 @@ def _preliminary(
     while True:
         save = Save(fields=True)
         run = integrate(small, step=step, n_steps=cycles * steps, scheme=scheme, save=save)
-        if run.interrupted:
-            raise KeyboardInterrupt
+        run.finished()
         strain = np.einsum("ij,ij->i", run.u[1:] @ small.K, run.u[1:])
         peaks = strain.reshape(cycles, -1).max(axis=1)
         if cycles >= min(most, MOST_CYCLES) or peaks[-1] <= GROWING * peaks[:-1].max(initial=0.0):

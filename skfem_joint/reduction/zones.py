@@ -264,10 +264,7 @@ def probed(
         steps = min(cycle_steps, int(np.ceil(least * (1.0 - 1e-9))))
         step, n_steps = period / steps, cycles * steps
     save = Save(fields=True, fields_every=max(1, -(-n_steps * system.n // _MOST_NUMBERS)))
-    run = integrate(coulomb, step=step, n_steps=n_steps, save=save)
-    if run.interrupted:
-        raise KeyboardInterrupt
-    return run
+    return integrate(coulomb, step=step, n_steps=n_steps, save=save).finished()
 
 
 def mouths(zones: Sequence[Zone]) -> IntArray:

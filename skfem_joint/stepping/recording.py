@@ -124,6 +124,12 @@ class Run:
         in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
 
+    def finished(self) -> Run:
+        """Pass on a whole run; one that was interrupted is a KeyboardInterrupt again."""
+        if self.interrupted:
+            raise KeyboardInterrupt
+        return self
+
     def point(self, name: str) -> FloatArray:
         """Displacement history of a named point, shape (rows,), m."""
         return np.asarray(self.point_u[:, self._number(name)])
