@@ -166,6 +166,11 @@ class System:
         return norms(slip, self.directions)
 
     @property
+    def mean_square_frequency(self) -> float:
+        """Trace of the stiffness over that of the mass, 1/s²: a scale for small shares."""
+        return float(self.K.diagonal().sum() / self.M.diagonal().sum())
+
+    @property
     def is_dense(self) -> bool:
         """Whether the matrices are stored dense, as those of a reduced system are."""
         return isinstance(self.M, np.ndarray)

@@ -111,7 +111,7 @@ def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Mat
     if name == "mass":
         return system.M
     square = np.vdot(v, (system.M @ v.T).T) / np.vdot(u, (system.M @ u.T).T)
-    least = 1e-12 * system.K.diagonal().sum() / system.M.diagonal().sum()
+    least = 1e-12 * system.mean_square_frequency
     return system.K + max(1e-3 * square, least) * system.M
 
 

@@ -47,8 +47,7 @@ class Residual:
     @cached_property
     def _stiffness(self) -> Any:
         system = self.system
-        small = _HOLD * system.K.diagonal().sum() / system.M.diagonal().sum()
-        return sparse.csc_array(system.K + small * system.M)
+        return sparse.csc_array(system.K + _HOLD * system.mean_square_frequency * system.M)
 
     @cached_property
     def _solve(self) -> Any:

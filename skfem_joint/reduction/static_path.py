@@ -273,8 +273,7 @@ def _scaled(snapshots: Sequence[FloatArray]) -> FloatArray:
 
 def energy(system: System) -> sparse.csr_array:
     """Inner product of strain energy, with so little of mass that nothing else notices."""
-    K, M = sparse.csr_array(system.K), sparse.csr_array(system.M)
-    return sparse.csr_array(K + _RIGID * K.diagonal().sum() / M.diagonal().sum() * M)
+    return sparse.csr_array(system.K + _RIGID * system.mean_square_frequency * system.M)
 
 
 def _levels(count: int, top: float) -> FloatArray:
@@ -289,9 +288,8 @@ def _with_increments(path: FloatArray) -> FloatArray:
 
 def _rigid_motions(system: System) -> FloatArray:
     """Motions without strain, (n, r)."""
-    K, M = sparse.csr_array(system.K), sparse.csr_array(system.M)
-    small = _RIGID * K.diagonal().sum() / M.diagonal().sum()
-    frequency, shapes = natural_modes(K + small * M, M, min(12, system.n))
+    small = _RIGID * system.mean_square_frequency
+    frequency, shapes = natural_modes(energy(system), sparse.csr_array(system.M), min(12, system.n))
     return shapes[:, (2.0 * np.pi * frequency) ** 2 < 2.0 * small]
 
 

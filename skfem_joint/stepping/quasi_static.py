@@ -123,7 +123,7 @@ class QuasiStatic:
         self.K, self.M = (sparse.csr_array(A) for A in (inner.K, inner.M))
         self.shift = 0.0
         if is_singular(self.K):
-            self.shift = _SHIFT * self.K.diagonal().sum() / self.M.diagonal().sum()
+            self.shift = _SHIFT * inner.mean_square_frequency
         A = sparse.csr_array(self.K + self.shift * self.M)
         first, second = (unknown[acting] for unknown in contact_unknowns(inner))
         self.beta = inner.beta[acting]
