@@ -115,7 +115,8 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
         # A run with twice the step; of a reduced model residuals and their static response too.
         estimated = stored * (named + loads + 1)
         if reduced:
-            estimated += INSTANTS * (6 * n + 8 * rows) + stored * (8 * named + 3 * (loads + 1))
+            # Looks are whole runs where cycles never become alike; its own run is stored already.
+            estimated += INSTANTS * (6 * n + 8 * rows) + stored * (7 * named + 2 * (loads + 1))
     if reduced:
         most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
         states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)

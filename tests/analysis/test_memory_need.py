@@ -60,6 +60,8 @@ def in_plan(
 CASES: dict[str, Make] = {
     "points": lambda: bar(cycles=600),
     "two models": lambda: bar(*BOTH, cycles=300),
+    # No two cycles from which looks could tell that the run has settled.
+    "two models, one cycle": lambda: bar(*BOTH, cycles=1, steps=60_000),
     "fields": lambda: bar(elements=500, cycles=5, steps=100, vtk=True, frames=500),
     "training": lambda: bar(
         *BOTH, elements=200, cycles=3, steps=600, reference="self", history=False
