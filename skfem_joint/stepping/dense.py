@@ -229,21 +229,27 @@ def _round_off(H, contact, q, slip, sigma, room):
     n = q.size
     m = beta.size
     pairs = slip.size - m
+    friction = room.scaled
+    for i in range(slip.size):
+        friction[i] = 0.0
+    for k in range(n):
+        row, t = B[k], abs(q[k])
+        for i in range(slip.size):
+            friction[i] += abs(row[i]) * t
+    for i in range(slip.size):
+        if pairs > 0:
+            slope = room.ratio[i if i < m else i - m]  # the larger of the two
+        else:
+            z = beta[i] * slip[i]
+            slope = _TWO_OVER_PI * beta[i] / (1.0 + z * z)
+        friction[i] = w[i] * (abs(sigma[i]) + slope * friction[i])
     largest = 0.0
     for j in range(n):
-        total = 0.0
+        row, total = B[j], 0.0
         for k in range(n):
             total += abs(H[j, k] * q[k])
         for i in range(slip.size):
-            magnitude = 0.0
-            for k in range(n):
-                magnitude += abs(B[k, i] * q[k])
-            if pairs > 0:
-                slope = room.ratio[i if i < m else i - m]  # the larger of the two
-            else:
-                z = beta[i] * slip[i]
-                slope = _TWO_OVER_PI * beta[i] / (1.0 + z * z)
-            total += abs(B[j, i]) * w[i] * (abs(sigma[i]) + slope * magnitude)
+            total += abs(row[i]) * friction[i]
         largest = max(largest, total)
     return ROUND_OFF * largest
 
