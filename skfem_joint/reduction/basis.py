@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
@@ -61,7 +60,7 @@ from skfem_joint.reduction.zones import (
 )
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme
+from skfem_joint.stepping.schemes import Scheme, factorised
 from skfem_joint.structure import Structure
 from skfem_joint.system import System
 
@@ -428,7 +427,7 @@ def _following(system: System, F: sparse.csc_array, V: FloatArray) -> FloatArray
     """Let the columns of F follow prescribed motions with the least strain energy."""
     if F.shape[1] == 0:
         return V
-    return np.asarray(V - F @ splu(_within(system, F)[0]).solve(F.T @ (system.K @ V)))
+    return np.asarray(V - F @ factorised(_within(system, F)[0])(F.T @ (system.K @ V)))
 
 
 def _rest_modes(
@@ -443,7 +442,7 @@ def _rest_modes(
     loads = system.load_vectors()
     forces = F.T @ loads
     forces = forces[:, np.abs(forces).max(axis=0) > 1e-9 * np.abs(loads).max(axis=0)]
-    found = [F @ splu(K).solve(forces)] if forces.size else []
+    found = [F @ factorised(K)(forces)] if forces.size else []
     if asked == 0:
         return found
     count = 0 if isinstance(asked, str) else asked

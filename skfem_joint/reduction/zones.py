@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
@@ -20,6 +20,7 @@ from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.stepping.schemes import factorised
 from skfem_joint.structure import Joint, Patch, Structure
 from skfem_joint.system import System
 
@@ -362,7 +363,7 @@ def estimate_active_length(system: System, zone: Zone) -> Estimate | None:
     linear = np.setdiff1d(np.arange(system.n), picked(system))
     at_mouth = float(force[unknowns[0]])
     if linear.size:
-        u = splu(sparse.csc_array(K[linear][:, linear])).solve(force[linear])
+        u = factorised(K[linear][:, linear])(force[linear])
         at_mouth += abs(float((K[unknowns[:1]][:, linear] @ u)[0]))
 
     @cache
@@ -390,5 +391,6 @@ def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatAr
         values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
     else:
         K, M = sparse.csc_array(K), sparse.csc_array(M)
-        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n))
+        inverse = LinearOperator((n, n), matvec=factorised(K), dtype=float)
+        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n), OPinv=inverse)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes

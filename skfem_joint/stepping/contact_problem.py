@@ -5,17 +5,18 @@ potential of the friction law, arctan or set-valued Coulomb, of each point's sli
 method is the truncated nonsmooth Newton method (Graeser and Kornhuber, J. Comput. Math. 27, 2009;
 Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018): points are relaxed one after another,
 each with its law solved exactly, then one Newton step on all points but those that Coulomb friction
-holds, and an exact search along it. Every part lowers the objective, so that the iteration
-converges from any start whatever beta is; it needs no parameter. Newton's systems are solved by
-conjugate gradients, preconditioned by the factor of an earlier tangent where the law acts as it did
-then and by the diagonal where it does not; that factor serves for several steps.
+holds, and an exact search along it. Where that is short, points that would turn over on it are
+stopped instead, if that leads further down: one of them would block all the others. Every part
+lowers the objective, so that the iteration converges from any start whatever beta is; it needs no
+parameter. Newton's systems are solved by conjugate gradients, preconditioned by the factor of an
+earlier tangent where the law acts as it did then and by the diagonal where it does not; that factor
+serves for several iterations.
 
-Measured on a plate in contact everywhere (90 % of the friction limit, 200 steps a period,
-beta = 1e5, 4,200 unknowns), Newton's steps with solves and factors a step of time: 9.3 with 9.3
-and 9.3 without relaxation, 4.0 with 4.0 and 4.0 after three sweeps, 5.2 with 49.5 and 0 if the
-factor of A is kept, 5.6 with 31.7 and 0.35 if that of a tangent is. A factor costs thirty solves.
-Newton's method on a parametrisation of the law's graph, so good on chains, takes 9.0 steps and 145
-solves there, and fails if its scale is three times as large or its systems are solved to 0.1.
+Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
+1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
+step of time: 7.0 with 7.0 and 7.0 without relaxation and with a factor for each, 3.2 with 3.2 and
+3.2 after three sweeps, 4.6 with 15 and 0.5 if factors are kept while four solves do, 5.4 with 30
+and 0.2 while eight do. A factor costs ten solves along a narrow band, thirty elsewhere.
 """
 
 # numba infers the types of compiled functions:
@@ -32,14 +33,16 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.friction import potential
 from skfem_joint.stepping.compiled import Full, arctangent, compiled, compiled_for, resolvent
 from skfem_joint.stepping.recording import Compressed, compressed
 from skfem_joint.stepping.schemes import factorised, inverse
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
-#: Most solves of a Newton's system; the kept factor is given up when one takes more.
-MOST_SOLVES, PATIENCE = 60, 8
+#: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
+#: right side that the systems are solved to.
+MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 #: Forces, N, that count as none: products of smaller ones are lost.
@@ -252,8 +255,6 @@ class ContactProblem:
         Friction limit, N, and scaling constant, s/m (``inf``: Coulomb).
     """
 
-    #: Share of their right side that Newton's systems are solved to.
-    forcing = 0.1
     #: Tangents and held unknowns of the factor that is kept, on which further solutions depend.
     kept: tuple[FloatArray, BoolArray] | None = None
 
@@ -284,6 +285,9 @@ class ContactProblem:
         i, j = self.first[both], self.second[both]
         self.block[both, 1] = np.asarray(A[i, j]).ravel()
         self.block[both, 2] = diagonal[j]
+        self.limited = np.zeros(n, dtype=bool)  # unknowns that friction acts on
+        self.limited[self.first] = self.w > 0.0
+        self.limited[j] = self.limited[i]
         self.points = self.first, self.second
         self.laws = *self.points, self.w, self.beta
 
@@ -335,6 +339,11 @@ class ContactProblem:
             solves += more
             length, trials = self._search(v, d, g, Av)
             evaluations += trials
+            if length < 1.0:
+                stopped = self._stopped(v, d)
+                evaluations += 2
+                if self.objective(v + stopped, g) < self.objective(v + length * d, g):
+                    length, d = 1.0, stopped
             v += length * d
         counts = {
             "newton_iterations": iteration,
@@ -343,6 +352,22 @@ class ContactProblem:
             "factorizations": self.factorizations - factorizations,
         }
         return Solution(v, sigma, converged, counts, residual, where)
+
+    def objective(self, v: FloatArray, g: FloatArray) -> float:
+        """1/2 v A v - g v + sum w psi(|v_p|)."""
+        slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
+        return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
+
+    def _stopped(self, v: FloatArray, d: FloatArray) -> FloatArray:
+        """The direction ``d``, along which slips that would turn over end where these stop.
+
+        One point that turns would block all the others.
+        """
+        both = self.second >= 0
+        i, j = self.first[both], self.second[both]
+        turning = v * (v + d)
+        turning[i] = turning[j] = turning[i] + turning[j]
+        return np.where(self.limited & (turning < 0.0), -v, d)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
         size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())
@@ -424,7 +449,7 @@ class ContactProblem:
 
         d = np.zeros_like(r)
         left = r.copy()
-        enough = self.forcing * np.linalg.norm(r)
+        enough = FORCING * np.linalg.norm(r)
         p = np.zeros_like(r)
         before = 1.0
         for solves in range(1, most + 1):

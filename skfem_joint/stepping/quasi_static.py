@@ -17,15 +17,12 @@ brings it down to it.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.friction import potential
 from skfem_joint.stepping.arrangement import arranged, picks_unknowns
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
 from skfem_joint.stepping.steppers import contact_unknowns
@@ -37,60 +34,8 @@ HELD = 0.98
 HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-9
-#: Newton's systems are solved to this share: without mass a small residual is a large displacement.
-#: A kept factor is given up when one takes more solves than this.
-_FORCING, _PATIENCE = 1e-2, 16
 #: Pivots below this share of the largest are zero; iterations for the friction limit.
 _SINGULAR, _ITERATIONS = 1e-11, 20
-
-
-class _Projected(ContactProblem):
-    """Directions that would turn slips over end where these stop, if that leads further down.
-
-    Without mass one point that turns would block all the others (Graeser and Kornhuber, J. Comput.
-    Math. 27, 2009, project in the same way).
-    """
-
-    forcing = _FORCING
-
-    def __init__(
-        self, A: Any, first: IntArray, second: IntArray, w: FloatArray, beta: FloatArray
-    ) -> None:
-        super().__init__(A, first, second, w, beta)
-        self.limited = np.searchsorted(self.first, first)
-
-    def set_rate(self, beta: FloatArray | float) -> None:
-        """Let the law of the points act on increments with the constants ``beta``, 1/m."""
-        self.beta[self.limited] = beta
-
-    def objective(self, v: FloatArray, g: FloatArray) -> float:
-        """1/2 v A v - g v + sum w |v|."""
-        slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
-
-    def _conjugate_gradients(
-        self, r: FloatArray, tangents: FloatArray, held: BoolArray, most: int
-    ) -> tuple[FloatArray, int, bool]:
-        return super()._conjugate_gradients(r, tangents, held, max(most, _PATIENCE))
-
-    def _search(
-        self, v: FloatArray, d: FloatArray, g: FloatArray, Av: FloatArray
-    ) -> tuple[float, int]:
-        length, trials = super()._search(v, d, g, Av)
-        if length >= 1.0:
-            return length, trials
-        two = self.second >= 0
-        i, j = self.first[two], self.second[two]
-        turning = v * (v + d)
-        turning[i] = turning[j] = turning[i] + turning[j]
-        limited = np.zeros(v.size, dtype=bool)
-        limited[self.first[self.limited]] = True
-        limited[j] = limited[i]
-        stopped = np.where(limited & (turning < 0.0), -v, d)
-        if self.objective(v + stopped, g) < self.objective(v + length * d, g):
-            d[:] = stopped
-            return 1.0, trials + 2
-        return length, trials + 2
 
 
 class QuasiStatic:
@@ -127,7 +72,8 @@ class QuasiStatic:
         A = sparse.csr_array(self.K + self.shift * self.M)
         first, second = (unknown[acting] for unknown in contact_unknowns(inner))
         self.beta = inner.beta[acting]
-        self.problem = _Projected(A, first, second, inner.w[acting], self.beta)
+        self.problem = ContactProblem(A, first, second, inner.w[acting], self.beta)
+        self._limited = np.searchsorted(self.problem.first, first)
         self.last = np.zeros(A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
@@ -180,7 +126,7 @@ class QuasiStatic:
         halvings: int = 0,
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
-        self.problem.set_rate(rate)
+        self.problem.beta[self._limited] = rate
         found = self._solve(f - self.K @ u)
         if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
             self.held_back += 1

@@ -12,12 +12,14 @@ With rho_infinity = 1 this is the average acceleration (trapezoidal) method.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
 from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
@@ -26,6 +28,10 @@ from skfem_joint.system import System
 
 #: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
 FOLLOWED = 0.3
+#: Rows of a band up to which its factor is faster than one that is made for any pattern: 20,000
+#: unknowns of a plate with 92 take 0.03 s, and 2 ms a solution, instead of 0.09 s and 4 ms; with
+#: 280 solutions take longer.
+BAND = 128
 
 
 class Coefficients(NamedTuple):
@@ -191,6 +197,9 @@ def factorised(A: Any) -> Any:
                 "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
             ) from error
         return lambda right: linalg.cho_solve(factor, right)
+    banded = _banded(sparse.coo_array(A))
+    if banded is not None:
+        return banded
     # Symmetric positive definite: order A + A^T, take the pivots from the diagonal.
     return splu(
         sparse.csc_array(A),
@@ -198,6 +207,26 @@ def factorised(A: Any) -> Any:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     ).solve
+
+
+def _banded(A: sparse.coo_array) -> Callable[[FloatArray], FloatArray] | None:
+    """Solver by Cholesky's method along a narrow band, if there is one and round-off lets it."""
+    if A.nnz == 0:
+        return None
+    order = reverse_cuthill_mckee(sparse.csr_matrix(A), symmetric_mode=True)
+    place = np.argsort(order)
+    row, column = place[A.row], place[A.col]
+    lower = row >= column
+    below, column = row[lower] - column[lower], column[lower]
+    height = int(below.max()) + 1
+    if height > BAND:
+        return None
+    size = height * A.shape[0]
+    diagonals = np.bincount(column * height + below, A.data[lower], size).reshape(-1, height).T
+    factor, failed = lapack.dpbtrf(diagonals, lower=1, overwrite_ab=1)
+    if failed:
+        return None
+    return lambda right: lapack.dpbtrs(factor, right[order], lower=1, overwrite_b=1)[0][place]
 
 
 def inverse(A: FloatArray) -> FloatArray:

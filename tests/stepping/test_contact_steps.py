@@ -225,13 +225,13 @@ def test_forces_on_two_plates_are_in_balance() -> None:
     )
 
 
-def test_few_factorizations_serve_many_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_factorizations_serve_many_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steppers, "CONDENSED", 0)
     _, system = reference_plate(1e5, elements=(30, 6))
     counters = run(system, steps=200).counters
-    assert counters.factorizations < 0.5 * counters.steps
-    assert counters.newton_iterations < 8 * counters.steps
-    assert counters.linear_solves < 40 * counters.steps
+    assert counters.newton_iterations < 5 * counters.steps
+    assert counters.factorizations < counters.newton_iterations / 5
+    assert counters.linear_solves < 4 * counters.newton_iterations
 
 
 def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side() -> None:
