@@ -38,6 +38,18 @@ def stride(n_steps: int, cycle_steps: int | None) -> int:
     return every
 
 
+def acceleration(run: Run) -> FloatArray:
+    """Acceleration of a reduced model's run at its stored fields, (j, frames), m/s2.
+
+    That of its equation of motion, which holds at the end of every step.
+    """
+    small = run.system
+    driving = small.load_vectors() @ small.load_amplitudes(run.field_times)
+    driving -= small.C @ run.v.T + small.K @ run.u.T
+    driving -= small.B.T @ (small.on_rows(small.w)[:, np.newaxis] * run.sigma.T)
+    return np.asarray(linalg.solve(small.M, driving, assume_a="pos"))
+
+
 @dataclass(frozen=True)
 class Residual:
     """What reduced runs of a full system lack; its stiffness is factorised once."""
@@ -61,18 +73,12 @@ class Residual:
         V : ndarray, shape (n, j)
         run : Run
             Of ``system.project(V)``, with a steepness or friction points of its own maybe, with
-            stored fields. Its acceleration is that of its own equation of motion, which holds at
-            the end of every step.
+            stored fields.
         """
-        system, small = self.system, run.system
-        loads, q, rate = system.load_amplitudes(run.field_times), run.u.T, run.v.T
-        driving = small.load_vectors() @ loads - small.C @ rate - small.K @ q
-        driving -= small.B.T @ (small.on_rows(small.w)[:, np.newaxis] * run.sigma.T)
-        acceleration = linalg.solve(small.M, driving, assume_a="pos")
-        v = V @ rate
-        left = system.load_vectors() @ loads - system.M @ (V @ acceleration)
-        left -= system.C @ v + system.K @ (V @ q)
-        beta = np.minimum(system.beta, small.beta.max(initial=0.0))
+        system, v = self.system, V @ run.v.T
+        left = system.load_vectors() @ system.load_amplitudes(run.field_times)
+        left -= system.M @ (V @ acceleration(run)) + system.C @ v + system.K @ (V @ run.u.T)
+        beta = np.minimum(system.beta, run.system.beta.max(initial=0.0))
         sigma = friction.force_vectors((system.B @ v).T, beta, system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 

@@ -36,6 +36,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
+from skfem_joint.reduction.residual import acceleration
 from skfem_joint.reduction.zones import natural_modes, picked
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -364,9 +365,8 @@ class _Acting:
     run: Run
 
     def _parts(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        acceleration = np.gradient(self.run.v, self.run.times, axis=0)[rows]
         loads = self.system.load_amplitudes(self.run.times[rows]).T
-        return loads, -acceleration, -self.run.v[rows]
+        return loads, -acceleration(self.run).T[rows], -self.run.v[rows]
 
     def at(self, rows: IntArray) -> FloatArray:
         """At some of the stored times, (rows, n)."""
