@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +182,7 @@ def tasks() -> Iterator[Task]:
     yield Task("Fig. 18, harmonic", lambda: scene(harmonic), unknowns=15, history=0.3, friction=0.7)
     close = {"unknowns": 16, "peak": 0.3, "friction": 1.0}
     for name in ("I", "II", "III", "IV", "V", "VI", "VII", "reference"):
-        yield Task(f"Case {name}", lambda name=name: paper(name), **close)
+        yield Task(f"Case {name}", partial(paper, name), **close)
     yield Task("structure, harmonic", lambda: scene(harmonic), **close)
     impulse = "structure_impulse.toml"
     pulse_16 = {"modes": 15, "interface_modes": 0, **close, "history": 3.0}
@@ -189,7 +190,7 @@ def tasks() -> Iterator[Task]:
     more = {"modes": 32, "interface_modes": 3, "unknowns": 36, "history": 1.0}
     yield Task("structure, impulse, more modes", lambda: scene(impulse), **more)
     for pulse in ("triangle", "ramp_and_hold"):
-        make = lambda pulse=pulse: paper("I", pulse)  # noqa: E731
+        make = partial(paper, "I", pulse)
         yield Task(f"joint, {pulse}", make, unknowns=16, history=3.0, friction=1.0)
     minor = {"modes": 16, "unknowns": 20, "friction": 1.5}
     yield Task("two harmonics, 1 : 5", lambda: harmonics((0.3, 300, 0), (0.2, 1500, 0.7)), **minor)

@@ -107,10 +107,6 @@ class Estimate:
         """One of the errors; None where it is not known."""
         return self.parts.get(source, {}).get(quantity)
 
-    def largest(self, source: str = "total") -> float:
-        """Largest of the errors from a source."""
-        return max((e for e in self.parts.get(source, {}).values() if e is not None), default=0.0)
-
 
 def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: int = 0) -> Run:
     """Run of a system with ``factor`` times the steps of ``how``, fields stored every so many."""

@@ -1,4 +1,4 @@
-"""Proper orthogonal decomposition of a history, Eq. (3), and truncation of its modes."""
+"""Proper orthogonal decomposition of a history, Eq. (3)."""
 
 from __future__ import annotations
 
@@ -35,13 +35,6 @@ class ProperModes:
     def cumulative(self) -> FloatArray:
         """Cumulative sums of the proper values, percent."""
         return np.asarray(np.cumsum(self.proper_values))
-
-    def count_for(self, percent: float = 99.0, extra: int = 1) -> int:
-        """Modes whose cumulative sum reaches ``percent``, plus ``extra`` (section 5: 99 %, one)."""
-        if not 0.0 < percent <= 100.0:
-            raise InputError(f"percent: found {percent}, must be above 0 and at most 100")
-        reached = int(np.searchsorted(self.cumulative, percent * (1.0 - 1e-12))) + 1
-        return min(reached + extra, self.singular_values.size)
 
 
 def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:

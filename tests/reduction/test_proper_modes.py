@@ -80,17 +80,9 @@ def test_a_separable_history_has_one_mode() -> None:
     assert modes.proper_values[0] == pytest.approx(100.0, rel=1e-13)
 
 
-def test_truncation_by_percent() -> None:
+def test_proper_values_add_up_to_a_hundred_percent() -> None:
     modes = ProperModes(np.eye(5), np.array([60.0, 25.0, 10.0, 4.0, 1.0]))
     np.testing.assert_allclose(modes.cumulative, [60, 85, 95, 99, 100], rtol=1e-14)
-    assert modes.count_for(99.0) == 5
-    assert modes.count_for(99.0, extra=0) == 4
-    assert modes.count_for(60.0, extra=0) == 1
-    assert modes.count_for(60.1, extra=0) == 2
-    assert modes.count_for(100.0, extra=3) == 5
-    for percent in (0.0, -1.0, 100.1, np.nan):
-        with pytest.raises(InputError, match="percent"):
-            modes.count_for(percent)
 
 
 @pytest.mark.parametrize(
