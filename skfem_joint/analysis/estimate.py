@@ -77,6 +77,9 @@ SLOWEST = 0.4
 FOLLOWS = 0.4
 #: Error of a step over the difference to twice the step: 1/3 for second order, more with friction.
 SMOOTH = 0.4
+#: Share of the difference between twice and four times the step below which no error falls because
+#: histories cross.
+FOURFOLD = 0.1
 #: Difference between two steps, relative, from which on it is no small fraction of the error.
 LONG = 0.3
 
@@ -315,23 +318,37 @@ def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
     """
     duration = how["step"] * how["n_steps"]
     if _twice(system, how):
-        one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
-        found = _steps_apart(run, again(system, one, 0.5), 2)
-        parts = {name: None if e is None else _of_twice(e) for name, e in found.items()}
+        twice = _longer(system, how, 2)
+        found = {
+            name: None if e is None else _of_twice(e)
+            for name, e in _steps_apart(run, twice, 2).items()
+        }
+        if how["n_steps"] % 4 == 0 and (how["cycle_steps"] or 0) % 4 == 0:
+            crossing = difference(results(twice, 2), results(_longer(system, how, 4)))
+            for name, more in crossing.items():
+                least = None if more is None else FOURFOLD * min(more, 1.0)
+                found[name] = max((e for e in (found[name], least) if e is not None), default=None)
     else:
         factor = 2.0 if how["step"] <= FOLLOWS * longest_step(system, duration) else 4.0
-        found, rest = _steps_apart(again(system, how, factor), run), 1.0 - factor**-2
-        parts = {name: None if e is None else e / rest for name, e in found.items()}
-    return Estimate({"time_step": parts, "total": parts})
+        apart, rest = _steps_apart(again(system, how, factor), run), 1.0 - factor**-2
+        found = {name: None if e is None else e / rest for name, e in apart.items()}
+    return Estimate({"time_step": found, "total": found})
+
+
+def _longer(system: System, how: Mapping[str, Any], times: int) -> Run:
+    """Run with steps so many times as long, stored as often for each of them."""
+    save = replace(how["save"], every=times * how["save"].every)
+    return again(system, {**how, "save": save}, 1.0 / times)
 
 
 def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
     """Difference of two runs of one model; ``every`` so many rows of the first are in the other.
 
-    Where runs far apart meet by chance in the last cycle, the cycles before it tell.
+    Where runs far apart meet by chance in the last cycle, the cycles before it tell, but no more
+    than the histories are apart.
     """
     found = difference(results(fine, every), results(coarse))
-    last = max(1, fine.cycles.friction.size // 2)
+    last, motion = max(1, fine.cycles.friction.size // 4), found[QUANTITIES[0]]
     for name, one, other in (
         (
             "peak_displacement",
@@ -342,8 +359,8 @@ def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
     ):
         error = found[name]
         if error is not None and one.size:
-            mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2)))
-            found[name] = max(error, mean / abs(float(one[-1])))
+            mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2))) / abs(float(one[-1]))
+            found[name] = max(error, mean if motion is None else min(mean, motion))
     return _at_least(found, results(fine, every), results(coarse))
 
 

@@ -18,6 +18,7 @@ from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scen
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 
 
@@ -128,33 +129,29 @@ def test_the_estimate_can_be_left_out() -> None:
     assert study.models["full"].estimate is None
 
 
-def test_a_full_estimate_takes_half_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken = []
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Steps of each run that an estimate makes."""
+    counts: list[int] = []
 
     def counted(*arguments: Any, **options: Any) -> Any:
         run = integrate(*arguments, **options)
-        taken.append(run.counters.steps)
+        counts.append(run.counters.steps)
         return run
 
-    integrate = study_module.integrate
     monkeypatch.setattr("skfem_joint.analysis.estimate.integrate", counted)
+    return counts
+
+
+def test_a_full_estimate_takes_half_and_a_quarter_of_the_steps(taken: list[int]) -> None:
     run_scene(bar_scene("full", time={"cycles": 2}))
-    assert taken == [200]
+    assert taken == [200, 100]
 
 
 @pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
 def test_looks_end_where_the_reduced_run_has_settled(
-    monkeypatch: pytest.MonkeyPatch, frequency: float, settles: bool
+    taken: list[int], frequency: float, settles: bool
 ) -> None:
-    taken = []
-
-    def counted(*arguments: Any, **options: Any) -> Any:
-        run = integrate(*arguments, **options)
-        taken.append(run.counters.steps)
-        return run
-
-    integrate = study_module.integrate
-    monkeypatch.setattr("skfem_joint.analysis.estimate.integrate", counted)
     run_scene(
         bar_scene(
             "reduced",
@@ -205,7 +202,6 @@ def test_the_step_of_a_full_model_is_found_on_a_reduced_one(
         taken.append(options["n_steps"])
         return integrate(system, **options)
 
-    integrate = study_module.integrate
     monkeypatch.setattr(study_module, "integrate", counted)
     time = {"cycles": 4, "steps_per_cycle": 25}
     study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
