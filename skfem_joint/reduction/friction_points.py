@@ -232,12 +232,16 @@ def merged_points(
     sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
     rates = velocities[:: -(-len(velocities) // _TIMES)]
     histories = [_histories(system, rates, members) for members in sets]
-    # The points go where the most friction power is.
+    # The points go where the most friction power is, those that are left over where there is room.
     power = [system.w[p] @ (x * x).sum(axis=1) for p, x in zip(sets, histories, strict=True)]
+    sizes = np.array([members.size for members in sets])
+    share = np.array(power) / (sum(power) or 1.0)
+    wanted = np.clip((count * share).astype(int), 1, sizes)
+    room = sizes - wanted
+    wanted += np.minimum(room, max(count - wanted.sum(), 0) * room // max(room.sum(), 1))
     owner, total = np.zeros(system.w.size, dtype=np.intp), 0
-    for members, x, share in zip(sets, histories, power, strict=True):
-        wanted = max(1, int(count * share / sum(power))) if sum(power) > 0.0 else 1
-        owner[members] = total + partition(x, system.w[members], min(wanted, members.size))
+    for members, x, most in zip(sets, histories, wanted, strict=True):
+        owner[members] = total + partition(x, system.w[members], int(most))
         total = int(owner[members].max()) + 1
     place = owner[points], points
     limits = sparse.csr_array((system.w[points], place), shape=(total, system.w.size))
