@@ -7,6 +7,7 @@ vibration that the steps cannot follow. All three can be told in advance.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -128,10 +129,10 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
             if np.any(found) or np.isinf(system.beta[system.w > 0.0]).all():
                 return found
     try:
-        return np.asarray(
-            linalg.solve(system.K, f, assume_a="sym")
-            if isinstance(system.K, np.ndarray)
-            else splu(sparse.csc_array(system.K)).solve(f)
-        )
-    except (linalg.LinAlgError, RuntimeError):
+        if not isinstance(system.K, np.ndarray):
+            return np.asarray(splu(sparse.csc_array(system.K)).solve(f))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", linalg.LinAlgWarning)  # singular but for round-off
+            return np.asarray(linalg.solve(system.K, f, assume_a="sym"))
+    except (linalg.LinAlgError, linalg.LinAlgWarning, RuntimeError):
         return np.zeros_like(f)  # nothing holds it: it does not vibrate but moves away

@@ -17,6 +17,7 @@ from stepping_systems import (
     E,
     LapJoint,
     by_every_stepper,
+    dense_system,
     differing,
     order_of,
     oscillator,
@@ -39,6 +40,7 @@ from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.resolution import check_resolution, longest_step
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.steppers import Failure, Stepper
+from skfem_joint.system import AppliedLoad
 
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system
@@ -443,6 +445,13 @@ def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share: flo
     check_resolution(system, 0.095 * period, 10)
     with pytest.raises(InputError, match="jump"):
         check_resolution(system, 0.105 * period, 10)
+
+
+def test_a_jump_on_what_is_singular_but_for_round_off_sets_off_no_vibration() -> None:
+    jump = AppliedLoad(np.ones(4), Rectangle(1.0, 1.0), "all")
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
+    K = 1e6 * turn[:, 1:] @ turn[:, 1:].T + 1e-12 * np.eye(4)
+    check_resolution(dense_system(K=0.5 * (K + K.T), loads=(jump,)), 0.5, 10)
 
 
 INTERRUPTED = """
