@@ -34,7 +34,7 @@ from skfem_joint.mesh import NamedMesh, build_bar, build_plate
 from skfem_joint.scene import Scene, scene_from, tables
 
 #: Errors below this are not judged; of large ones no less than a part may be stated.
-JUDGED, LARGE = 3e-3, 2e-2
+JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
 WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
 REFERENCES = get_args(tables.Reduction.model_fields["reference"].annotation)
 ACCURACY = {"displacement": 0.01, "energy": 0.02}
@@ -234,6 +234,8 @@ def report(all_judged: list[Judged]) -> list[str]:
             f"largest {found.max():.2f}"
         )
         lines.append(f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}")
+        said = [ratio * true for ratio, true in flat if true > HUGE]
+        lines.append(f"least said where the truth exceeds {HUGE:.0%}: {min(said, default=1.0):.0%}")
     return lines
 
 

@@ -76,10 +76,7 @@ SLOWEST = 0.4
 #: period): longer ones may agree with each other and miss the joint's higher harmonics.
 FOLLOWS = 0.4
 #: Error of a step over the difference to twice the step: 1/3 for second order, more with friction.
-SMOOTH = 0.4
-#: Share of the difference between twice and four times the step below which no error falls because
-#: histories cross.
-FOURFOLD = 0.1
+SMOOTH = 0.45
 #: Difference between two steps, relative, from which on it is no small fraction of the error.
 LONG = 0.3
 
@@ -318,27 +315,14 @@ def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
     """
     duration = how["step"] * how["n_steps"]
     if _twice(system, how):
-        twice = _longer(system, how, 2)
-        found = {
-            name: None if e is None else _of_twice(e)
-            for name, e in _steps_apart(run, twice, 2).items()
-        }
-        if how["n_steps"] % 4 == 0 and (how["cycle_steps"] or 0) % 4 == 0:
-            crossing = difference(results(twice, 2), results(_longer(system, how, 4)))
-            for name, more in crossing.items():
-                least = None if more is None else FOURFOLD * min(more, 1.0)
-                found[name] = max((e for e in (found[name], least) if e is not None), default=None)
+        one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
+        apart = _steps_apart(run, again(system, one, 0.5), 2)
+        found = {name: None if e is None else _of_twice(e) for name, e in apart.items()}
     else:
         factor = 2.0 if how["step"] <= FOLLOWS * longest_step(system, duration) else 4.0
         apart, rest = _steps_apart(again(system, how, factor), run), 1.0 - factor**-2
         found = {name: None if e is None else e / rest for name, e in apart.items()}
     return Estimate({"time_step": found, "total": found})
-
-
-def _longer(system: System, how: Mapping[str, Any], times: int) -> Run:
-    """Run with steps so many times as long, stored as often for each of them."""
-    save = replace(how["save"], every=times * how["save"].every)
-    return again(system, {**how, "save": save}, 1.0 / times)
 
 
 def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
