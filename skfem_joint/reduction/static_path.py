@@ -191,7 +191,8 @@ def slip_path(
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
     path = QuasiStatic(system)
-    response = np.stack([path.follow(f[np.newaxis])[0] for f in loads.vectors.T], axis=1)
+    rise = np.array([loads.lasting])
+    response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
     if not np.any(snapshots[0]):
         raise InputError(
