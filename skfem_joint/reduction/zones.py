@@ -325,16 +325,18 @@ def zone_lengths(
                     "frequency, and Eq. (17) holds up to half of it. Use active_length = 'auto'."
                 )
         found.append(ZoneLength(zone.name, length, source, guess))
-    capped = []
+    capped, told = [], set()
     for zone, item in zip(zones, found, strict=True):
         ends = [
             z for z, other in zip(found, zones, strict=True) if set(other.nodes) == set(zone.nodes)
         ]
-        most = zone.length * item.length / sum(end.length for end in ends)
-        if item.length > most:
+        whole = sum(end.length for end in ends)
+        most = zone.length * item.length / whole
+        if item.length > most and zone.name not in told:
+            told.add(zone.name)
             warn.append(
-                f"The active length of joint '{zone.name}' comes out as {item.length:.4g} m, more "
-                f"than the joint has for it: capped at {most:.4g} m. The joint may slip as a whole "
+                f"The active length of joint '{zone.name}' comes out as {whole:.4g} m, more "
+                f"than the joint has: capped at {zone.length:.4g} m. The joint may slip as a whole "
                 "(gross slip), which the method assumes it does not."
             )
         capped.append(replace(item, length=min(item.length, most)))
