@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import linalg, sparse
+from scipy.integrate import trapezoid
 from stepping_systems import EA, STEEL, WIDTH, struts
 
 from skfem_joint.arrays import FloatArray
@@ -49,7 +50,7 @@ def backbone(share: float, elements: int) -> tuple[float, float]:
     levels = level * np.linspace(0.0, 1.0, 73)[1:]
     u = QuasiStatic(system).follow(levels[:, np.newaxis] * (system.M @ shape))
     q = u @ (system.M @ shape)
-    loop = 8.0 * np.trapezoid(np.r_[0.0, levels], np.r_[0.0, q]) - 4.0 * level * q[-1]
+    loop = 8.0 * trapezoid(np.r_[0.0, levels], np.r_[0.0, q]) - 4.0 * level * q[-1]
     damping = loop / (2.0 * np.pi * level * q[-1])
     exact = 1.0 / (1.0 + omega**2 * momentum**3 * level / (2.0 * EA * TAU))
     frequency_error = np.sqrt(level / q[-1]) / omega / np.sqrt(exact) - 1.0
