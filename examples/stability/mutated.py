@@ -428,6 +428,9 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"scene {number}: {type(error).__name__}: {error}"[:300], flush=True)
         finally:
             faulthandler.cancel_dump_traceback_later()
+        done = number + 1 - options.first
+        if done % 1000 == 0:
+            print(f"{done} of {options.count} scenes, {broken} broken", file=sys.stderr, flush=True)
     for word, count in sorted(found.items()):
         print(f"{word}: {count}")
     print(f"{options.count} scenes in {time.perf_counter() - begin:.0f} s, {broken} broken")
