@@ -197,7 +197,7 @@ def factorised(A: Any) -> Any:
                 "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
             ) from error
         return lambda right: linalg.cho_solve(factor, right)
-    banded = _banded(sparse.coo_array(A))
+    banded = _banded(sparse.csr_array(A))
     if banded is not None:
         return banded
     # Symmetric positive definite: order A + A^T, take the pivots from the diagonal.
@@ -209,21 +209,21 @@ def factorised(A: Any) -> Any:
     ).solve
 
 
-def _banded(A: sparse.coo_array) -> Callable[[FloatArray], FloatArray] | None:
+def _banded(A: sparse.csr_array) -> Callable[[FloatArray], FloatArray] | None:
     """Solver by Cholesky's method along a narrow band, if there is one and round-off lets it."""
     if A.nnz == 0:
         return None
     order = reverse_cuthill_mckee(sparse.csr_matrix(A), symmetric_mode=True)
-    place = np.argsort(order)
-    row, column = place[A.row], place[A.col]
+    place, entries = np.argsort(order), A.tocoo(copy=False)
+    row, column = place[entries.row], place[entries.col]
     lower = row >= column
     below, column = row[lower] - column[lower], column[lower]
     height = int(below.max()) + 1
     if height > BAND:
         return None
     size = height * A.shape[0]
-    diagonals = np.bincount(column * height + below, A.data[lower], size).reshape(-1, height).T
-    factor, failed = lapack.dpbtrf(diagonals, lower=1, overwrite_ab=1)
+    diagonals = np.bincount(column * height + below, entries.data[lower], size)
+    factor, failed = lapack.dpbtrf(diagonals.reshape(-1, height).T, lower=1, overwrite_ab=1)
     if failed:
         return None
     return lambda right: lapack.dpbtrs(factor, right[order], lower=1, overwrite_b=1)[0][place]
