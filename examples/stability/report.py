@@ -179,7 +179,7 @@ def _map(panel: Any, name: str, shown: Sequence[Verdict], norm: Any) -> Any:
     panel.set(xlabel="beta, s/m (C: Coulomb)", ylabel="steps per period")
     names = ["C" if beta == inf else f"{beta:.0e}".replace("+0", "") for beta in BETAS]
     panel.set_xticks(
-        range(len(BETAS)), [n * (k % 2 == len(BETAS) % 2) for k, n in enumerate(names)]
+        range(len(BETAS)), [n * (k % 2 != len(BETAS) % 2) for k, n in enumerate(names)]
     )
     panel.grid(alpha=0.25)
     return drawn[0]
