@@ -231,7 +231,8 @@ def test_few_factorizations_serve_many_iterations(monkeypatch: pytest.MonkeyPatc
     counters = run(system, steps=200).counters
     assert counters.newton_iterations < 5 * counters.steps
     assert counters.factorizations < counters.newton_iterations / 5
-    assert counters.linear_solves < 4 * counters.newton_iterations
+    # A factor costs as much as thirty solves, where its band is not narrow.
+    assert 30 * counters.factorizations + counters.linear_solves < 35 * counters.steps
 
 
 def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side() -> None:
