@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -365,9 +366,13 @@ class _Acting:
     V: FloatArray
     run: Run
 
+    @cached_property
+    def _acceleration(self) -> FloatArray:
+        return acceleration(self.run).T
+
     def _parts(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         loads = self.system.load_amplitudes(self.run.times[rows]).T
-        return loads, -acceleration(self.run).T[rows], -self.run.v[rows]
+        return loads, -self._acceleration[rows], -self.run.v[rows]
 
     def at(self, rows: IntArray) -> FloatArray:
         """At some of the stored times, (rows, n)."""
