@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -393,6 +393,21 @@ def as_amplitude(shape: object) -> Amplitude:
         f"load: found {shape!r}, must be a force as a function of time: a shape such as "
         "Harmonic(amplitude, frequency), or a function of t in s that returns N"
     )
+
+
+def scaled(amplitude: Amplitude, factor: float) -> Amplitude:
+    """The same course in time, so many times as large."""
+    match amplitude:
+        case MultiHarmonic():
+            parts = [replace(one, amplitude=factor * one.amplitude) for one in amplitude.components]
+            return MultiHarmonic(tuple(parts))
+        case Harmonic():
+            return replace(amplitude, amplitude=factor * amplitude.amplitude)
+        case _Impulse() | Rectangle():
+            return replace(amplitude, peak=factor * amplitude.peak)
+        case Table():
+            return replace(amplitude, forces=factor * amplitude.forces)
+    return Function(lambda t: factor * amplitude(t))
 
 
 def common_period(amplitudes: Iterable[Amplitude]) -> float | None:

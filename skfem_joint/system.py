@@ -20,6 +20,7 @@ from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
+from skfem_joint.modes import ratio_problems, rayleigh
 from skfem_joint.unknowns import (
     Arrangement,
     Contact,
@@ -78,6 +79,8 @@ class System:
     T : ndarray or sparse array, shape (N, n), or None
         Displacement of all that the structure has, supports included, from the unknowns; None
         where the unknowns are all there is. See :meth:`expand`.
+    notes : tuple of str
+        Sentences about what it was made with.
 
     ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
 
@@ -99,6 +102,7 @@ class System:
     points: tuple[str, ...] = ()
     directions: Any = field(default=None)
     T: Matrix = field(default=None)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
@@ -220,6 +224,7 @@ class System:
         points: Mapping[str, ArrayLike] | None = None,
         stiffness_damping: float = 0.0,
         mass_damping: float = 0.0,
+        damping_ratio: float | None = None,
     ) -> System:
         """System of matrices of one's own, from scikit-fem or from anywhere.
 
@@ -227,7 +232,8 @@ class System:
         ----------
         M, K, C : ndarray or sparse array, shape (N, N)
             Mass (kg), positive definite, stiffness (N/m), not negative, and damping (N s/m),
-            ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given.
+            ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given, or that of the
+            ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
         contact : Contact, optional
@@ -255,6 +261,10 @@ class System:
         fixed = dof_numbers(fixed)
         if fixed.size and not (fixed[0] >= 0 and fixed[-1] < n):
             raise InputError(f"fixed: found {fixed[[0, -1]]}, must be from 0 to {n - 1}")
+        if damping_ratio is not None:
+            others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
+            if problems := list(ratio_problems(damping_ratio, others)):
+                raise InputError(problems)
         joined = Contact.none(n) if contact is None else contact
         for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
             right = (A.shape[0], n) if A is joined.B else (n, n)
@@ -282,7 +292,25 @@ class System:
         new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
         system = outer.in_unknowns(new)
         _check_definite(system)
-        return system
+        return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
+
+    def with_damping_ratio(self, ratio: float) -> System:
+        """Damping C = a M + b K with this ratio of the critical one at two frequencies.
+
+        They are the first natural frequency with all joints stuck (loose, where that leaves nothing
+        to vibrate) and the highest of the harmonic loads; the third natural frequency where there
+        is none or it is within a tenth of the first. Between the two the ratio is less, beyond them
+        more; ``notes`` say how much. The system is sparse, each of its slip rows picks an unknown.
+
+        Raises
+        ------
+        InputError
+            If nothing vibrates.
+        """
+        stuck = sparse.csr_array(self.B)[np.flatnonzero(self.on_rows(self.w))].indices
+        amplitudes = [load.amplitude for load in self.loads]
+        mass, stiffness, note = rayleigh(self.K, self.M, stuck, amplitudes, ratio)
+        return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
         """Displacement of all that the structure has, (..., N), from unknowns (..., n)."""

@@ -31,6 +31,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.friction import norms
+from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import (
     ProperModes,
@@ -53,7 +54,6 @@ from skfem_joint.reduction.zones import (
     active_zones,
     axis_of,
     mouths,
-    natural_modes,
     picked,
     probed,
     zone_lengths,

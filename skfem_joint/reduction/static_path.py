@@ -35,10 +35,11 @@ from scipy.signal import lsim
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
+from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
 from skfem_joint.reduction.residual import acceleration
-from skfem_joint.reduction.zones import natural_modes, picked
+from skfem_joint.reduction.zones import picked
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step

@@ -9,13 +9,12 @@ from itertools import combinations
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import eigh
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import LinearOperator, eigsh
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic
+from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -384,15 +383,3 @@ def estimate_active_length(system: System, zone: Zone) -> Estimate | None:
         return float(found * (b / length if length > b and linear.size == 0 else 1.0))
 
     return estimate(at_mouth / zone.tau, highest, frequency_of)
-
-
-def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
-    """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices."""
-    n = K.shape[0]
-    if n < 20 or count >= n - 1:
-        values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
-    else:
-        K, M = sparse.csc_array(K), sparse.csc_array(M)
-        inverse = LinearOperator((n, n), matvec=factorised(K), dtype=float)
-        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n), OPinv=inverse)
-    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes

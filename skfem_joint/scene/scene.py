@@ -86,6 +86,7 @@ class Scene(SceneTable):
                     joints=[joint.to_joint() for joint in self.joint],
                     stiffness_damping=self.damping.stiffness,
                     mass_damping=self.damping.mass,
+                    damping_ratio=self.damping.ratio,
                     mass=material.mass_matrix,
                     regions=regions,
                 )
@@ -93,7 +94,9 @@ class Scene(SceneTable):
 
     def loads(self) -> tuple[parts.Load, ...]:
         """Loads of the structure."""
-        return tuple(parts.Load(one.on, one.to_amplitude(), one.direction) for one in self.load)
+        return tuple(
+            parts.Load(one.on, one.to_amplitude(), one.direction, one.base) for one in self.load
+        )
 
     def system(self) -> System:
         """System of the full model, assembled once."""

@@ -216,17 +216,46 @@ class Joint(SceneTable):
 
 
 class Damping(SceneTable):
-    """``[damping]``: C = stiffness * K + mass * M."""
+    """``[damping]``: C = stiffness * K + mass * M, by its factors or by the ratio it gives."""
 
     stiffness: NotNegative = key("factor of the stiffness matrix, s", 0.0)
     mass: NotNegative = key("factor of the mass matrix, 1/s", 0.0)
+    ratio: float | None = key("share of the critical damping", None, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _is_given_one_way(self) -> Self:
+        if self.ratio is not None and (given := sorted(self.model_fields_set - {"ratio"})):
+            raise mistake(
+                f"found {self.ratio:g} beside {' and '.join(given)}, must be given alone", "ratio"
+            )
+        return self
 
 
 class _Load(SceneTable):
-    on: str = key("name of the point, boundary or region that the load acts on")
+    on: str | None = key("name of the point, boundary or region that the load acts on", None)
     direction: Direction | None = key(
         "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars", None
     )
+    base: Literal["x", "y", "z"] | None = key(
+        "axis along which all supports are accelerated; what is a force in N on a part of the "
+        "structure is then an acceleration in m/s²",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _acts_on_one(self) -> Self:
+        if (self.on is None) == (self.base is None):
+            found = "missing" if self.on is None else f"found '{self.on}' beside base"
+            raise mistake(
+                f"{found}, must be given: name of the point, boundary or region that a force acts "
+                "on, or instead of it base = 'x', 'y' or 'z', along which supports are accelerated",
+                "on",
+            )
+        if self.base is not None and self.direction is not None:
+            raise mistake(
+                "found beside base, which is a direction itself; leave it out", "direction"
+            )
+        return self
 
 
 class Component(SceneTable):

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.modes import ratio_problems
 from skfem_joint.structure.bolts import Bolts
 from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
 from skfem_joint.structure.pressure import PressureTable
@@ -83,6 +84,9 @@ def _values(structure: Structure) -> Iterator[str]:
         )
     yield from positive("damping.stiffness", structure.stiffness_damping, ">= 0")
     yield from positive("damping.mass", structure.mass_damping, ">= 0")
+    if structure.damping_ratio is not None:
+        factors = {"stiffness": structure.stiffness_damping, "mass": structure.mass_damping}
+        yield from ratio_problems(structure.damping_ratio, factors)
 
 
 def _poisson(where: str, value: float) -> Iterator[str]:
@@ -197,24 +201,40 @@ def problems_of_places(
 ) -> list[str]:
     """Mistakes in the names of loads and observed points, and in the loads' directions."""
     dim = structure.dim
-    places = [(f"load on {load.on!r}", load.on) for load in loads]
+    places = [(load.label, load.on) for load in loads if load.on is not None]
     places += [("points", name) for name in points or ()]
     found = [p for where, on in places for p in wrong_name(structure.mesh, on, _KINDS, where)]
     for load in loads:
+        if load.base is not None or load.on is None:
+            found += _base_problems(load, dim)
+            continue
         vector = np.ravel(() if load.direction is None else load.direction)
         if load.direction is None and dim > 1:
             found.append(
-                f"load on {load.on!r}: direction: missing, must be given as {dim} numbers, "
+                f"{load.label}: direction: missing, must be given as {dim} numbers, "
                 f"e.g. {[1.0, *[0.0] * (dim - 1)]}"
             )
         elif load.direction is not None and not (
             vector.shape == (dim,) and np.all(np.isfinite(vector)) and np.any(vector)
         ):
             found.append(
-                f"load on {load.on!r}: direction: found {list(load.direction)}, must be {dim} "
+                f"{load.label}: direction: found {list(load.direction)}, must be {dim} "
                 "finite numbers, not all zero"
             )
     return found
+
+
+def _base_problems(load: Load, dim: int) -> Iterator[str]:
+    """What is wrong with a load on no place, or on a base."""
+    if (load.on is None) == (load.base is None):
+        yield (
+            f"{load.label}: found on = {load.on!r} and base = {load.base!r}, must be one of the "
+            "two: the place of a force, or the axis along which the supports are accelerated"
+        )
+    elif load.direction is not None:
+        yield f"{load.label}: direction: found {load.direction} beside base; leave it out"
+    else:
+        yield from _one_of(f"{load.label}: base", str(load.base), "xyz"[:dim])
 
 
 def _rigid_motions(structure: Structure) -> FloatArray:
@@ -273,7 +293,7 @@ def _body_label(mesh: NamedMesh, body: int) -> str:
 
 def doubts(structure: Structure, system: System) -> list[str]:
     """Sentences about size, loads, and joints: what is allowed but looks like a slip."""
-    found = []
+    found = list(system.notes)
     size = float(np.ptp(structure.nodes, axis=0).max())
     thickness = structure.properties["thickness"].min() if structure.thickness else None
     if thickness is not None and not _SHORTEST < size / thickness < _LONGEST:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.loads import Amplitude, as_amplitude
+from skfem_joint.loads import as_amplitude, scaled
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import checks
@@ -50,18 +50,33 @@ class Material:
 
 @dataclass(frozen=True)
 class Load:
-    """A force on a named point, boundary or region, spread evenly over it.
+    """A force on a named point, boundary or region, spread evenly over it; or a moving base.
 
     ``amplitude`` is the whole force (N) as a function of time (s): one of :mod:`skfem_joint.loads`,
-    or a plain function. The length of ``direction`` does not count; bars do without.
+    or a plain function. The length of ``direction`` does not count; bars do without. With ``base``
+    ("x", "y" or "z") in place of ``on`` it is the acceleration (m/s2) of all supports and rigid
+    bases together along that axis of the mesh; displacements are then relative to them.
     """
 
-    on: str
-    amplitude: Amplitude
+    on: str | None = None
+    amplitude: Any = None
     direction: tuple[float, ...] | None = None
+    base: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
+
+    @property
+    def label(self) -> str:
+        """What it is called in messages."""
+        return f"load with base = {self.base!r}" if self.on is None else f"load on {self.on!r}"
+
+    def unit(self, dim: int) -> FloatArray:
+        """Unit vector along it, (dim,)."""
+        if self.base is not None:
+            return np.asarray(np.eye(dim)["xyz".index(self.base)])
+        direction = np.ravel((1.0,) if self.direction is None else self.direction)
+        return np.asarray(direction / np.linalg.norm(direction))
 
 
 @dataclass(frozen=True)
@@ -84,6 +99,8 @@ class Structure(Nodes):
     joints : sequence of Joint
     stiffness_damping, mass_damping : float
         C = stiffness_damping K + mass_damping M, in s and 1/s.
+    damping_ratio : float, optional
+        Of the critical damping, in place of these two: see `System.with_damping_ratio`.
     mass : {"consistent", "lumped"}
         Integrals of shape functions, or their row sums on the diagonal.
     regions : mapping
@@ -109,6 +126,7 @@ class Structure(Nodes):
     joints: Sequence[Joint] = ()
     stiffness_damping: float = 0.0
     mass_damping: float = 0.0
+    damping_ratio: float | None = None
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: bool = False
@@ -269,7 +287,8 @@ class Structure(Nodes):
         Observed are ``points``, boundaries or regions, the latter two by their mean, and all points
         that can move if none are given. Rows of ``P``: one named as each load, the displacement
         that it works on (another direction at the same place gets ".2" and so on), then what is
-        observed: "name" in one dimension, else "name.x" and so on.
+        observed: "name" in one dimension, else "name.x" and so on. An accelerated base becomes the
+        inertia force of all mass (N), named "mass_x": it works on the mean displacement by mass.
 
         Raises
         ------
@@ -279,21 +298,30 @@ class Structure(Nodes):
         problems = checks.problems_of_places(self, loads, points)
         if problems:
             raise InputError(problems)
-        T = self.T
+        T, (M, K) = self.T, self.matrices()
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
+        notes: list[str] = []
         for load in loads:
-            unit = np.ravel((1.0,) if load.direction is None else load.direction)
-            unit = unit / np.linalg.norm(unit)
-            vector = T.T @ np.outer(self.even_shares(load.on), unit).ravel()
+            on, amplitude = load.on or f"mass_{load.base}", load.amplitude
+            if load.on is None:
+                inertia = M @ np.tile(load.unit(self.dim), self.n_nodes)
+                mass = float(inertia.sum())
+                vector, amplitude = T.T @ inertia / mass, scaled(amplitude, -mass)
+                notes.append(
+                    f"The base is accelerated along {load.base}: displacements are relative to it, "
+                    f"and the load on {on} is the inertia force of all {mass:.6g} kg."
+                )
+            else:
+                vector = T.T @ np.outer(self.even_shares(on), load.unit(self.dim)).ravel()
             if not np.any(vector):
                 problems.append(
-                    f"load on {load.on!r}: a support holds it along {unit.tolist()}, a force there "
-                    "does nothing; load a free part"
+                    f"{load.label}: a support holds it along {load.unit(self.dim).tolist()}, a "
+                    "force there does nothing; load a free part"
                 )
-            name = _free_name(load.on, vector, rows)
+            name = _free_name(on, vector, rows)
             rows[name] = vector
-            applied.append(AppliedLoad(vector, load.amplitude, name))
+            applied.append(AppliedLoad(vector, amplitude, name))
         for name in self.free_points if points is None else dict.fromkeys(points):
             shares = self.even_shares(name)
             parts = [T.T @ np.outer(shares, axis).ravel() for axis in np.eye(self.dim)]
@@ -303,7 +331,9 @@ class Structure(Nodes):
             rows |= dict(zip(labels, parts, strict=True))
         if problems:
             raise InputError(problems)
-        return self._assembled(tuple(applied), rows)
+        system = self._assembled(M, K, tuple(applied), rows, tuple(dict.fromkeys(notes)))
+        ratio = self.damping_ratio
+        return system if ratio is None else system.with_damping_ratio(ratio)
 
     @property
     def free_points(self) -> tuple[str, ...]:
@@ -311,9 +341,16 @@ class Structure(Nodes):
         moves = np.diff(self.T.indptr[:: self.dim]) > 0
         return tuple(name for name, node in self.mesh.points.items() if moves[node])
 
-    def _assembled(self, loads: tuple[AppliedLoad, ...], rows: dict[str, FloatArray]) -> System:
+    def _assembled(
+        self,
+        M: Matrix,
+        K: Matrix,
+        loads: tuple[AppliedLoad, ...],
+        rows: dict[str, FloatArray],
+        notes: tuple[str, ...],
+    ) -> System:
         contact, new = self._contact, self.arrangement
-        M, K = (congruent(A, new.forward) for A in self.matrices())
+        M, K = (congruent(A, new.forward) for A in (M, K))
         n = K.shape[0]
         return System(
             M=M,
@@ -327,6 +364,7 @@ class Structure(Nodes):
             points=tuple(rows),
             directions=contact.directions,
             T=new.forward,
+            notes=notes,
         )
 
 

@@ -10,9 +10,10 @@ from scene_texts import Change, problems_of, scene_of
 
 from skfem_joint import loads
 from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene, tables
 from skfem_joint.scene.values import SceneTable
-from skfem_joint.structure import Bolt, Bolts, PressureTable
+from skfem_joint.structure import Bolt, Bolts, PressureTable, doubts
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
 JOINT = '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'
@@ -108,8 +109,16 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     "[[load]]": [
         ("[load]", "load", "a list of tables", "[[load]]"),
         ("[damping]\nstiffness = -1e-5\n[[load]]", "damping.stiffness", ">= 0"),
+        ("[damping]\nratio = 1.0\n[[load]]", "damping.ratio", "< 1"),
+        ("[damping]\nratio = 0.1\nmass = 1.0\n[[load]]", "damping.ratio", "mass", "alone"),
     ],
-    'on = "free_end"': [('on = "free_end"\ndirection = 1', "load[0].direction", "a list")],
+    'on = "free_end"': [
+        ('on = "free_end"\ndirection = 1', "load[0].direction", "a list"),
+        ("", "load[0].on", "missing", "base = 'x'"),
+        ('on = "free_end"\nbase = "x"', "load[0].on", "'free_end' beside base"),
+        ('base = "x"\ndirection = [1, 0]', "load[0].direction", "beside base"),
+        ('base = "w"', "load[0].base", "'x', 'y' or 'z'"),
+    ],
     'kind = "harmonic"': [
         ('kind = "harmonics"', "load[0].kind", "did you mean 'harmonic'", "'versine'"),
         ("", "load[0].kind", "missing", "'harmonic'", "'ramp_and_hold'"),
@@ -304,6 +313,19 @@ def test_each_kind_of_load_arrives_with_its_numbers(
         assert (found.on, found.amplitude, found.direction) == ("free_end", expected, direction)
         assert (scene.time_step, scene.n_steps, scene.cycle_steps) == (1e-3, 1000, None)
         assert scene.cycle_period == expected.period
+
+
+def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said() -> None:
+    mesh = build_bar([("joint", 0.1, 4), ("linear", 0.5, 5)], {"fixed": 0.0, "free_end": 0.6})
+    by_base = ('on = "free_end"', 'base = "x"')
+    scene = scene_of(by_base, ("[time]", "[damping]\nratio = 0.002\n[time]"), mesh=mesh)
+    (load,) = scene.system().loads
+    assert load.on == "mass_x"
+    mass = 0.6 * 0.05 * 0.01 * 8000
+    assert load.amplitude.peak_value == pytest.approx(87.5e3 * mass)
+    base, ratio = doubts(scene.structure(), scene.system())[:2]
+    assert "relative" in base
+    assert "C = a M + b K" in ratio
 
 
 def test_table_is_found_beside_the_scene_from_anywhere(

@@ -1,0 +1,92 @@
+"""Natural modes, and damping that is given by the ratio of the critical one at two frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eigh
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic
+
+#: Modes that are looked at for three that strain, and the share of the mean square frequency that
+#: those have at least.
+_LOOKED_AT, _RIGID = 12, 1e-12
+#: Frequencies that differ by less than this share are the same.
+_SAME = 0.1
+
+
+def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
+    """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices."""
+    n = K.shape[0]
+    if n < 20 or count >= n - 1:
+        values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
+    else:
+        K, M = sparse.csc_array(K), sparse.csc_array(M)
+        how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+        solve = splu(K, **how, options={"SymmetricMode": True}).solve
+        inverse = LinearOperator((n, n), matvec=solve, dtype=float)
+        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n), OPinv=inverse)
+    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
+
+
+def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
+    """What is wrong with a damping ratio beside other ways to give damping, by their names."""
+    if not 0.0 < ratio < 1.0:
+        yield f"damping.ratio: found {ratio}, must be above 0 and below 1"
+    if given := [name for name, value in others.items() if value]:
+        yield (
+            f"damping.ratio: found beside {' and '.join(given)}, must be given alone: it makes "
+            "the damping matrix by itself"
+        )
+
+
+def rayleigh(
+    K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude], ratio: float
+) -> tuple[float, float, str]:
+    """Factors of M (1/s) and of K (s) of a damping with the ratio, and a sentence that says so.
+
+    It is exact at the first natural frequency with the unknowns ``stuck`` held (none, where that
+    leaves nothing), and at the highest frequency of the harmonic ``loads``, or at the third natural
+    frequency where there is none or it is about the first.
+
+    Raises
+    ------
+    InputError
+        If nothing vibrates.
+    """
+    free = np.setdiff1d(np.arange(K.shape[0]), stuck)
+    joints = "stuck" if free.size else "loose"
+    if free.size:
+        K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
+    small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
+    shifted = (2.0 * np.pi * natural_modes(K + small * M, M, _LOOKED_AT)[0]) ** 2
+    own = np.sqrt(shifted[shifted > 2.0 * small] - small) / (2.0 * np.pi)
+    if not own.size:
+        raise InputError(
+            "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
+            "damping's factors of the mass and of the stiffness matrix"
+        )
+    harmonic = [a for a in loads if isinstance(a, Harmonic | MultiHarmonic)]
+    first, second = own[0], max((a.highest_frequency for a in harmonic), default=own[0])
+    which = "the loads' highest"
+    if abs(second - first) <= _SAME * first:
+        second, which = own[:3][-1], "a natural one"
+    omega = 2.0 * np.pi * np.array([first, second])
+    mass, stiffness = 2.0 * ratio * np.array([omega.prod(), 1.0]) / omega.sum()
+    least = np.sqrt(omega.prod())
+    beyond = 3.0 * omega.max()
+    at = {w: 0.5 * (mass / w + stiffness * w) for w in (least, beyond)}
+    return (
+        float(mass),
+        float(stiffness),
+        f"Damping of ratio {ratio:.4g} is C = a M + b K with a = {mass:.4g} 1/s and b = "
+        f"{stiffness:.4g} s: exact at {first:.5g} Hz, the first natural frequency with joints "
+        f"{joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
+        f"{least / (2.0 * np.pi):.5g} Hz between them, where it is least, and {at[beyond]:.3g} at "
+        f"{beyond / (2.0 * np.pi):.5g} Hz.",
+    )
