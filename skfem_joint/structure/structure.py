@@ -55,7 +55,8 @@ class Load:
     ``amplitude`` is the whole force (N) as a function of time (s): one of :mod:`skfem_joint.loads`,
     or a plain function. The length of ``direction`` does not count; bars do without. With ``base``
     ("x", "y" or "z") in place of ``on`` it is the acceleration (m/s2) of all supports and rigid
-    bases together along that axis of the mesh; displacements are then relative to them.
+    bases together along that axis of the mesh; displacements are then relative to them, and damping
+    acts on their rates.
     """
 
     on: str | None = None
