@@ -120,7 +120,7 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
             basis,
             friction_points=points,
             beta=beta,
-            periodic=scene.time.cycles is not None,
+            periodic=scene.periodic,
             warn=[],
         )
         V = basis.V

@@ -31,6 +31,7 @@ def how_of(scene: Scene) -> dict[str, Any]:
         "scheme": generalized_alpha(scene.time.rho_infinity),
         "save": save_of(scene),
         "cycle_steps": scene.cycle_steps,
+        "until": scene.time.until or "end",
     }
 
 

@@ -436,6 +436,8 @@ def error_time(
     """
     given = {"--bound": bound, "--repeats": repeats}
     problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]
+    if scene.time.until is not None:
+        problems.append("time.until: error-time compares runs of equal length; give cycles")
     if problems:
         raise InputError(problems)
     what = (QUICK if quick else RANGE) | dict(wanted or {})

@@ -120,6 +120,7 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
         scheme=how["scheme"],
         save=save,
         cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
+        until=how.get("until", "end"),
         progress=how.get("progress"),
     ).finished()
 

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 #: Called with what is done, and how many of how many parts of it.
 Progress = Callable[[str, int, int], None]
+#: Cycles of the run that modes are made for where it goes on until vibration is steady.
+TO_STEADY = 100
 
 
 @dataclass(frozen=True)
@@ -337,7 +339,7 @@ def reduction_of(
         basis,
         friction_points=options.friction_points,
         beta=options.beta,
-        periodic=study.scene.time.cycles is not None,
+        periodic=study.scene.periodic,
         warn=study.warnings,
     )
     return basis, system, shares
@@ -345,7 +347,9 @@ def reduction_of(
 
 def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
     how = how_of(study.scene) | {"enriched": enriched}
-    del how["save"]
+    if how["until"] == "steady":
+        how["n_steps"] *= TO_STEADY
+    del how["save"], how["until"]
     return make_basis(study.structure, study.system, options, warn=warn, **how)
 
 

@@ -46,6 +46,8 @@ class Scene(SceneTable):
     reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
     accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
     output: tables.Output = key("what is written", tables.Output())
+    response: tables.Response | None = key("frequencies and levels of steady vibration", None)
+    backbone: tables.Backbone = key("modes whose damping is looked for", tables.Backbone())
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
@@ -136,15 +138,23 @@ class Scene(SceneTable):
 
     @property
     def n_steps(self) -> int:
-        """Number of steps; the last one ends at the end of the run or just beyond it."""
+        """Number of steps, of one period where vibration is to be steady.
+
+        The last one ends at the end of the run or just beyond it.
+        """
         if self.time.duration is not None and self.time.step is not None:
             return math.ceil(min(self.time.duration / self.time.step, 1e18) * (1 - 1e-9))
-        return (self.time.cycles or 0) * self.time.steps_per_cycle
+        return (self.time.cycles or 1) * self.time.steps_per_cycle
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the run is counted in cycles."""
+        return self.time.duration is None
 
     @property
     def cycle_steps(self) -> int | None:
         """Steps of one cycle; None for a scene by duration."""
-        return self.time.steps_per_cycle if self.time.cycles is not None else None
+        return self.time.steps_per_cycle if self.periodic else None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy of the same path and mesh; what was built from a replaced table is built anew."""
@@ -190,10 +200,10 @@ class Scene(SceneTable):
 
 def _time_problems(scene: Scene) -> Iterator[str]:
     time = scene.time
-    if time.cycles is not None and scene.cycle_period is None:
+    if scene.periodic and scene.cycle_period is None:
         yield (
-            f"time.cycles: found {time.cycles}, but the loads have no common period; "
-            "give duration and step instead"
+            f"time.{'until' if time.until else 'cycles'}: found {time.until or time.cycles}, but "
+            "the loads have no common period; give duration and step instead"
         )
         return
     step, count = scene.time_step, scene.n_steps

@@ -353,9 +353,13 @@ AnyLoad: TypeAlias = Annotated[
 
 
 class Time(SceneTable):
-    """``[time]``: cycles and steps_per_cycle, or duration and step."""
+    """``[time]``: cycles or until, and steps_per_cycle; or duration and step."""
 
     cycles: Count | None = key("number of common periods of the loads", None)
+    until: Literal["steady"] | None = key(
+        "'steady' finds the period at which vibration is steady, however many cycles that takes",
+        None,
+    )
     steps_per_cycle: int = key("steps in a common period", 200, ge=PER_PERIOD, le=MOST)
     duration: Positive | None = key("length of the run, s", None)
     step: Positive | None = key("length of a step, s", None)
@@ -365,9 +369,9 @@ class Time(SceneTable):
 
     @model_validator(mode="after")
     def _is_given_one_way(self) -> Self:
-        by_cycles = self.model_fields_set & {"cycles", "steps_per_cycle"}
+        by_cycles = self.model_fields_set & {"cycles", "until", "steps_per_cycle"}
         by_duration = self.model_fields_set & {"duration", "step"}
-        choice = "must be either cycles (and steps_per_cycle), or duration and step"
+        choice = "must be either cycles or until (and steps_per_cycle), or duration and step"
         if by_cycles and by_duration:
             raise mistake(f"found {', '.join(sorted(by_cycles | by_duration))}; {choice}")
         if by_duration:
@@ -378,9 +382,52 @@ class Time(SceneTable):
                 raise mistake(
                     f"found {self.step:g}, must be <= duration, {self.duration:g}", "step"
                 )
-        elif self.cycles is None:
+        elif self.until is not None and self.cycles is not None:
+            raise mistake("found beside until = 'steady', which counts them itself", "cycles")
+        elif self.until is None and self.cycles is None:
             raise mistake(f"missing; {choice}", "cycles")
         return self
+
+
+class Frequencies(SceneTable):
+    """``response.frequencies = { from, to, points }``."""
+
+    from_: Positive = key("lowest frequency, Hz", alias="from")
+    to: Positive = key("highest frequency, Hz")
+    points: Count = key("number of frequencies, before those around peaks", 21)
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if self.to < self.from_ or (self.to == self.from_ and self.points > 1):
+            raise mistake(f"found {self.to:g}, must be above from, {self.from_:g}", "to")
+        return self
+
+
+class Response(SceneTable):
+    """``[response]``: steady vibration over frequency, for the command ``response``."""
+
+    frequencies: Frequencies = key("table { from, to, points }: first harmonics of the loads, Hz")
+    levels: Annotated[tuple[Positive, ...], A_LIST] = key(
+        "factors of the loads' amplitudes", (1.0,), min_length=1
+    )
+
+
+class Backbone(SceneTable):
+    """``[backbone]``: frequency and damping against amplitude, for the command ``backbone``."""
+
+    modes: Annotated[tuple[Count, ...], A_LIST, AfterValidator(has_no_repeats)] = key(
+        "numbers of modes with the contact stuck", (1,), min_length=1
+    )
+    levels: Count = key("points of each curve", 20)
+    up_to: Positive = key(
+        "the highest level, as a share of that at which the first joint slips as a whole", 0.7
+    )
+    ring_down: int = key(
+        "cycles of free vibration, released from the highest level, to compare with",
+        0,
+        ge=0,
+        le=MOST,
+    )
 
 
 class Models(SceneTable):

@@ -45,6 +45,9 @@ ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
 MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
+#: Largest tangent across a slip, over the diagonal of the matrix: round-off of larger ones makes it
+#: singular along the slip.
+STIFFEST = 1e8
 #: Forces, N, that count as none: products of smaller ones are lost.
 NOTHING = 1e-140
 
@@ -157,8 +160,11 @@ def _subtract_friction(first, second, w, beta, v, r, sigma, held):
 
 
 @compiled
-def _tangent(first, second, w, beta, v, out):
-    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead."""
+def _tangent(first, second, block, w, beta, v, out):
+    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead.
+
+    Across a slip that is next to nothing it is no more than what leaves the other direction exact.
+    """
     for p in range(first.size):
         i = first[p]
         j = second[p]
@@ -168,7 +174,8 @@ def _tangent(first, second, w, beta, v, out):
         speed = _size(first, second, p, v)
         if beta[p] == inf:
             along = 0.0
-            across = w[p] / speed if speed > 0.0 else 0.0
+            most = STIFFEST * block[p, 0]
+            across = 0.0 if speed == 0.0 else w[p] / speed if most * speed > w[p] else most
         else:
             z = beta[p] * speed
             along = w[p] * 2.0 / pi * beta[p] / (1.0 + z * z)
@@ -298,7 +305,7 @@ class ContactProblem:
         x, y, z = np.zeros((3, self.A.shape[0]))
         _sweep(self.rows, none, none, block, nothing, nothing, x, y, False)
         _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
-        _tangent(*laws, x, block)
+        _tangent(none, none, block, nothing, nothing, x, block)
         _slope(*laws, x, y, 1.0)
         _round_off(*laws, x)
         _add_blocks(none, none, block, x, y)
@@ -333,7 +340,7 @@ class ContactProblem:
             )
             if converged:
                 break
-            _tangent(*self.laws, v, tangents)
+            _tangent(*self.points, self.block, self.w, self.beta, v, tangents)
             r[held] = 0.0
             d, more = self._newton_direction(r, tangents, held)
             solves += more

@@ -14,7 +14,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,9 +23,10 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.arrangement import Arranged, arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
-from skfem_joint.stepping.recording import Recorder, Run, Save
+from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
+from skfem_joint.stepping.steady import copied, periodic_state
 from skfem_joint.system import System
 
 #: Largest force residual of a step, relative to its largest force.
@@ -54,6 +55,7 @@ def integrate(
     scheme: Scheme | None = None,
     save: Save | None = None,
     cycle_steps: int | None = None,
+    until: Literal["end", "steady"] = "end",
     initial: tuple[FloatArray, FloatArray] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[int, int], None] | None = None,
@@ -79,8 +81,13 @@ def integrate(
     cycle_steps : int, optional
         Steps of one cycle: works and peaks are also noted cycle by cycle. As ``steps_per_cycle``
         says, if that is given.
+    until : {"end", "steady"}
+        ``"steady"`` gives the period at which vibration under loads that repeat has become steady,
+        see :mod:`skfem_joint.stepping.steady`: ``cycles`` is one then, and the times, works and
+        peaks are those of that period.
     initial : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) at the start; at rest if not given.
+        Displacement (m) and velocity (m/s) at the start; at rest if not given. Where a search
+        for what is steady begins.
     tolerance : float
         Largest force residual of a step relative to its largest force.
     progress : callable, optional
@@ -96,11 +103,13 @@ def integrate(
     Raises
     ------
     ConvergenceError
-        If a step does not converge, even in 256 parts.
+        If a step does not converge, even in 256 parts, or no steady vibration is found.
     InputError
         If the steps are not given in one of the three ways, or are too long for a load, no stepper
         fits the system, or the checkpoint cannot be written or is not one of this run.
     """
+    if until == "steady" and step is None:
+        cycles = 1 if cycles is None else cycles
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
@@ -109,7 +118,9 @@ def integrate(
     if cycle_steps is not None and cycle_steps < 1:
         raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
     start = _start(system, initial)
-    check_resolution(system, step, n_steps)
+    if until == "steady":
+        _check_steady(system, step * n_steps, scheme, checkpoint)
+    check_resolution(system, step, n_steps, until == "steady")
     save, scheme = save or Save(), scheme or generalized_alpha()
     asked = (system, step, n_steps, scheme, save, cycle_steps, *start, tolerance)
     identity = fingerprint(*asked) if checkpoint else ""
@@ -120,6 +131,8 @@ def integrate(
         driver.take_up(*saved)
     elif initial is not None:
         driver.recorder.observe(driver.stepper.state().u)
+    if until == "steady":
+        return driver.steady(system, cycle_steps, preparation)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
     energy = 0.0 if initial is None else system.stored_energy(*start)
     return driver.finish(system, energy, preparation, interrupted)
@@ -161,6 +174,26 @@ def _steps(step: float | None, n_steps: int | None, duration: float | None) -> t
     if n_steps is None or n_steps < 1:
         raise InputError(f"n_steps: found {n_steps}, must be >= 1")
     return float(step), int(n_steps)
+
+
+def _check_steady(
+    system: System, duration: float, scheme: Scheme | None, checkpoint: Checkpoint | None
+) -> None:
+    """Refuse what has no steady vibration, or none that is a period long."""
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or abs(duration / period - 1.0) > 1e-9:
+        raise InputError(
+            "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
+            "give steps_per_cycle"
+        )
+    if checkpoint is not None:
+        raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
+    damped = abs(system.C).max() > 0.0 or (scheme is not None and not scheme.coefficients(1.0)[-1])
+    if not (damped or system.contact_points):
+        raise InputError(
+            "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
+            "[damping] ratio = 0.002 in a scene"
+        )
 
 
 def _start(
@@ -285,6 +318,34 @@ class _Driver:
             return run
         final = to.outer(run.final[0]), to.outer(run.final[1])
         return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
+
+    def steady(self, system: System, cycle_steps: int | None, preparation: float) -> Run:
+        """Run of the period at which vibration has become steady."""
+        save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
+        quarters = sorted({max(1, k * self.n_steps // 4) for k in (1, 2, 3, 4)})
+
+        def period(start: State, save: Save = nothing) -> tuple[State, float, float]:
+            """Go through one period."""
+            self.done, energy, stepper = 0, 0.0, self.stepper
+            self.recorder = stepper.recorder = Recorder(self.system, save, self.n_steps, self.h)
+            stepper.now = start
+            self.recorder.store(0, stepper.state())
+            self.recorder.observe(start.u)
+            for end in quarters:
+                self.advance(end)
+                energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
+            return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
+
+        start, periods, change = periodic_state(self.system, copied(self.stepper.now), period)
+        start = copied(start)
+        period(copied(start), save)
+        if cycle_steps is not None:
+            self.recorder.end_cycle()
+        self.elapsed = time.perf_counter() - begin
+        energy = self.system.stored_energy(*start[:2])
+        run = self.finish(system, energy, preparation, False)
+        counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
+        return replace(run, steady=Steady(periods, change), counters=counters)
 
     def _lay(self, t: float, jump: bool) -> None:
         """Cut the step in which a load jumps or kinks."""

@@ -10,7 +10,7 @@ increment goes straight: slips that turn within one are not resolved.
 
 Bodies that friction alone holds have no stiffness of their own: there K gets a little of M, and
 forces that make everything slip are scaled back to just below what friction holds. That load is
-found from the motion d it sets off: by virtue of the upper bound theorem of limit analysis
+found from the rigid motion d it sets off: by virtue of the upper bound theorem of limit analysis
 sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
 brings it down to it.
 """
@@ -24,7 +24,10 @@ from scipy.sparse.linalg import splu
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.chain import bands, build_chain, make_memory
+from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+from skfem_joint.stepping.schemes import factorised
 from skfem_joint.stepping.steppers import contact_unknowns
 from skfem_joint.system import System
 
@@ -73,6 +76,7 @@ class QuasiStatic:
         first, second = (unknown[acting] for unknown in contact_unknowns(inner))
         self.beta = inner.beta[acting]
         self.problem = ContactProblem(A, first, second, inner.w[acting], self.beta)
+        self._fronts = _Fronts(A, inner) if self.to.kind == "chain" else None
         self._limited = np.searchsorted(self.problem.first, first)
         self.last = np.zeros(A.shape[0])
         self.solves = 0
@@ -84,9 +88,13 @@ class QuasiStatic:
         return self.problem.factorizations
 
     def follow(
-        self, forces: FloatArray, times: FloatArray | None = None, held: float = HELD
+        self,
+        forces: FloatArray,
+        times: FloatArray | None = None,
+        held: float = HELD,
+        start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """Displacements (levels, n), m, under forces (levels, n), N, one after another from rest.
+        """Displacements (levels, n), m, under forces (levels, n), N, one after another.
 
         Parameters
         ----------
@@ -97,6 +105,8 @@ class QuasiStatic:
         held : float
             Forces that make everything slip where nothing else holds are scaled to this share of
             what friction can hold; ``inf`` leaves them as they are.
+        start : tuple of ndarray, shape (n,), optional
+            Displacement, m, and the force that it was reached under, N; at rest if not given.
 
         Raises
         ------
@@ -104,6 +114,8 @@ class QuasiStatic:
             If a level does not converge.
         """
         self.last = u = f = np.zeros(self.K.shape[0])
+        if start is not None:
+            u, f = self.to.inner(start[0]), self.to.force(start[1])
         path = np.empty((len(forces), u.size))
         lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
         for level, force in enumerate(forces):
@@ -114,6 +126,7 @@ class QuasiStatic:
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
+        self.problem.beta[self._limited] = np.inf
         return self._limit(self.to.force(force)) if self.shift else np.inf
 
     def _state(
@@ -146,6 +159,10 @@ class QuasiStatic:
     def _solve(self, right: FloatArray) -> Solution:
         """Increment, from the last one where that is better than none."""
         self.solves += 1
+        if self._fronts is not None and np.isinf(self.problem.beta[self._limited]).all():
+            found = self._fronts.solve(right, self.tolerance)
+            if found is not None:
+                return found
         better = self.problem.objective(self.last, right) < 0.0
         start = self.last if better else np.zeros_like(right)
         return self.problem.solve(right, start, self.tolerance)
@@ -158,7 +175,7 @@ class QuasiStatic:
     def _limit(self, f: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
-        multiple = 1.0
+        multiple, held = 1.0, factorised(self.problem.A)
         for _ in range(_ITERATIONS):
             found = self._solve(multiple * f)
             if self._carried(found, multiple * f) <= _SHIFTED:
@@ -168,12 +185,36 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            resisted = inner.w @ inner.slip_norm(inner.B @ found.v)
-            lower = float(resisted / (f @ found.v))
-            if lower >= limit * (1.0 - 1e-4):
+            rigid = held(self.shift * (self.M @ found.v))  # without what strains
+            lower = float(inner.w @ inner.slip_norm(inner.B @ rigid) / (f @ rigid))
+            if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower
         return limit
+
+
+class _Fronts:
+    """Increments of a chain under Coulomb's law, from its slip fronts: no matrix is factorised."""
+
+    def __init__(self, A: sparse.csr_array, system: System) -> None:
+        limits = np.zeros(A.shape[0])
+        limits[sparse.csr_array(system.B).indices] = system.w
+        self.chain = build_chain(bands(A), limits, np.full(limits.size, np.inf))
+        self.memory = make_memory(limits.size)
+
+    def solve(self, right: FloatArray, tolerance: float) -> Solution | None:
+        """Increment; None where the fronts are not found."""
+        chain, memory = self.chain, self.memory
+        limits = chain.w[: right.size]
+        count, found, memory.middle[0] = passes_of(
+            chain.H0, chain.H1, chain.w, limits, chain.pivot, chain.stretch, chain.kappa, right,
+            memory.new_parameter, memory.velocity, memory.force, memory.work[2], memory.work[4],
+            memory.middle[0], tolerance,
+        )  # fmt: skip
+        if not found:
+            return None
+        counts = {"newton_iterations": int(count)}
+        return Solution(memory.velocity.copy(), memory.force.copy(), True, counts, 0.0, 0)
 
 
 def is_singular(K: sparse.csr_array) -> bool:

@@ -83,6 +83,14 @@ class Cycles:
 
 
 @dataclass(frozen=True)
+class Steady:
+    """How steady vibration was found."""
+
+    periods: int  #: that were gone through
+    change: float  #: of the state over the last one, relative, in the norm of energy
+
+
+@dataclass(frozen=True)
 class Run:
     """Result of a time integration.
 
@@ -113,6 +121,7 @@ class Run:
     wall_s: float  #: time of the integration, s
     preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
     interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
+    steady: Steady | None = None  #: of a run that is one period of steady vibration
 
     @property
     def energy_residual(self) -> float:
@@ -338,4 +347,5 @@ class Recorder:
             wall_s=wall_s,
             preparation_s=preparation_s,
             interrupted=interrupted,
+            steady=None,
         )

@@ -30,13 +30,14 @@ PER_VIBRATION = 10
 SAMPLES = 1001
 
 
-def check_resolution(system: System, step: float, n_steps: int) -> None:
+def check_resolution(system: System, step: float, n_steps: int, steady: bool = False) -> None:
     """See that the step follows each load and what it sets off, as far as that can be known.
 
     Pulses shorter than PER_RISE steps are allowed where the vibration of the loaded unknowns
     themselves is resolved: the driver ends steps at the pulse's corners, so that its momentum is
     right, and nothing is fast enough to need more. Smooth pulses, whose corners do not show their
-    shape, are not. Of a plain function of time only a jump at the start is seen.
+    shape, are not. Of a plain function of time only a jump at the start is seen, which does not
+    matter where vibration is to be ``steady``.
 
     Raises
     ------
@@ -45,7 +46,7 @@ def check_resolution(system: System, step: float, n_steps: int) -> None:
     """
     problems = [
         f"{where}: a step of {step:.4g} s {why}; use a step of at most {most:.4g} s{else_}"
-        for where, most, why, else_ in _bounds(system, step * n_steps)
+        for where, most, why, else_ in _bounds(system, step * n_steps, not steady)
         if step > most * (1.0 + 1e-9)
     ]
     if problems:
@@ -57,7 +58,9 @@ def longest_step(system: System, duration: float) -> float:
     return min((most for _, most, _, _ in _bounds(system, duration)), default=np.inf)
 
 
-def _bounds(system: System, duration: float) -> Iterator[tuple[str, float, str, str]]:
+def _bounds(
+    system: System, duration: float, jumps: bool = True
+) -> Iterator[tuple[str, float, str, str]]:
     """Load, longest step for it (s), what a longer one does wrong, and what else to try."""
     for load in system.loads:
         amplitude = load.amplitude
@@ -75,8 +78,9 @@ def _bounds(system: System, duration: float) -> Iterator[tuple[str, float, str, 
             if not _round_pulse(amplitude, peak):
                 most = max(most, _period(system, load.vector) / PER_VIBRATION)
             yield where, most, f"is too long for a pulse that rises in {rise:.4g} s", ""
-        if abs(float(amplitude(0.0))) > 1e-6 * peak or any(
-            0.0 <= t < duration * (1.0 - 1e-9) for t in amplitude.jumps
+        if jumps and (
+            abs(float(amplitude(0.0))) > 1e-6 * peak
+            or any(0.0 <= t < duration * (1.0 - 1e-9) for t in amplitude.jumps)
         ):
             period = _period(system, _static_shape(system, peak * load.vector))
             why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"

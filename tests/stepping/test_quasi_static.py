@@ -1,4 +1,4 @@
-"""Quasi-static slip: the exact curves of a bar, Masing's rule, friction limits; SI units."""
+"""Quasi-static slip: Masing's rule, friction limits, slip vectors; SI units."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import linalg, sparse
-from scipy.integrate import trapezoid
-from stepping_systems import EA, STEEL, WIDTH, struts
+from scipy import sparse
+from stepping_systems import STEEL, WIDTH, struts
 
-from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar, build_plate
@@ -29,46 +27,6 @@ def bar(elements: int = 100, held: bool = True) -> System:
     joint = Joint("joint", TAU / 0.7 / WIDTH, 0.7, normal_force="consistent")
     supports = {"fixed": ["fixed"]} if held else {"fixed": (), "free": True}
     return struts(mesh, [joint], **supports).system([Load("end", Harmonic(1.0, 1.0))])
-
-
-def mode(system: System) -> tuple[float, FloatArray]:
-    """Frequency (rad/s) and first mode, of unit mass, with the contact stuck."""
-    free = np.setdiff1d(np.arange(system.n), sparse.csr_array(system.B).indices)
-    K, M = (sparse.csr_array(A)[free][:, free].toarray() for A in (system.K, system.M))
-    values, vectors = linalg.eigh(K, M, subset_by_index=[0, 0])
-    shape = np.zeros(system.n)
-    shape[free] = vectors[:, 0] * np.sign(vectors[:, 0].sum())
-    return float(np.sqrt(values[0])), shape
-
-
-def backbone(share: float, elements: int) -> tuple[float, float]:
-    """Errors of frequency and damping at a share of the friction limit, relative to exact ones."""
-    system = bar(elements)
-    omega, shape = mode(system)
-    momentum = np.sqrt(8.0 * STEEL.density * EA / STEEL.E * FREE) / np.pi
-    level = share * TAU * JOINT / momentum
-    levels = level * np.linspace(0.0, 1.0, 73)[1:]
-    u = QuasiStatic(system).follow(levels[:, np.newaxis] * (system.M @ shape))
-    q = u @ (system.M @ shape)
-    loop = 8.0 * trapezoid(np.r_[0.0, levels], np.r_[0.0, q]) - 4.0 * level * q[-1]
-    damping = loop / (2.0 * np.pi * level * q[-1])
-    exact = 1.0 / (1.0 + omega**2 * momentum**3 * level / (2.0 * EA * TAU))
-    frequency_error = np.sqrt(level / q[-1]) / omega / np.sqrt(exact) - 1.0
-    return abs(frequency_error), abs(damping / (2.0 / 3.0 / np.pi * (1.0 - exact)) - 1.0)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_backbone_and_damping_of_a_bar_converge_to_the_exact_curves(share: float) -> None:
-    coarse, fine = (backbone(share, elements) for elements in (100, 200))
-    assert max(coarse[0], fine[0]) < 1e-9
-    assert fine[1] < 1e-4 / share**2
-    assert fine[1] < 0.3 * coarse[1]
-
-
-def test_backbone_and_damping_of_a_bar_that_slips_far() -> None:
-    frequency, damping = backbone(0.7, 100)
-    assert frequency < 1e-9
-    assert damping < 2e-4
 
 
 def test_unloading_is_the_loading_doubled_and_loops_close() -> None:
