@@ -1,0 +1,149 @@
+"""Damping and frequency against amplitude: the exact curves of bars, loops, refusals; SI units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from skfem_joint import Bolt, Bolts, Joint, Material, PressureTable, Structure
+from skfem_joint.analysis.backbone import Backbone, backbone
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.system import System
+
+E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
+STEEL = Material(E, DENSITY, 0.3)
+EA, LINE = E * WIDTH * THICKNESS, DENSITY * WIDTH * THICKNESS
+JOINT, FREE, TAU = 0.2, 0.5, 1.75e6  # m, m, N/m
+LIMIT = TAU * JOINT
+
+
+def bar(
+    elements: int = 100, power: float = 0.0, damping: float = 0.0, joint: str = "joint"
+) -> System:
+    """Bar with a free length beyond a joint whose friction rises as a power from its loaded end."""
+    x = np.linspace(0.0, JOINT, 401)
+    pressure = TAU / 0.7 / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
+    mesh = build_bar([("joint", JOINT, elements), ("free", FREE, 100)], {"fixed": 0.0, "end": 0.7})
+    structure = Structure(
+        mesh,
+        STEEL,
+        width=WIDTH,
+        thickness=THICKNESS,
+        fixed=["fixed"],
+        joints=[Joint("joint", PressureTable(tuple(x), tuple(pressure)), 0.7)],
+        stiffness_damping=damping,
+    )
+    return structure.system([], ["end"])
+
+
+def plate(bolted: bool = False) -> System:
+    """Plate in plan whose first mode bends: its slips turn."""
+    bolts = Bolts(tuple(Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15)), reach=0.01)
+    structure = Structure(
+        build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5),
+        STEEL,
+        thickness=0.01,
+        fixed=["left"],
+        joints=[Joint("joint", bolts if bolted else 8e6, 0.7)],
+    )
+    return structure.system([], [])
+
+
+def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency over the stuck one, and damping ratio, of a quarter wave beyond the joint.
+
+    What slips takes u = k F^n, n = (power + 2) / (power + 1), where it is loaded, F being what the
+    inertia of the mode adds up to: then D = 4 (n - 1) / (n + 1) F u.
+    """
+    n = (power + 2.0) / (power + 1.0)
+    force = found.level * (2.0 / np.pi) * np.sqrt(2.0 * LINE * FREE)
+    depth = JOINT * (force / LIMIT) ** (1.0 / (power + 1.0))
+    slip = force * depth / EA / (power + 2.0)
+    slip *= power + 1.0
+    stiff = found.level / (2.0 * np.pi * found.stuck_frequency) ** 2
+    q = stiff + slip * force / found.level
+    work = 4.0 * (n - 1.0) / (n + 1.0) * force * slip
+    return np.sqrt(stiff / q), work / (2.0 * np.pi * found.level * q)
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0])
+def test_curves_of_a_bar_converge_to_the_exact_ones(power: float) -> None:
+    errors = []
+    for elements in (100, 400):
+        (found,) = backbone(bar(elements, power), levels=8, up_to=0.7)
+        frequency, damping = exact(found, power)
+        momentum = (2.0 / np.pi) * np.sqrt(2.0 * LINE * FREE)
+        assert momentum * found.slips_at == pytest.approx(LIMIT, rel=0.02)
+        seen = found.level > 0.1 * found.slips_at
+        ratio = found.frequency / found.stuck_frequency / frequency
+        errors.append(np.abs([ratio - 1.0, found.friction_damping / damping - 1.0])[:, seen].max(1))
+        assert found.masing_error is not None
+        assert found.masing_error < 1e-8
+    assert errors[1][0] < errors[0][0] < 1e-4
+    assert errors[1][1] < 0.6 * errors[0][1] < 6e-3
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0])
+def test_energy_of_a_slow_cycle_goes_with_a_power_of_the_force(power: float) -> None:
+    (found,) = backbone(bar(400, power), levels=12, up_to=0.6)
+    work = 2.0 * np.pi * found.level * found.amplitude * found.friction_damping
+    fitted = np.polyfit(np.log(found.level), np.log(work), 1)[0]
+    assert fitted == pytest.approx((2.0 * power + 3.0) / (power + 1.0), rel=0.01)
+
+
+def test_viscous_damping_is_added_and_stuck_joints_have_it_alone() -> None:
+    (found,) = backbone(bar(damping=1e-6), levels=3, up_to=1e-4)
+    assert found.state == ("stick",) * 3
+    assert found.frequency == pytest.approx(found.stuck_frequency, rel=1e-9)
+    assert found.damping_ratio == pytest.approx(np.pi * found.frequency * 1e-6, rel=1e-9)
+
+
+def test_a_joint_beyond_its_limit_slips_as_a_whole() -> None:
+    (found,) = backbone(bar(), levels=4, up_to=1.3)
+    assert found.state[-1] == "gross"
+    assert found.share[-1] == pytest.approx(1.0)
+    assert found.state[0] == "partial"
+    # Displacement of the end and modal amplitude belong together.
+    assert found.displacement[0] == pytest.approx(
+        np.abs(found.amplitude[:1] * found.shape[-1]), rel=0.05
+    )
+
+
+@pytest.mark.parametrize("bolted", [False, True])
+def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted: bool) -> None:
+    (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
+    assert found.masing_error is not None
+    assert 1e-6 < found.masing_error < 0.1
+
+
+def test_higher_modes_near_odd_multiples_are_told() -> None:
+    assert any("near 3" in sentence for sentence in backbone(bar(), levels=2)[0].warnings)
+
+
+@pytest.mark.parametrize(
+    ("system", "how", "says"),
+    [
+        (bar(), {"modes": (0,)}, "from 1"),
+        (bar(), {"modes": (500,)}, "there are"),
+        (bar(), {"levels": 0}, "positive"),
+        (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
+    ],
+)
+def test_modes_that_are_not_there_are_refused(
+    system: System, how: dict[str, object], says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        backbone(system, **how)
+
+
+def test_nothing_is_left_where_all_is_in_contact() -> None:
+    system = bar()
+    contact = np.arange(100)
+    part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
+    whole = System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
+    with pytest.raises(InputError, match="every unknown is in contact"):
+        backbone(whole)
