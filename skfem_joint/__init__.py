@@ -33,6 +33,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
+    from skfem_joint.analysis.backbone import backbone as backbone
+    from skfem_joint.analysis.backbone import ring_down as ring_down
+    from skfem_joint.analysis.response import response as response
     from skfem_joint.analysis.study import run_scene as run_scene
     from skfem_joint.errors import ConvergenceError as ConvergenceError
     from skfem_joint.errors import InputError as InputError
@@ -67,6 +70,8 @@ if TYPE_CHECKING:
 _SHAPES = "HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
 _PARTS = "Bolt Bolts Joint Load Material PressureTable Structure contact point_friction"
 _NAMES = {
+    "analysis.backbone": "backbone ring_down",
+    "analysis.response": "response",
     "analysis.study": "run_scene",
     "errors": "ConvergenceError InputError",
     "loads": _SHAPES,

@@ -1,4 +1,4 @@
-"""Command line ``skfem-joint``: run, check, error-time; exit status 0, 2, 3 or 130."""
+"""Command line ``skfem-joint`` and its commands; exit status 0, 2, 3 or 130."""
 
 from __future__ import annotations
 
@@ -105,6 +105,15 @@ def _parser() -> argparse.ArgumentParser:
 
     text = "validate a scene without running it"
     commands.add_parser("check", parents=[given], help=text).set_defaults(command=_check)
+
+    text = "frequency and damping of modes against amplitude"
+    backbone = commands.add_parser("backbone", parents=[given, written], help=text)
+    backbone.set_defaults(command=_backbone)
+
+    text = "steady vibration over frequency at several levels of load"
+    response = commands.add_parser("response", parents=[given, written], help=text)
+    response.add_argument("--workers", type=int, default=1, metavar="N", help="levels side by side")
+    response.set_defaults(command=_response)
 
     text = "error against run time of many models and steps on one scene"
     error_time = commands.add_parser("error-time", parents=[given, written], help=text)
@@ -262,6 +271,67 @@ def _error_time(options: argparse.Namespace) -> int:
     for level in comparison.LEVELS:
         print(comparison.advice(found.points, level), end="\n\n")
     print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
+    return 0
+
+
+def _backbone(options: argparse.Namespace) -> int:
+    from skfem_joint.analysis import backbone
+    from skfem_joint.files import needed
+    from skfem_joint.output import damping
+    from skfem_joint.output.folder import remove_old
+    from skfem_joint.scene import load_scene
+
+    scene = load_scene(options.scene)
+    needed("matplotlib", "plot")
+    with holding(options.out):
+        found = backbone.scene_backbone(scene)
+        remove_old(options.out)
+        files = damping.write_backbone(options.out, found)
+    for curve in found.curves:
+        print(
+            f"Mode {curve.mode}: {curve.frequency[0]:.6g} to {curve.frequency[-1]:.6g} Hz (stuck "
+            f"{curve.stuck_frequency:.6g} Hz), damping {100 * curve.damping_ratio[0]:.3g} to "
+            f"{100 * curve.damping_ratio[-1]:.3g} %, {curve.state[0]} to {curve.state[-1]} slip."
+        )
+    return _told(found.warnings, options.out, files)
+
+
+def _response(options: argparse.Namespace) -> int:
+    from concurrent.futures import Executor, ProcessPoolExecutor
+    from contextlib import AbstractContextManager, nullcontext
+    from multiprocessing import get_context
+
+    from skfem_joint.analysis import response
+    from skfem_joint.files import needed
+    from skfem_joint.output import damping
+    from skfem_joint.output.folder import remove_old
+    from skfem_joint.scene import load_scene
+
+    scene = load_scene(options.scene)
+    needed("matplotlib", "plot")
+    pool: AbstractContextManager[Executor | None] = nullcontext()
+    if options.workers > 1:
+        pool = ProcessPoolExecutor(options.workers, mp_context=get_context("spawn"))
+    with holding(options.out), pool as executor:
+        with progress_bar() as progress:
+            found = response.scene_response(scene, executor, progress)
+        remove_old(options.out)
+        files = damping.write_response(options.out, found)
+    for model in found.models:
+        for curve in model.curves:
+            frequency, amplitude = curve.peak
+            print(
+                f"{model.name} model, level {curve.level:g}: peak {1e3 * amplitude:.5g} mm at "
+                f"{frequency:.6g} Hz, {len(curve.points)} frequencies."
+            )
+    return _told(found.warnings, options.out, files)
+
+
+def _told(warnings: Sequence[str], out: Path, files: Sequence[Path]) -> int:
+    """Print what to beware of and where the results are."""
+    for warning in dict.fromkeys(warnings):
+        print(f"Note: {warning}")
+    print(f"Written to {out}: {', '.join(file.name for file in files)}")
     return 0
 
 

@@ -11,6 +11,9 @@ from skfem_joint.stepping.schemes import generalized_alpha
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
 
+#: Cycles of the run that modes are made for where it goes on until vibration is steady.
+TO_STEADY = 100
+
 
 def save_of(scene: Scene) -> Save:
     """Store only what a picture, a file or a comparison of this scene needs."""

@@ -19,18 +19,26 @@ near an odd multiple of the mode's, friction excites it and the true damping is 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
+from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.modes import natural_modes
-from skfem_joint.reduction.zones import picked
+from skfem_joint.reduction.zones import measured_lengths, picked
 from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.structure import doubts
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
 
 #: Level of the lowest point of a curve over that of the highest one.
 LOWEST = 0.05
@@ -44,6 +52,8 @@ TOLERANCE, NONE = 1e-6, 1e-9
 NEAR, MULTIPLES = 0.07, (3, 5, 7)
 #: Fewest points that must slip for friction to be resolved.
 FEWEST = 5
+#: Cycles at the end of a ring-down that are left out.
+ENDS = 2
 #: A joint slips as a whole where so much of its friction limit does. That is tried just above the
 #: level at which the forces on the stuck joint add up to its limit, and in so many steps upwards.
 WHOLE, WITHIN, RAISED, TRIALS = 0.99, 0.01, 1.3, 20
@@ -63,6 +73,7 @@ class Backbone:
     friction_damping: FloatArray  #: damping ratio by friction
     viscous_damping: FloatArray  #: damping ratio by C
     displacement: FloatArray  #: (levels, points) of the named points, m
+    displaced: FloatArray  #: (n,) at the highest level, m
     slip: FloatArray  #: (levels, m) of each contact point, m
     share: FloatArray  #: of the friction limits that slips
     state: tuple[str, ...]  #: "stick", "partial", or "gross": a joint slips as a whole
@@ -144,7 +155,9 @@ def backbone(
     groups = [points[system.w[points] > 0.0] for points in joints.values()]
     groups = [points for points in groups if points.size]
     shares = np.geomspace(LOWEST, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
-    return [_curve(to, path, k, frequency, shapes[:, k - 1], shares, groups) for k in numbers]
+    return [
+        _curve(to, path, k, frequency, shapes[:, k - 1], shares, groups) for k in numbers.tolist()
+    ]
 
 
 def _curve(
@@ -194,6 +207,7 @@ def _curve(
         friction_damping=work / (2.0 * np.pi * level * q),
         viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
+        displaced=to.outer(states[-1]),
         slip=slip,
         share=slipping @ system.w / system.w.sum(),
         state=tuple(state.tolist()),
@@ -264,12 +278,123 @@ def _doubts(
             f"{FEWEST} the damping is rough. Use smaller elements in the joint to resolve it."
         )
     low, high = frequency.min(), frequencies[number - 1]
-    for multiple in MULTIPLES:
-        for k, other in enumerate(frequencies[number:], number + 1):
-            if low * multiple * (1.0 - NEAR) < other < high * multiple * (1.0 + NEAR):
-                found.append(
-                    f"Mode {number}: mode {k} lies at {other / high:.3g} times its frequency, near "
-                    f"{multiple}, so that the odd harmonics of friction excite it: the true damping"
-                    " may be up to twice as large. See response."
-                )
+    near = [
+        f"mode {k} at {other / high:.3g} times"
+        for k, other in enumerate(frequencies[number:], number + 1)
+        if any(m * low * (1.0 - NEAR) < other < m * high * (1.0 + NEAR) for m in MULTIPLES)
+    ]
+    if near:
+        found.append(
+            f"Mode {number}: higher frequencies lie near odd multiples of its own "
+            f"({', '.join(near)}), so that friction excites them: the true damping may be up to "
+            "twice as large. See its ring-down, or response."
+        )
     return found
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """Free vibration of a mode: an entry for each cycle, at rising times."""
+
+    time: FloatArray  #: of the peak that a cycle begins with, s
+    amplitude: FloatArray  #: modal, mean over the cycle, m kg^1/2
+    frequency: FloatArray  #: without damping, Hz
+    damping_ratio: FloatArray  #: by the logarithmic decrement
+    friction_work: FloatArray  #: (joints,) of each joint over all of it, J
+    energy: float  #: that it began with, J
+
+
+def ring_down(
+    system: System,
+    curve: Backbone,
+    cycles: int,
+    steps_per_cycle: int = 200,
+    scheme: Scheme | None = None,
+    joints: Mapping[str, IntArray] | None = None,
+) -> RingDown:
+    """Free vibration released at rest from the highest level of a mode's curve.
+
+    The system's own law acts. What higher modes add to the modal amplitude, above twice the mode's
+    frequency, is filtered out, forwards and backwards so that peaks stay where they are.
+
+    Raises
+    ------
+    InputError
+        If too few cycles are asked for.
+    ConvergenceError
+        If a step does not converge, or no cycle is left to measure.
+    """
+    if cycles < 2 * ENDS:
+        raise InputError(f"backbone.ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
+    modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
+    alone = replace(system, loads=(), P=modal, points=("modal",))
+    step = 1.0 / curve.stuck_frequency / steps_per_cycle
+    start = curve.displaced, np.zeros(system.n)
+    run = integrate(
+        alone, step=step, n_steps=cycles * steps_per_cycle, scheme=scheme, initial=start
+    ).finished()
+    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
+    q = sosfiltfilt(low, run.point("modal"))
+    tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
+    bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]
+    count = min(tops.size - 1, bottoms.size) - ENDS  # which the filter does not see whole
+    if count < 1:
+        raise ConvergenceError("backbone.ring_down: no cycle is left to measure; ask for more")
+    top, at = _extremes(q, tops)
+    decrement = np.log(top[:-1] / top[1:])[:count]
+    whole = np.hypot(2.0 * np.pi, decrement)  # angle of a cycle, had it no damping
+    joints = {"joint": np.arange(system.w.size)} if joints is None else joints
+    return RingDown(
+        time=at[:count] * step,
+        amplitude=0.5 * (0.5 * (top[:-1] + top[1:])[:count] - _extremes(q, bottoms)[0][:count]),
+        frequency=whole / (2.0 * np.pi * np.diff(at)[:count] * step),
+        damping_ratio=decrement / whole,
+        friction_work=np.array([run.friction_work[points].sum() for points in joints.values()]),
+        energy=run.stored_energy[0],
+    )
+
+
+def _extremes(q: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Values and places (rows) of extremes, by parabolas through three samples."""
+    a, b, c = q[rows - 1], q[rows], q[rows + 1]
+    shift = 0.5 * (a - c) / (a - 2.0 * b + c)
+    return b - 0.25 * (a - c) * shift, rows + shift
+
+
+@dataclass
+class SceneBackbone:
+    """Curves of the modes that a scene asks for, and what they ring down like where it asks."""
+
+    scene: Scene
+    curves: list[Backbone]
+    ring_downs: list[RingDown | None]
+    warnings: list[str]
+
+    def active_lengths(self, slip: FloatArray) -> dict[str, float]:
+        """Active length (m) of each joint whose axis is known, from slips (m,), m."""
+        return measured_lengths(self.scene.structure(), slip)
+
+
+def scene_backbone(scene: Scene) -> SceneBackbone:
+    """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :func:`backbone` and :func:`ring_down`.
+    """
+    asked, system, structure = scene.backbone, scene.system(), scene.structure()
+    joints = {patch.joint.name: patch.points for patch in structure.patches}
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to, joints)
+    downs: list[RingDown | None] = [None] * len(curves)
+    if asked.ring_down:
+        scheme = generalized_alpha(scene.time.rho_infinity)
+        steps = scene.time.steps_per_cycle
+        downs = [ring_down(system, c, asked.ring_down, steps, scheme, joints) for c in curves]
+    warnings = [*doubts(structure, system), *(w for c in curves for w in c.warnings)]
+    warnings += [
+        f"Mode {c.mode}: a joint slips as a whole at the lowest level already; ask for less"
+        for c in curves
+        if c.state[0] == "gross"
+    ]
+    return SceneBackbone(scene, curves, downs, warnings)

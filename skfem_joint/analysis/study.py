@@ -14,7 +14,7 @@ from scipy import sparse
 
 from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
-from skfem_joint.analysis.asked import how_of, options_of
+from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.doubts import violated
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 #: Called with what is done, and how many of how many parts of it.
 Progress = Callable[[str, int, int], None]
-#: Cycles of the run that modes are made for where it goes on until vibration is steady.
-TO_STEADY = 100
 
 
 @dataclass(frozen=True)

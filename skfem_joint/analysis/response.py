@@ -1,0 +1,445 @@
+"""Steady vibration over frequency at several levels of load, with the linear limits beside it.
+
+Each point is a period of steady vibration (:mod:`skfem_joint.stepping.steady`), begun where the
+frequency before it ended. Amplitudes are half of peak to peak: where joints come to rest depends on
+the past, and is told as the offset.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.estimate import Estimate
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
+from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.basis import Basis, make_basis
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.zones import picked
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Save, Steady
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+
+#: Harmonics of a response that are told.
+HARMONICS = 5
+#: Points that are added around a peak, and the distance to a known one, relative, from which on
+#: none is; change of the amplitude between two points, over the largest, that asks for one more.
+AROUND, CLOSE, STEEP = 6, 2e-4, 0.15
+#: Times in a period at which a linear response is looked at.
+SAMPLES = 256
+
+
+@dataclass(frozen=True)
+class SteadyPoint:
+    """Steady vibration at one frequency; ``failure`` says why there is none, all else is nan."""
+
+    frequency: float  #: first harmonic of the loads, Hz
+    amplitude: FloatArray  #: (points,) half of peak to peak, m
+    offset: FloatArray  #: (points,) mean of the two peaks, m
+    harmonics: FloatArray  #: (points, HARMONICS) complex, of exp(i k omega t), m
+    phase: FloatArray  #: (points,) of the first harmonic after that of the first load, rad
+    friction_energy: float  #: of a cycle, J
+    input_energy: float  #: of a cycle, J
+    slip: FloatArray  #: (m,) largest slip of each contact point, m
+    share: float  #: of the friction limits that slips, by a thousandth of the largest slip
+    periods: int  #: that were gone through
+    change: float  #: of the state over the last one, relative
+    state: tuple[FloatArray, FloatArray] | None = None  #: at the period's end
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Response at one level of load, at rising frequencies."""
+
+    level: float
+    points: tuple[SteadyPoint, ...]
+
+    def column(self, name: str) -> FloatArray:
+        """One of the quantities at all frequencies."""
+        return np.array([getattr(point, name) for point in self.points])
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most."""
+        return int(np.nanmax(self.column("amplitude"), axis=0).argmax())
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest."""
+        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
+        k = int(np.nanargmax(A))
+        if not 0 < k < f.size - 1 or not np.isfinite(A[k - 1 : k + 2]).all():
+            return float(f[k]), float(A[k])
+        top = _vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
+        parabola = np.polyfit(f[k - 1 : k + 2] - f[k], A[k - 1 : k + 2], 2)
+        return top, float(np.polyval(parabola, top - f[k]))
+
+
+def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
+    """Same system with its loads at another frequency (Hz, of their common period) and level.
+
+    Raises
+    ------
+    InputError
+        If a load is not made of harmonics, or the frequency is not positive.
+    """
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or frequency <= 0.0:
+        raise InputError(
+            f"response: found frequency {frequency}, must be > 0, of loads that are harmonic"
+        )
+    loads = tuple(
+        replace(load, amplitude=_scaled(load.amplitude, frequency * period, level))
+        for load in system.loads
+    )
+    return replace(system, loads=loads)
+
+
+def _parts(amplitude: object) -> tuple[Harmonic, ...]:
+    if isinstance(amplitude, Harmonic):
+        return (amplitude,)
+    if isinstance(amplitude, MultiHarmonic):
+        return amplitude.components
+    raise InputError("response: needs loads of kind 'harmonic' or 'multi_harmonic'")
+
+
+def _scaled(amplitude: object, faster: float, level: float) -> MultiHarmonic:
+    parts = _parts(amplitude)
+    return MultiHarmonic(
+        tuple(Harmonic(level * p.amplitude, faster * p.frequency, p.phase) for p in parts)
+    )
+
+
+def response(
+    system: System,
+    frequencies: FloatArray,
+    levels: Sequence[float] = (1.0,),
+    *,
+    steps_per_cycle: int = 200,
+    scheme: Scheme | None = None,
+    refined: bool = True,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Curve]:
+    """Steady vibration over frequency, a curve for each level.
+
+    Parameters
+    ----------
+    system : System
+        Full or reduced; its loads are harmonic.
+    frequencies : ndarray
+        First harmonics of the loads, Hz, rising.
+    levels : sequence of float
+        Factors of the loads' amplitudes.
+    steps_per_cycle, scheme
+        As `integrate` takes them.
+    refined : bool
+        Whether points are added around peaks and where a curve is steep.
+    executor : concurrent.futures.Executor, optional
+        Where levels are run side by side.
+    progress : callable, optional
+        Called with (levels done, levels in all).
+
+    Raises
+    ------
+    InputError
+        If there is nothing to vibrate steadily, or a frequency or level is not positive.
+    """
+    frequencies = np.asarray(frequencies, dtype=float)
+    if frequencies.size == 0 or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
+        raise InputError("response: frequencies must be positive and rise, in Hz")
+    if not levels or min(levels) <= 0.0:
+        raise InputError(f"response: found levels {list(levels)}, must be positive")
+    if not system.points:
+        raise InputError("response: nothing is observed; name a point")
+    one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined)
+    curves = []
+    for curve in map(one, levels) if executor is None else executor.map(one, levels):
+        curves.append(curve)
+        if progress is not None:
+            progress(len(curves), len(levels))
+    return curves
+
+
+def _curve(
+    system: System,
+    frequencies: FloatArray,
+    steps_per_cycle: int,
+    scheme: Scheme | None,
+    refined: bool,
+    level: float,
+) -> Curve:
+    points: list[SteadyPoint] = []
+
+    def add(frequency: float, near: SteadyPoint | None) -> SteadyPoint:
+        start = None if near is None else near.state
+        found = steady_point(system, frequency, level, steps_per_cycle, scheme, start)
+        points.append(found)
+        points.sort(key=lambda point: point.frequency)
+        return found
+
+    last = None
+    for frequency in frequencies.tolist():
+        last = add(frequency, last)
+    if refined:
+        for _ in range(4 * AROUND):
+            wanted = next(_wanted(Curve(level, tuple(points))), None)
+            if wanted is None:
+                break
+            add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)))
+    return Curve(level, tuple(points))
+
+
+def _wanted(curve: Curve) -> Iterator[float]:
+    """Frequencies that a curve lacks: first where it is steep, then around its peak."""
+    f, A = curve.column("frequency"), curve.column("amplitude")
+    known = np.isfinite(A).all(axis=1)
+    f, A = f[known], A[known]
+    if f.size < 3:
+        return
+    A = A[:, curve.largest]
+    width = np.diff(f)
+    steep = np.flatnonzero(
+        (np.abs(np.diff(A)) > STEEP * A.max()) & (width > 0.25 * np.median(width))
+    )
+    for k in steep:
+        yield float(0.5 * (f[k] + f[k + 1]))
+    top_row = int(A.argmax())
+    if 0 < top_row < f.size - 1:
+        three = slice(top_row - 1, top_row + 2)
+        top = _vertex(f[three], A[three])
+        if np.abs(f - top).min() > CLOSE * top:
+            yield top
+
+
+def _vertex(f: FloatArray, A: FloatArray) -> float:
+    """Frequency of the top of a parabola through three points, the middle one the highest."""
+    a, b, _ = np.polyfit(f - f[1], A / A[1], 2)
+    top = f[1] - 0.5 * b / a if a < 0.0 else f[1]
+    return float(np.clip(top, f[0], f[2]))
+
+
+def steady_point(
+    system: System,
+    frequency: float,
+    level: float = 1.0,
+    steps_per_cycle: int = 200,
+    scheme: Scheme | None = None,
+    start: tuple[FloatArray, FloatArray] | None = None,
+) -> SteadyPoint:
+    """Steady vibration at one frequency (Hz); one that is not found says so."""
+    loaded = at_frequency(system, frequency, level)
+    how = {"steps_per_cycle": steps_per_cycle, "scheme": scheme, "initial": start}
+    try:
+        run = integrate(loaded, until="steady", **how)  # type: ignore[arg-type]
+    except ConvergenceError as error:
+        nothing = np.full(len(system.points), np.nan)
+        harmonics = np.full((nothing.size, HARMONICS), np.nan + 0j)
+        slip = np.full(system.w.size, np.nan)
+        return SteadyPoint(
+            frequency, nothing, nothing, harmonics, nothing, np.nan, np.nan, slip, np.nan, 0,
+            np.nan, failure=str(error),
+        )  # fmt: skip
+    found = run.steady or Steady(0, np.nan)
+    high, low = run.point_u.max(axis=0), run.point_u.min(axis=0)
+    harmonics = _harmonics(run.point_u[:-1])
+    slip, limit = run.slip_peak.max(initial=0.0), float(system.w.sum())
+    first = _harmonics(loaded.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
+    return SteadyPoint(
+        frequency=frequency,
+        amplitude=0.5 * (high - low),
+        offset=0.5 * (high + low),
+        harmonics=harmonics,
+        phase=np.angle(harmonics[:, 0] / first) if first else np.angle(harmonics[:, 0]),
+        friction_energy=float(run.friction_work.sum()),
+        input_energy=float(run.input_work.sum()),
+        slip=run.slip_peak,
+        share=float(system.w[run.slip_peak > THRESHOLD * slip].sum() / limit) if limit else 0.0,
+        periods=found.periods,
+        change=found.change,
+        state=run.final,
+    )
+
+
+def _harmonics(rows: FloatArray) -> FloatArray:
+    """Harmonics of the columns over a period, (columns, HARMONICS), complex."""
+    return np.asarray(2.0 * np.fft.rfft(rows, axis=0)[1 : HARMONICS + 1].T / len(rows))
+
+
+def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> FloatArray:
+    """Amplitudes (m) with all contact points held, or free: (frequencies, points).
+
+    The limits of small and of large loads; from the exact complex stiffness.
+    """
+    inner = arranged(system).system
+    rows = np.flatnonzero(inner.on_rows(inner.w) > 0.0)
+    free = np.setdiff1d(np.arange(inner.n), picked(inner)[rows] if stuck else [])
+    M, C, K = (_part(A, free) for A in (inner.M, inner.C, inner.K))
+    P, F = _part(inner.P, free, columns_only=True), inner.load_vectors()[free]
+    turn = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+    found = []
+    for frequency in frequencies.tolist():
+        motion = np.zeros((len(system.points), SAMPLES))
+        loads = at_frequency(inner, frequency).loads
+        for k, load in enumerate(loads):
+            for part in _parts(load.amplitude):
+                omega = 2.0 * np.pi * part.frequency
+                H = sparse.csc_array(K + 1j * omega * C - omega**2 * M)
+                u = P @ splu(H).solve(F[:, k].astype(complex)) * part.amplitude
+                phase = turn * part.frequency / frequency + part.phase
+                motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
+        found.append(0.5 * np.ptp(motion, axis=1))
+    return np.array(found)
+
+
+def _part(A: Matrix, unknowns: object, columns_only: bool = False) -> sparse.csr_array:
+    rows = sparse.csr_array(A)[:, unknowns]
+    return sparse.csr_array(rows if columns_only else rows[unknowns])
+
+
+@dataclass(frozen=True)
+class ModelResponse:
+    """Response of one model of a scene."""
+
+    name: str
+    curves: list[Curve]
+    offline_s: float  #: of modes, projection and friction points, s
+    wall_s: float
+    estimates: list[Estimate]  #: of each curve at its peak
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most, at the highest level."""
+        return self.curves[-1].largest
+
+
+@dataclass
+class SceneResponse:
+    """Response of a scene's models, with the linear limits, (frequencies, points), for level 1."""
+
+    scene: Scene
+    frequencies: FloatArray
+    stuck: FloatArray
+    free: FloatArray
+    models: list[ModelResponse] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def scene_response(
+    scene: Scene,
+    executor: Executor | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> SceneResponse:
+    """Response of each model of a scene with a table ``[response]``, at its levels.
+
+    A reduced model is made for the highest level at the frequency at which the stuck structure
+    answers most, and its errors are estimated at the peak of each level.
+
+    Raises
+    ------
+    InputError
+        If there is no such table, or as :func:`response`.
+    """
+    asked = scene.response
+    if asked is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    system, scheme = scene.system(), generalized_alpha(scene.time.rho_infinity)
+    between = asked.frequencies
+    frequencies = np.linspace(between.from_, between.to, between.points)
+    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
+    found = SceneResponse(scene, frequencies, stuck, free)
+    found.warnings += doubts(scene.structure(), system)
+    levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
+    for name in sorted(scene.models.run):
+        begin, model, basis, unit = time.perf_counter(), system, None, 1.0
+        if name == "reduced":
+            unit = levels[-1]
+            top = float(frequencies[stuck.max(axis=1).argmax()])
+            loaded = at_frequency(system, top, unit)
+            basis, model = _reduced(scene, loaded, 1.0 / top / steps, scheme, found.warnings)
+        offline, begin = time.perf_counter() - begin, time.perf_counter()
+        curves = response(
+            model,
+            frequencies,
+            [level / unit for level in levels],
+            steps_per_cycle=steps,
+            scheme=scheme,
+            executor=executor,
+            progress=None if progress is None else partial(progress, f"{name} model"),
+        )
+        wall = time.perf_counter() - begin
+        curves = [replace(c, level=level) for c, level in zip(curves, levels, strict=True)]
+        estimates = []
+        if scene.accuracy.estimate:
+            for curve in curves:
+                parts = system, basis, model, unit, steps, scheme
+                estimates.append(_errors(curve, *parts))
+        found.models.append(ModelResponse(name, curves, offline, wall, estimates))
+        for curve in curves:
+            lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+            if lost:
+                found.warnings.append(
+                    f"The {name} model at level {curve.level:g} has no steady vibration at "
+                    f"{', '.join(lost)} Hz: these are no points of its curve."
+                )
+    return found
+
+
+def _reduced(
+    scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
+) -> tuple[Basis, System]:
+    """Basis and reduced system for steady vibration under the loads."""
+    options, steps = options_of(scene), scene.time.steps_per_cycle
+    how = {"step": step, "n_steps": TO_STEADY * steps, "cycle_steps": steps, "scheme": scheme}
+    basis = make_basis(scene.structure(), loaded, options, warn=warn, **how)  # type: ignore[arg-type]
+    small, _ = reduced_system(
+        loaded,
+        basis,
+        friction_points=options.friction_points,
+        beta=options.beta,
+        periodic=True,
+        warn=warn,
+    )
+    return basis, small
+
+
+def _errors(
+    curve: Curve,
+    system: System,
+    basis: Basis | None,
+    model: System,
+    unit: float,
+    steps: int,
+    scheme: Scheme,
+) -> Estimate:
+    """Estimated errors at the peak of a curve."""
+    at = curve.peak[0]
+    how = {"step": 1.0 / at / steps, "n_steps": steps, "scheme": scheme, "save": Save(),
+           "cycle_steps": steps, "until": "steady"}  # fmt: skip
+    full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
+    run = integrate(own, **how)  # type: ignore[arg-type]
+    if basis is None:
+        return estimate.of_full(full, run, how)
+    return estimate.of_reduced(full, basis, own, how, run)
