@@ -1,4 +1,4 @@
-"""Command line ``skfem-joint``: run, check, error-time; exit status 0, 2, 3 or 130."""
+"""Command line ``skfem-joint``: run, check, error-time, sweep; exit status 0, 2, 3 or 130."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from skfem_joint import __version__
-from skfem_joint.errors import InputError, JointError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import holding
 
 if TYPE_CHECKING:
@@ -113,6 +113,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     error_time.add_argument("--quick", action="store_true", help="few points, one round")
     error_time.set_defaults(command=_error_time)
+
+    text = "run the scenes of a [sweep] by several processes; run it again to go on"
+    sweep = commands.add_parser("sweep", parents=[given, written], help=text)
+    sweep.add_argument(
+        "--executor", choices=("processes", "dask", "mpi"), default="processes", help="what runs it"
+    )
+    sweep.add_argument("--workers", type=int, metavar="N", help="processes (default: all cores)")
+    sweep.add_argument(
+        "--address", help="of the scheduler of a dask cluster (default: a local one)"
+    )
+    sweep.set_defaults(command=_sweep)
     return parser
 
 
@@ -263,6 +274,36 @@ def _error_time(options: argparse.Namespace) -> int:
         print(comparison.advice(found.points, level), end="\n\n")
     print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from skfem_joint.analysis import sweep as analysis
+    from skfem_joint.output import sweeps
+    from skfem_joint.scene import load_sweep
+
+    swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
+    sweeps.check(swept, out)
+    chosen = analysis.executors(options.executor, options.workers, options.address)
+    with progress_bar() as progress, chosen as executor:
+        journal = out / sweeps.JOURNAL
+        try:
+            with closing(analysis.sweep(swept.scenes, executor, journal)) as found:
+                for row in found:
+                    rows.append(row)
+                    if progress is not None:
+                        progress("scenes", len(rows), len(swept.scenes))
+        except KeyboardInterrupt:
+            interrupted = True
+    files = sweeps.write(swept, rows, out)
+    failed = [row for row in rows if row.failure]
+    for row in failed:
+        print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
+    print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
+    print(f"Written to {out}: {', '.join(file.name for file in files)}")
+    if interrupted:
+        print("The same command goes on.")
+        return INTERRUPTED
+    return ConvergenceError.exit_status if failed else 0
 
 
 @contextmanager

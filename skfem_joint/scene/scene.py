@@ -16,6 +16,7 @@ from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import tables
 from skfem_joint.scene.messages import key_path, listed
+from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.system import System
@@ -48,6 +49,7 @@ class Scene(SceneTable):
     output: tables.Output = key("what is written", tables.Output())
     response: tables.Response | None = key("frequencies and levels of steady vibration", None)
     backbone: tables.Backbone = key("modes whose damping is looked for", tables.Backbone())
+    sweep: Sweep | None = key("values that `load_sweep` makes scenes of", None)
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
