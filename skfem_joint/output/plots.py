@@ -240,7 +240,9 @@ def sweep_curves_figure(
     order = places.argsort() if numbers else slice(None)
     for (name, result), style in zip(scaled.items(), _styles(results), strict=True):
         panel.plot(places[order], result[order], label=name, marker="o", markersize=5, **style)
-    panel.set(xlabel=xlabel, ylabel=f"{label}{unit}", xscale="log" if log and numbers else None)
+    panel.set(xlabel=xlabel, ylabel=f"{label}{unit}")
+    if log:
+        panel.set_xscale("log")
     panel.grid(alpha=0.3)
     _legend_above(figure, panel)
     return figure
