@@ -129,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
-    from skfem_joint.scene import load_scene
+    from skfem_joint.scene import load_scene, load_sweep
     from skfem_joint.stepping.resolution import check_resolution
 
     scene = load_scene(options.scene)
@@ -141,6 +141,8 @@ def _check(options: argparse.Namespace) -> int:
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
     _describe(scene)
+    if scene.sweep is not None:
+        print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
     return 0
 

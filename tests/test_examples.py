@@ -19,14 +19,16 @@ def run(name: str, run_name: str = "example") -> dict[str, Any]:
     return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=run_name)
 
 
-@pytest.mark.parametrize("name", LITERATE)
-def test_literate_examples_are_short_and_run_as_scripts(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("name", [*LITERATE, "sweep"])
+def test_literate_examples_are_short(name: str) -> None:
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     body = ast.parse(text).body[1:]
     lines = text.splitlines()[body[0].lineno - 1 :]
     assert sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines) < 40
+
+
+@pytest.mark.parametrize("name", LITERATE)
+def test_literate_examples_run_as_scripts(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     run(name, "__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
 
@@ -71,3 +73,14 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
     slip = found["run"].slip_peak[loose.points]
     assert np.all(slip >= 0.0)
     assert found["run"].cycles.friction[-1] > 0.0
+
+
+def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = run("sweep", "__main__")
+    assert len(capsys.readouterr().out.splitlines()) >= 3
+    assert [row.number for row in found["rows"]] == list(range(25))
+    assert np.abs(found["away"]).max() < 0.005
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
