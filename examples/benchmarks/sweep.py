@@ -1,6 +1,6 @@
 """Wall time of a sweep of 5 x 5 scenes with two workers against one, their start counted.
 
-    python examples/benchmarks/sweep.py            two minutes
+    python examples/benchmarks/sweep.py            three minutes on two idle cores
     python examples/benchmarks/sweep.py --quick    short scenes: mostly the start
 
 BLAS threads are pinned; both are run in turn, and medians are reported.
@@ -23,7 +23,7 @@ from skfem_joint.analysis.sweep import processes, sweep
 from skfem_joint.scene import Scene, load_sweep
 
 #: Cycles of each scene, rounds.
-SIZE, QUICK = (120, 3), (3, 1)
+SIZE, QUICK = (1000, 2), (3, 1)
 
 
 def seconds(scenes: list[Scene], workers: int) -> float:
