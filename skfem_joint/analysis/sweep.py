@@ -8,14 +8,8 @@ import os
 import signal
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -90,30 +84,21 @@ def sweep(
     """
     scenes = list(scenes)
     with nullcontext() if journal is None else holding(journal.parent):
-        waiting: deque[int] = deque()
         known = {} if journal is None else _read(journal)
-        marks = [] if journal is None else [fingerprint(origin_of(s), __version__) for s in scenes]
-        for number in range(len(scenes)):
-            if journal is not None and marks[number] in known:
-                yield Row(number, *known[marks[number]])
-            else:
-                waiting.append(number)
+        marks = [fingerprint(origin_of(scene), __version__) for scene in scenes]
+        yield from (Row(k, *known[mark]) for k, mark in enumerate(marks) if mark in known)
+        waiting = deque(k for k, mark in enumerate(marks) if mark not in known)
         with closing(_rows(scenes, waiting, executor)) as rows:
             for row, settled in rows:
                 if journal is not None and settled:
-                    _append(journal, {"scene": marks[row.number], **_content(row)})
+                    _append(journal, marks[row.number], row)
                 yield row
-
-
-def _content(row: Row) -> dict[str, Any]:
-    return {"results": row.results, "failure": row.failure}
 
 
 def _rows(
     scenes: list[Scene], waiting: deque[int], executor: Executor | Callable[[], Executor]
 ) -> Generator[tuple[Row, bool]]:
     """Rows, and whether another run of the scene would give the same."""
-    given = isinstance(executor, Executor)
     renew = processes if isinstance(executor, Executor) else executor
     pool = executor if isinstance(executor, Executor) else executor()
     breaks: Counter[int] = Counter()
@@ -132,20 +117,19 @@ def _rows(
                     raise error
             if not groups[-1]:
                 groups.pop()
-            if not broken:
-                continue
-            if not given:
-                pool.shutdown(wait=False)
-            pool, given = renew(), False
-            breaks.update(broken)
-            # Which of them broke the pool is seen when each is alone in one.
-            groups += [deque([number]) for number in broken if breaks[number] == 1]
+            if broken:
+                if pool is not executor:
+                    pool.shutdown(wait=False)
+                pool = renew()
             for number in broken:
-                if breaks[number] > 1:
+                breaks[number] += 1
+                if breaks[number] == 1:  # which of them broke it is seen when each is alone
+                    groups.append(deque([number]))
+                else:
                     yield Row(number, failure=_KILLED), False
         ended = True
     finally:
-        if not given:
+        if pool is not executor:
             pool.shutdown(wait=ended)
 
 
@@ -160,11 +144,14 @@ def _finished(
         while running or (waiting and not broken):
             while waiting and not broken and len(running) < most:
                 number = waiting.popleft()
+                scene = scenes[number]  # goes without its matrices, and fields that nobody sees
+                output = {"vtk": False, "plots": False}
                 try:
-                    running[pool.submit(_run, _slim(scenes[number]))] = number
+                    sent = pool.submit(_run, scene.changed(mesh=scene.named_mesh, output=output))
+                    running[sent] = number
                 except BrokenExecutor:
                     broken.append(number)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
                 number = running.pop(future)
                 if isinstance(future.exception(), BrokenExecutor):
                     broken.append(number)
@@ -173,11 +160,6 @@ def _finished(
     finally:
         for future in running:
             future.cancel()
-
-
-def _slim(scene: Scene) -> Scene:
-    """Scene without its matrices, and without fields that nobody sees."""
-    return scene.changed(mesh=scene.named_mesh, output={"vtk": False, "plots": False})
 
 
 def _run(scene: Scene) -> tuple[Results, str]:
@@ -226,15 +208,16 @@ def _read(journal: Path) -> dict[str, tuple[Results, str]]:
     return rows
 
 
-def _append(journal: Path, row: Mapping[str, Any]) -> None:
+def _append(journal: Path, mark: str, row: Row) -> None:
     """Add a line to a journal, and see that it is on the disk."""
+    line = {"scene": mark, "results": row.results, "failure": row.failure}
     with journal.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row, allow_nan=False) + "\n")
+        file.write(json.dumps(line, allow_nan=False) + "\n")
         file.flush()
         os.fsync(file.fileno())
 
 
-def processes(workers: int | None = None) -> ProcessPoolExecutor:
+def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     """Pool of processes, as many as the machine has cores if not said otherwise.
 
     They run one BLAS thread unless the environment says otherwise: it is set for this process too,
@@ -244,35 +227,28 @@ def processes(workers: int | None = None) -> ProcessPoolExecutor:
     for name in THREADS:
         os.environ.setdefault(name, "1")
     spawned = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, spawned, initializer=_follow_parent)
+    return futures.ProcessPoolExecutor(workers, spawned, initializer=_begin)
 
 
-def _follow_parent() -> None:
-    """Leave interrupts to the process that started this one, and end when that is killed."""
+def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
 
-    def end() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
 
-    Thread(target=end, daemon=True).start()
+def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 @contextmanager
 def executors(
     kind: str, workers: int | None = None, address: str | None = None
 ) -> Iterator[Callable[[], Executor]]:
-    """What makes executors of a kind, for as long as the block runs.
+    """What makes executors, of "processes", "dask" or "mpi", for as long as the block runs.
 
-    Parameters
-    ----------
-    kind : {"processes", "dask", "mpi"}
-    workers : int, optional
-        Processes; not for a ``dask`` cluster of an address, which has its own.
-    address : str, optional
-        Of the scheduler of a ``dask`` cluster; one on this machine is made if it is not given.
+    ``address`` is that of the scheduler of a ``dask`` cluster, which has its own workers; one on
+    this machine is made if it is not given.
 
     Raises
     ------

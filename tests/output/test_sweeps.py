@@ -161,6 +161,8 @@ def test_failed_scenes_are_told_with_their_keys(tmp_path: Path, capsys: Capture)
     sweep = '"reduction.reference" = ["static", "paper"]'
     path = written(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
     arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]
+    assert cli.main(["check", str(path)]) == 0
+    assert "The sweep has 2 scenes, each valid." in capsys.readouterr().out
     assert cli.main(arguments) == 3
     said = capsys.readouterr().out
     assert "Scene 1, reduction.reference = 'paper': reduction.modes: found 5000" in said
