@@ -3,9 +3,9 @@
 Three ways to the same answer. Quasi-static modal analysis gives a mode's frequency and damping
 against its amplitude (the backbone) in hundredths of a second. Released from its highest level, the
 structure rings down through the same amplitudes. And the response to a harmonic force, at several
-levels of it, has its peaks there. The frequencies of a uniform bar are as 1 : 3 : 5, so that the odd
-harmonics of friction excite the higher modes: the true damping, of ring-down and response, is up to
-twice what the backbone says, as its warning tells. A heavy tip moves the higher modes away.
+levels of it, has its peaks there. The frequencies of a uniform bar are as 1 : 3 : 5, so that the
+odd harmonics of friction excite the higher modes: the true damping, of ring-down and response, is
+up to twice what the backbone says, as its warning tells. A heavy tip moves the higher modes away.
 """
 
 from pathlib import Path
@@ -40,11 +40,12 @@ for one in swept:
 left.semilogy(curve.frequency, 1e3 * reach, "k--", label="backbone")
 left.semilogy(down.frequency, 1e3 * end * down.amplitude, "k.", label="ring-down")
 left.set(xlabel="frequency, Hz", ylabel="amplitude of the free end, mm", xlim=(2300.0, 2550.0))
+left.set_ylim(bottom=1e-3)
 right.plot(1e3 * reach, 100.0 * curve.damping_ratio, "k--", label="backbone")
 right.plot(1e3 * end * down.amplitude, 100.0 * down.damping_ratio, "k.", label="ring-down")
 right.set(xlabel="amplitude of the free end, mm", ylabel="damping ratio, %")
 for panel in (left, right):
-    panel.legend(fontsize="small")
+    panel.legend(fontsize="small", loc="lower right")
     panel.grid(alpha=0.3)
 
 if __name__ == "__main__":

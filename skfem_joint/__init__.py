@@ -13,7 +13,8 @@ stepping     time integration: schemes, the steppers for what a system's matrice
              checkpoints, and whether a step is short enough
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole
-analysis     a scene's models run and compared, their estimated errors, error against run time
+analysis     a scene's models run and compared, their estimated errors, error against run time,
+             sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.backbone import ring_down as ring_down
     from skfem_joint.analysis.response import response as response
     from skfem_joint.analysis.study import run_scene as run_scene
+    from skfem_joint.analysis.sweep import sweep as sweep
     from skfem_joint.errors import ConvergenceError as ConvergenceError
     from skfem_joint.errors import InputError as InputError
     from skfem_joint.loads import HalfSine as HalfSine
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from skfem_joint.mesh import merged as merged
     from skfem_joint.reduction import reduce as reduce
     from skfem_joint.scene import load_scene as load_scene
+    from skfem_joint.scene import load_sweep as load_sweep
     from skfem_joint.stepping.integrate import integrate as integrate
     from skfem_joint.stepping.recording import Save as Save
     from skfem_joint.structure import Bolt as Bolt
@@ -73,11 +76,12 @@ _NAMES = {
     "analysis.backbone": "backbone ring_down",
     "analysis.response": "response",
     "analysis.study": "run_scene",
+    "analysis.sweep": "sweep",
     "errors": "ConvergenceError InputError",
     "loads": _SHAPES,
     "mesh": "build_bar build_box build_plate load_meshes merged",
     "reduction": "reduce",
-    "scene": "load_scene",
+    "scene": "load_scene load_sweep",
     "stepping.integrate": "integrate",
     "stepping.recording": "Save",
     "structure": _PARTS,

@@ -7,12 +7,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from skfem_joint import __version__
-from skfem_joint.errors import InputError, JointError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import holding
 
 if TYPE_CHECKING:
@@ -73,7 +73,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    given, written = (argparse.ArgumentParser(add_help=False) for _ in range(2))
+    given, written, shared = (argparse.ArgumentParser(add_help=False) for _ in range(3))
+    shared.add_argument(
+        "--executor", choices=("processes", "dask", "mpi"), default="processes", help="what runs it"
+    )
+    shared.add_argument(
+        "--workers", type=int, metavar="N", help="processes (default: all cores, of response one)"
+    )
+    shared.add_argument(
+        "--address", help="of the scheduler of a dask cluster (default: a local one)"
+    )
     given.add_argument("scene", type=Path, metavar="SCENE.toml")
     written.add_argument("--out", type=Path, required=True, metavar="DIR", help="results' folder")
     text = "integrate the models of a scene and report"
@@ -111,8 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     backbone.set_defaults(command=_backbone)
 
     text = "steady vibration over frequency at several levels of load"
-    response = commands.add_parser("response", parents=[given, written], help=text)
-    response.add_argument("--workers", type=int, default=1, metavar="N", help="levels side by side")
+    response = commands.add_parser("response", parents=[given, written, shared], help=text)
     response.set_defaults(command=_response)
 
     text = "error against run time of many models and steps on one scene"
@@ -122,12 +130,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     error_time.add_argument("--quick", action="store_true", help="few points, one round")
     error_time.set_defaults(command=_error_time)
+
+    text = "run the scenes of a [sweep] by several processes; run it again to go on"
+    sweep = commands.add_parser("sweep", parents=[given, written, shared], help=text)
+    sweep.set_defaults(command=_sweep)
     return parser
 
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
-    from skfem_joint.scene import load_scene
+    from skfem_joint.scene import load_scene, load_sweep
     from skfem_joint.stepping.resolution import check_resolution
 
     scene = load_scene(options.scene)
@@ -139,6 +151,8 @@ def _check(options: argparse.Namespace) -> int:
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
     _describe(scene)
+    if scene.sweep is not None:
+        print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
     return 0
 
@@ -297,11 +311,8 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from concurrent.futures import Executor, ProcessPoolExecutor
-    from contextlib import AbstractContextManager, nullcontext
-    from multiprocessing import get_context
-
     from skfem_joint.analysis import response
+    from skfem_joint.analysis.sweep import executors
     from skfem_joint.files import needed
     from skfem_joint.output import damping
     from skfem_joint.output.folder import remove_old
@@ -309,12 +320,13 @@ def _response(options: argparse.Namespace) -> int:
 
     scene = load_scene(options.scene)
     needed("matplotlib", "plot")
-    pool: AbstractContextManager[Executor | None] = nullcontext()
-    if options.workers > 1:
-        pool = ProcessPoolExecutor(options.workers, mp_context=get_context("spawn"))
-    with holding(options.out), pool as executor:
+    alone = options.executor == "processes" and options.workers in (None, 1)
+    with (
+        holding(options.out),
+        executors(options.executor, options.workers, options.address) as make,
+    ):
         with progress_bar() as progress:
-            found = response.scene_response(scene, executor, progress)
+            found = response.scene_response(scene, None if alone else make(), progress)
         remove_old(options.out)
         files = damping.write_response(options.out, found)
     for model in found.models:
@@ -333,6 +345,36 @@ def _told(warnings: Sequence[str], out: Path, files: Sequence[Path]) -> int:
         print(f"Note: {warning}")
     print(f"Written to {out}: {', '.join(file.name for file in files)}")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from skfem_joint.analysis import sweep as analysis
+    from skfem_joint.output import sweeps
+    from skfem_joint.scene import load_sweep
+
+    swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
+    sweeps.check(swept, out)
+    chosen = analysis.executors(options.executor, options.workers, options.address)
+    with progress_bar() as progress, chosen as executor:
+        journal = out / sweeps.JOURNAL
+        try:
+            with closing(analysis.sweep(swept.scenes, executor, journal)) as found:
+                for row in found:
+                    rows.append(row)
+                    if progress is not None:
+                        progress("scenes", len(rows), len(swept.scenes))
+        except KeyboardInterrupt:
+            interrupted = True
+    files = sweeps.write(swept, rows, out)
+    failed = [row for row in rows if row.failure]
+    for row in failed:
+        print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
+    print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
+    print(f"Written to {out}: {', '.join(file.name for file in files)}")
+    if interrupted:
+        print("The same command goes on.")
+        return INTERRUPTED
+    return ConvergenceError.exit_status if failed else 0
 
 
 @contextmanager

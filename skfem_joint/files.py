@@ -209,6 +209,7 @@ def needed(library: str, extra: str) -> Any:
         return import_module(library)
     except ImportError as error:
         raise InputError(
-            f"{library} is missing: pip install 'skfem-joint[{extra}]', or switch off what needs "
-            "it: output.plots needs matplotlib, pyvista and imageio, output.vtk needs pyvista"
+            f"{library} is missing: pip install 'skfem-joint[{extra}]', or do without what needs "
+            "it: output.plots needs matplotlib, pyvista and imageio, output.vtk needs pyvista, "
+            "a sweep's --executor dask needs distributed, mpi needs mpi4py"
         ) from error

@@ -387,3 +387,75 @@ def test_points_may_have_any_name(tmp_path: Path, scene: Write) -> None:
     assert len(list(out.glob("hysteresis*.png"))) == 1
     with np.load(out / "history.npz", allow_pickle=False) as history:
         assert f"full_{name}_displacement" in history
+
+
+STEADY = """
+[backbone]
+levels = 6
+ring_down = 8
+
+[response]
+frequencies = { from = 2200.0, to = 2500.0, points = 3 }
+levels = [0.1, 0.3]
+"""
+
+
+@pytest.mark.parametrize("name", ["backbone", "response"])
+def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
+    name: str, scene: Write, tmp_path: Path, capsys: Capture
+) -> None:
+    path, out = scene(), tmp_path / "out"
+    path.write_text(path.read_text(encoding="utf-8") + STEADY, encoding="utf-8")
+    assert cli.main([name, str(path), "--out", str(out)]) == 0
+    assert files_below(out) == [f"{name}.csv", f"{name}.png", "summary.json"]
+    rows = (out / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+    columns = rows[0].split(",")
+    wanted = {
+        "backbone": {"mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio"},
+        "response": {"level", "frequency_Hz", "amplitude_free_end_m", "periods", "residual"},
+    }
+    assert wanted[name] <= set(columns)
+    assert all(len(row.split(",")) == len(columns) for row in rows)
+    content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    if name == "response":
+        peaks = [
+            [level["peak_amplitude_m"] for level in model["levels"]]
+            for model in content["models"].values()
+        ]
+        assert peaks[0] == pytest.approx(peaks[1], rel=0.02)
+        errors = [level["estimated_error"] for level in content["models"]["reduced"]["levels"]]
+        assert all(0.0 < error["peak_displacement"] < 0.05 for error in errors)
+    assert f"Written to {out}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "table", "says"),
+    [
+        ("response", "", "response: missing"),
+        (
+            "response",
+            "[response]\nfrequencies = { from = 0.0, to = 1.0 }\n",
+            "response.frequencies",
+        ),
+        ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
+        ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
+    ],
+)
+def test_what_steady_vibration_cannot_be_asked_for(
+    command: str, table: str, says: str, scene: Write, tmp_path: Path, capsys: Capture
+) -> None:
+    path = scene()
+    path.write_text(f"{path.read_text(encoding='utf-8')}\n{table}", encoding="utf-8")
+    assert cli.main([command, str(path), "--out", str(tmp_path / "out")]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_run_goes_on_until_it_is_steady(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+    path, out = scene(("cycles = 2", 'until = "steady"')), tmp_path / "out"
+    assert cli.main(["run", str(path), "--out", str(out)]) == 0
+    models = json.loads((out / "summary.json").read_text(encoding="utf-8"))["models"]
+    assert all(model["steady_state_reached"] is True for model in models.values())
+    error = models["reduced"]["error"]
+    stated = models["reduced"]["estimated_error"]["friction_energy_per_cycle"]["total"]
+    assert abs(error["friction_energy_per_cycle"]) < 3.0 * stated < 0.03
+    assert "not reached a steady state" not in capsys.readouterr().out

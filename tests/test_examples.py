@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-LITERATE = ("lap_joint", "reduced_structure", "own_basis", "bolted_plates")
+LITERATE = ("lap_joint", "reduced_structure", "own_basis", "bolted_plates", "damping")
 TABLE_1 = (86.55, 10.24, 1.70, 0.73, 0.29)  # percent
 
 
@@ -19,14 +19,16 @@ def run(name: str, run_name: str = "example") -> dict[str, Any]:
     return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=run_name)
 
 
-@pytest.mark.parametrize("name", LITERATE)
-def test_literate_examples_are_short_and_run_as_scripts(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("name", [*LITERATE, "sweep"])
+def test_literate_examples_are_short(name: str) -> None:
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     body = ast.parse(text).body[1:]
     lines = text.splitlines()[body[0].lineno - 1 :]
     assert sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines) < 40
+
+
+@pytest.mark.parametrize("name", LITERATE)
+def test_literate_examples_run_as_scripts(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     run(name, "__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
 
@@ -71,3 +73,27 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
     slip = found["run"].slip_peak[loose.points]
     assert np.all(slip >= 0.0)
     assert found["run"].cycles.friction[-1] > 0.0
+
+
+def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = run("sweep", "__main__")
+    assert len(capsys.readouterr().out.splitlines()) >= 3
+    assert [row.number for row in found["rows"]] == list(range(25))
+    assert np.abs(found["away"]).max() < 0.005
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_peaks_of_the_response_lie_where_the_structure_rings_down() -> None:
+    found = run("damping")
+    down, end = found["down"], found["end"]
+    amplitude, frequency = end * down.amplitude[::-1], down.frequency[::-1]
+    for one in found["swept"]:
+        peak, size = one.peak
+        assert peak == pytest.approx(np.interp(size, amplitude, frequency), rel=5e-3)
+    # Quasi-static damping is lower: the frequencies are as 1 : 3 : 5.
+    ratio = np.interp(down.amplitude, found["curve"].amplitude, found["curve"].damping_ratio)
+    assert 1.1 < np.median(down.damping_ratio / ratio) < 2.0
+    assert 0.8 * down.energy < down.friction_work.sum() < down.energy

@@ -18,7 +18,7 @@ FLOORS = ["", "mesh", "structure", "stepping", "reduction", "scene", "analysis",
 MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
 )
-HEAVY = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "rich"}
+HEAVY = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "rich", "distributed", "pyarrow"}
 
 
 def path_of(module: str) -> Path:

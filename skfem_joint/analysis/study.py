@@ -149,7 +149,7 @@ def run_scene(
         If the reduction does not fit the scene, or a checkpoint the run.
         The ``results`` of both are the study where other models were run before.
     """
-    origin = "" if checkpoints is None else _origin(scene)
+    origin = "" if checkpoints is None else origin_of(scene)
     study = Study(scene, scene.structure(), scene.system())
     study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
     if scene.accuracy.asked:
@@ -197,11 +197,11 @@ def run_scene(
     return study
 
 
-def _origin(scene: Scene) -> str:
+def origin_of(scene: Scene) -> str:
     """Fingerprint of a scene, its mesh and the tables of its loads."""
     mesh = scene.named_mesh
     return fingerprint(
-        scene.model_dump(mode="json"),
+        scene.model_dump(mode="json", exclude={"sweep"}),
         [load.amplitude for load in scene.loads()],
         [mesh.mesh.p, mesh.mesh.t, mesh.order, mesh.coordinates],
         [mesh.regions, mesh.boundaries, mesh.points],

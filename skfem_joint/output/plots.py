@@ -219,7 +219,88 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
-def _styles(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
+def sweep_curves_figure(
+    xlabel: str,
+    values: Sequence[Any],
+    results: Mapping[str, Sequence[float | None]],
+    label: str,
+    unit: str,
+    *,
+    log: bool = False,
+) -> Figure:
+    """Result of each model over the values of one key, numbers or words; gaps where there is none.
+
+    ``log`` sets the values in equal ratios; ``unit`` is that of the results, "%" of shares.
+    """
+    unit, scaled = _scaled(results, unit)
+    figure = new_figure(7.0, 4.2)
+    panel = figure.subplots()
+    numbers = all(isinstance(value, int | float) for value in values)
+    places = np.array(values if numbers else [str(value) for value in values])
+    order = places.argsort() if numbers else slice(None)
+    for (name, result), style in zip(scaled.items(), _styles(results), strict=True):
+        panel.plot(places[order], result[order], label=name, marker="o", markersize=5, **style)
+    panel.set(xlabel=xlabel, ylabel=f"{label}{unit}")
+    if log:
+        panel.set_xscale("log")
+    panel.grid(alpha=0.3)
+    _legend_above(figure, panel)
+    return figure
+
+
+def sweep_maps_figure(
+    across: tuple[str, Sequence[Any]],
+    up: tuple[str, Sequence[Any]],
+    results: Mapping[str, Sequence[float | None]],
+    label: str,
+    unit: str,
+) -> Figure:
+    """Result of each model over the values of two keys, a panel each; grey where there is none.
+
+    Each key comes with its label; cells are of one size, whatever the distance of their values.
+    """
+    unit, scaled = _scaled(results, unit)
+    columns, rows = (list(dict.fromkeys(map(_short, values))) for _, values in (across, up))
+    place = [rows.index(_short(v)) for v in up[1]], [columns.index(_short(v)) for v in across[1]]
+    figure = new_figure(0.6 + 5.0 * len(results), 4.8)
+    figure.suptitle(f"{label}{unit}")
+    panels = figure.subplots(1, len(results), sharey=True, squeeze=False)[0]
+    for panel, (name, result) in zip(panels, scaled.items(), strict=True):
+        grid = np.full((len(rows), len(columns)), np.nan)
+        grid[place] = result
+        image = panel.imshow(grid, origin="lower", aspect="auto", cmap="viridis")
+        panel.set(facecolor="0.8", xlabel=across[0])
+        panel.set_title(name, loc="left")
+        for axis, names in ((panel.xaxis, columns), (panel.yaxis, rows)):
+            ticks = np.arange(0, len(names), -(-len(names) // 8))
+            axis.set_ticks(ticks, [names[tick] for tick in ticks])
+        if len(rows) <= 12 and len(columns) <= 8:
+            for (i, j), value in np.ndenumerate(grid):
+                dark = image.norm(value) < 0.6 if np.isfinite(value) else False
+                text = f"{value:.4g}" if np.isfinite(value) else "none"
+                panel.text(j, i, text, ha="center", va="center", color="w" if dark else "k")
+        figure.colorbar(image, ax=panel, location="bottom", aspect=40)
+    panels[0].set_ylabel(up[0])
+    return figure
+
+
+def _short(value: Any) -> str:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:.6g}" if is_number else str(value)
+
+
+def _scaled(
+    results: Mapping[str, Sequence[float | None]], unit: str
+) -> tuple[str, dict[str, FloatArray]]:
+    """Unit with a comma before it and results in it; not a number where there is none."""
+    values = {name: np.array(one, dtype=float) for name, one in results.items()}
+    finite = [one[np.isfinite(one)] for one in values.values()]
+    unit, scale = prefixed_unit(unit, finite) if len(unit) == 1 and unit != "%" else (unit, 1.0)
+    scale = 0.01 if unit == "%" else scale
+    return f", {unit}" * bool(unit), {name: one / scale for name, one in values.items()}
+
+
+def _styles(runs: Mapping[str, Any]) -> list[dict[str, Any]]:
     others = cycle(_OTHERS if len(runs) > 1 else (_ALONE,))
     return [_FULL if name == "full" and len(runs) > 1 else next(others) for name in runs]
 

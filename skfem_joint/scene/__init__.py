@@ -11,5 +11,6 @@ and all of them are raised together as one `InputError`.
 
 from skfem_joint.scene.reading import load_scene, scene_from
 from skfem_joint.scene.scene import Scene
+from skfem_joint.scene.swept import Swept, load_sweep
 
-__all__ = ["Scene", "load_scene", "scene_from"]
+__all__ = ["Scene", "Swept", "load_scene", "load_sweep", "scene_from"]

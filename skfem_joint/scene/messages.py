@@ -51,6 +51,17 @@ def key_path(location: tuple[int | str, ...]) -> str:
     return text
 
 
+_NAME = r'[A-Za-z0-9_-]+|"[^"]+"'
+
+
+def key_parts(text: str) -> tuple[int | str, ...] | None:
+    """Parts of a key of a value in a table, as `key_path` writes it; None: it is no such key."""
+    if not re.fullmatch(rf"(?:{_NAME})(?:\.(?:{_NAME})|\[[0-9]+\])+", text):
+        return None
+    parts = re.findall(rf"({_NAME})|\[([0-9]+)\]", text)
+    return tuple(int(at) if at else name.strip('"') for name, at in parts)
+
+
 def found_text(value: object) -> str:
     """What was found, short enough for a sentence."""
     if isinstance(value, bool):
@@ -76,6 +87,11 @@ def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
     return get_args(field.annotation) if field else ()
 
 
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Keys of a table as they are written."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
 def _follow(
     location: tuple[int | str, ...], root: type[BaseModel]
 ) -> tuple[list[type[BaseModel]], FieldInfo | None]:
@@ -91,10 +107,20 @@ def _follow(
         if kinds:
             models = kinds
             continue
-        field = next((m.model_fields[part] for m in models if part in m.model_fields), None)
-        models = _models_in(field.annotation) if field else []
+        field = next((_fields(m)[part] for m in models if part in _fields(m)), None)
+        if field is None:  # a key of any name, if there may be one
+            of_any = (vars(m).get("__annotations__", {}).get("__pydantic_extra__") for m in models)
+            models = [model for annotation in of_any for model in _models_in(annotation)]
+        else:
+            models = _models_in(field.annotation)
         is_name = part == "regions"
     return models, field
+
+
+def meaning(key: str, root: type[BaseModel]) -> str:
+    """Meaning and unit of a key, "" if there is none."""
+    _, field = _follow(key_parts(key) or (), root)
+    return (field.description or "").split(";")[0] if field else ""
 
 
 _MUST_BE = {
@@ -132,7 +158,7 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
         return [f"{key}: {line}" for line in context["text"].split("\n")]
     if kind == "extra_forbidden":
         parents, _ = _follow(location[:-1], root)
-        keys = list(dict.fromkeys(key for model in parents for key in model.model_fields))
+        keys = list(dict.fromkeys(key for model in parents for key in _fields(model)))
         hint = _closest(str(location[-1]), keys)
         return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]
     if kind == "missing":

@@ -24,7 +24,8 @@ _MOST_PARTS = 50
 _LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a scene file."""
     try:
         text = read_whole(path, _LARGEST_SCENE).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -43,7 +44,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
 
 
-def _read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
+def read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
     """Load the scene's mesh, or say what is wrong with the file."""
     try:
         table = Mesh.model_validate(
@@ -72,8 +73,8 @@ def load_scene(path: str | Path) -> Scene:
         its ``problems`` and starts with the file and the key.
     """
     path = Path(path)
-    tables = _read_toml(path)
-    mesh, problems = _read_mesh(tables, path.parent)
+    tables = read_toml(path)
+    mesh, problems = read_mesh(tables, path.parent)
     return scene_from(tables, mesh, path, problems)
 
 

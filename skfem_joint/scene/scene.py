@@ -14,8 +14,9 @@ from skfem_joint import structure as parts
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.scene import tables
+from skfem_joint.scene import steady_tables, tables
 from skfem_joint.scene.messages import key_path, listed
+from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.system import System
@@ -46,8 +47,13 @@ class Scene(SceneTable):
     reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
     accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
     output: tables.Output = key("what is written", tables.Output())
-    response: tables.Response | None = key("frequencies and levels of steady vibration", None)
-    backbone: tables.Backbone = key("modes whose damping is looked for", tables.Backbone())
+    response: steady_tables.Response | None = key(
+        "frequencies and levels of steady vibration", None
+    )
+    backbone: steady_tables.Backbone = key(
+        "modes whose damping is looked for", steady_tables.Backbone()
+    )
+    sweep: Sweep | None = key("values that `load_sweep` makes scenes of", None)
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)

@@ -45,8 +45,7 @@ ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
 MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
-#: Largest tangent across a slip, over the diagonal of the matrix: round-off of larger ones makes it
-#: singular along the slip.
+#: Largest tangent across a slip over the diagonal: round-off of larger ones is singular along it.
 STIFFEST = 1e8
 #: Forces, N, that count as none: products of smaller ones are lost.
 NOTHING = 1e-140
@@ -161,10 +160,7 @@ def _subtract_friction(first, second, w, beta, v, r, sigma, held):
 
 @compiled
 def _tangent(first, second, block, w, beta, v, out):
-    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead.
-
-    Across a slip that is next to nothing it is no more than what leaves the other direction exact.
-    """
+    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead."""
     for p in range(first.size):
         i = first[p]
         j = second[p]

@@ -66,39 +66,33 @@ def integrate(
     Parameters
     ----------
     system : System
-    step : float
-        Time step, s.
-    n_steps : int
-    duration : float
-        s; the last step ends at it or just beyond it.
+    step, n_steps, duration
+        Time step, s, and how many of them, or s; the last step ends at it or just beyond it.
     cycles, steps_per_cycle : int
         Cycles of the loads' common period, and steps in each.
     scheme : Scheme, optional
         Average acceleration if not given.
     save : Save, optional
-        What to store; the named points at every step if not given. Peaks and works are
-        accumulated over every step in any case.
+        What to store; the named points at every step if not given. Peaks and works are of all.
     cycle_steps : int, optional
         Steps of one cycle: works and peaks are also noted cycle by cycle. As ``steps_per_cycle``
         says, if that is given.
     until : {"end", "steady"}
-        ``"steady"`` gives the period at which vibration under loads that repeat has become steady,
-        see :mod:`skfem_joint.stepping.steady`: ``cycles`` is one then, and the times, works and
-        peaks are those of that period.
+        ``"steady"`` gives the one period at which vibration under loads that repeat has become
+        steady, see :mod:`skfem_joint.stepping.steady`.
     initial : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) at the start; at rest if not given. Where a search
-        for what is steady begins.
+        Displacement (m) and velocity (m/s) at the start; at rest if not given.
     tolerance : float
         Largest force residual of a step relative to its largest force.
     progress : callable, optional
         Called with (steps done, steps in all).
     checkpoint : Checkpoint, optional
-        Where to save the run, and to take it up again; neither changes a bit of the result.
+        Where to save the run and to take it up again; neither changes a bit of the result.
 
     Returns
     -------
     Run
-        After a keyboard interrupt that of the steps finished, with ``interrupted`` set.
+        After an interrupt that of the steps finished, with ``interrupted`` set.
 
     Raises
     ------
@@ -108,34 +102,28 @@ def integrate(
         If the steps are not given in one of the three ways, or are too long for a load, no stepper
         fits the system, or the checkpoint cannot be written or is not one of this run.
     """
-    if until == "steady" and step is None:
-        cycles = 1 if cycles is None else cycles
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
+        cycles = 1 if cycles is None and until == "steady" else cycles
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
         cycle_steps = steps_per_cycle
-    step, n_steps = _steps(step, n_steps, duration)
-    if cycle_steps is not None and cycle_steps < 1:
-        raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
+    step, n_steps = _steps(step, n_steps, duration, cycle_steps)
     start = _start(system, initial)
     if until == "steady":
         _check_steady(system, step * n_steps, scheme, checkpoint)
     check_resolution(system, step, n_steps, until == "steady")
     save, scheme = save or Save(), scheme or generalized_alpha()
-    asked = (system, step, n_steps, scheme, save, cycle_steps, *start, tolerance)
+    asked = system, step, n_steps, scheme, save, cycle_steps, *start, tolerance
     identity = fingerprint(*asked) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
     driver = _Driver(arranged(system), save, step, n_steps, scheme, start, float(tolerance))
-    preparation, driver.elapsed = driver.elapsed, 0.0
     if saved is not None:
         driver.take_up(*saved)
-    elif initial is not None:
-        driver.recorder.observe(driver.stepper.state().u)
     if until == "steady":
-        return driver.steady(system, cycle_steps, preparation)
+        return driver.steady(system, cycle_steps)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
     energy = 0.0 if initial is None else system.stored_energy(*start)
-    return driver.finish(system, energy, preparation, interrupted)
+    return driver.finish(system, energy, interrupted)
 
 
 def _by_cycles(
@@ -159,7 +147,9 @@ def _by_cycles(
     return period / steps_per_cycle, cycles * steps_per_cycle
 
 
-def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
+def _steps(
+    step: float | None, n_steps: int | None, duration: float | None, cycle_steps: int | None
+) -> tuple[float, int]:
     """Step and number of steps, checked."""
     if step is None or (n_steps is None) == (duration is None):
         raise InputError(
@@ -173,6 +163,8 @@ def _steps(step: float | None, n_steps: int | None, duration: float | None) -> t
         n_steps = math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9))
     if n_steps is None or n_steps < 1:
         raise InputError(f"n_steps: found {n_steps}, must be >= 1")
+    if cycle_steps is not None and cycle_steps < 1:
+        raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
     return float(step), int(n_steps)
 
 
@@ -252,7 +244,7 @@ def _run(
 class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
-    Made, it is at the start, with its first row stored; ``elapsed`` is what preparing took.
+    Made, it is at the start, with its first row stored; ``preparation`` is what that took, s.
 
     Attributes
     ----------
@@ -292,8 +284,9 @@ class _Driver:
         begin = time.perf_counter()
         self.restart(0.0)
         self.stepper.prepare(step)
-        self.elapsed = time.perf_counter() - begin
+        self.preparation, self.elapsed = time.perf_counter() - begin, 0.0
         self.recorder.store(0, self.stepper.state())
+        self.recorder.observe(self.stepper.state().u)
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
         """Go on from a checkpoint."""
@@ -301,7 +294,7 @@ class _Driver:
         self.recorder.restore(parts["recorder"])
         self.stepper.restore(parts["stepper"])
 
-    def finish(self, system: System, energy: float, preparation: float, interrupted: bool) -> Run:
+    def finish(self, system: System, energy: float, interrupted: bool) -> Run:
         """Run of the steps done, in the unknowns of the system that was given."""
         state, to = self.stepper.state(), self.to
         run = self.recorder.finish(
@@ -310,7 +303,7 @@ class _Driver:
             state.v,
             steps=self.done,
             wall_s=self.elapsed,
-            preparation_s=preparation,
+            preparation_s=self.preparation,
             interrupted=interrupted,
             counts=self.stepper.counts,
         )
@@ -319,7 +312,7 @@ class _Driver:
         final = to.outer(run.final[0]), to.outer(run.final[1])
         return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
 
-    def steady(self, system: System, cycle_steps: int | None, preparation: float) -> Run:
+    def steady(self, system: System, cycle_steps: int | None) -> Run:
         """Run of the period at which vibration has become steady."""
         save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
         quarters = sorted({max(1, k * self.n_steps // 4) for k in (1, 2, 3, 4)})
@@ -343,7 +336,7 @@ class _Driver:
             self.recorder.end_cycle()
         self.elapsed = time.perf_counter() - begin
         energy = self.system.stored_energy(*start[:2])
-        run = self.finish(system, energy, preparation, False)
+        run = self.finish(system, energy, False)
         counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
         return replace(run, steady=Steady(periods, change), counters=counters)
 

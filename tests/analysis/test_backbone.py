@@ -121,7 +121,9 @@ def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted:
 
 
 def test_higher_modes_near_odd_multiples_are_told() -> None:
-    assert any("mode 2 at 3 times" in sentence for sentence in backbone(bar(), levels=2)[0].warnings)
+    assert any(
+        "mode 2 at 3 times" in sentence for sentence in backbone(bar(), levels=2)[0].warnings
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,274 @@
+"""Many scenes run by any executor: rows of results as they finish, kept in a file on the way."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent import futures
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+from skfem_joint import __version__
+from skfem_joint.analysis import memory
+from skfem_joint.analysis.error_time import THREADS
+from skfem_joint.analysis.study import origin_of, run_scene
+from skfem_joint.analysis.summary import model_summary
+from skfem_joint.errors import InputError, JointError
+from skfem_joint.files import holding, needed
+from skfem_joint.stepping.checkpoint import fingerprint
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+
+Results = dict[str, Any]
+_KILLED = (
+    "The process that ran it ended twice, the second time with this scene alone in it; it may "
+    "need more memory than there is"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one scene of a sweep gave.
+
+    Attributes
+    ----------
+    number : int
+        Which of the scenes, counted from 0.
+    results : dict
+        Numbers of ``summary.json`` in SI units by dotted names, such as
+        ``full.peak_displacement_m.free_end``, of the models that ran to their end.
+    failure : str
+        Why others did not; empty where all did.
+    """
+
+    number: int
+    results: Results = field(default_factory=dict)
+    failure: str = ""
+
+
+def sweep(
+    scenes: Iterable[Scene],
+    executor: Executor | Callable[[], Executor],
+    journal: Path | None = None,
+) -> Generator[Row]:
+    """Run scenes, each in a call of its own, and yield a row for each as it finishes.
+
+    What goes wrong with one scene is a row too. A scene whose process is killed is run again, alone
+    in a new pool; if that is killed too, it has failed.
+
+    Parameters
+    ----------
+    scenes : iterable of Scene
+    executor : Executor, or callable that makes one
+        Any of the kind of `concurrent.futures`: a pool of processes, ``client.get_executor()`` of
+        ``dask.distributed``, ``mpi4py.futures.MPIPoolExecutor``. A callable is called again when
+        a pool breaks, and what it made is shut down; where a given one breaks, `processes` goes on.
+    journal : Path, optional
+        File that each row is appended to. Scenes that have a row there are not run again, whoever
+        wrote it: their rows come first. Those that were killed have none.
+
+    Raises
+    ------
+    InputError
+        If the journal is none, or another process writes to its folder.
+    """
+    scenes = list(scenes)
+    with nullcontext() if journal is None else holding(journal.parent):
+        known = {} if journal is None else _read(journal)
+        marks = [fingerprint(origin_of(scene), __version__) for scene in scenes]
+        yield from (Row(k, *known[mark]) for k, mark in enumerate(marks) if mark in known)
+        waiting = deque(k for k, mark in enumerate(marks) if mark not in known)
+        with closing(_rows(scenes, waiting, executor)) as rows:
+            for row, settled in rows:
+                if journal is not None and settled:
+                    _append(journal, marks[row.number], row)
+                yield row
+
+
+def _rows(
+    scenes: list[Scene], waiting: deque[int], executor: Executor | Callable[[], Executor]
+) -> Generator[tuple[Row, bool]]:
+    """Rows, and whether another run of the scene would give the same."""
+    renew = processes if isinstance(executor, Executor) else executor
+    pool = executor if isinstance(executor, Executor) else executor()
+    breaks: Counter[int] = Counter()
+    groups, ended = [waiting], False
+    try:
+        while groups:
+            broken: list[int] = []
+            for number, future in _finished(pool, scenes, groups[-1], broken):
+                error = future.exception()
+                if error is None:
+                    yield Row(number, *future.result()), True
+                elif isinstance(error, Exception):
+                    kind = "" if isinstance(error, JointError) else f"{type(error).__name__}: "
+                    yield Row(number, failure=f"{kind}{error}"), False
+                else:
+                    raise error
+            if not groups[-1]:
+                groups.pop()
+            if broken:
+                if pool is not executor:
+                    pool.shutdown(wait=False)
+                pool = renew()
+            for number in broken:
+                breaks[number] += 1
+                if breaks[number] == 1:  # which of them broke it is seen when each is alone
+                    groups.append(deque([number]))
+                else:
+                    yield Row(number, failure=_KILLED), False
+        ended = True
+    finally:
+        if pool is not executor:
+            pool.shutdown(wait=ended)
+
+
+def _finished(
+    pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
+) -> Iterator[tuple[int, Future[tuple[Results, str]]]]:
+    """Futures as they finish, until all are or the pool breaks: then ``broken`` has those in it."""
+    # A pool of processes is given no more than it runs, so that few are in it when it breaks.
+    most = getattr(pool, "_max_workers", len(scenes))
+    running: dict[Future[tuple[Results, str]], int] = {}
+    try:
+        while running or (waiting and not broken):
+            while waiting and not broken and len(running) < most:
+                number = waiting.popleft()
+                scene = scenes[number]  # goes without its matrices, and fields that nobody sees
+                output = {"vtk": False, "plots": False}
+                try:
+                    sent = pool.submit(_run, scene.changed(mesh=scene.named_mesh, output=output))
+                    running[sent] = number
+                except BrokenExecutor:
+                    broken.append(number)
+            for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
+                number = running.pop(future)
+                if isinstance(future.exception(), BrokenExecutor):
+                    broken.append(number)
+                else:
+                    yield number, future
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _run(scene: Scene) -> tuple[Results, str]:
+    """Run one scene where it is sent: its numbers, and why there are not all of them."""
+    memory.check(scene, memory.default_limit())
+    failure = ""
+    try:
+        study = run_scene(scene)
+    except JointError as error:
+        failure = str(error)
+        if error.results is None:
+            return {}, failure
+        study = error.results
+    if study.interrupted:
+        raise KeyboardInterrupt
+    models = {name: model_summary(study, model) for name, model in study.models.items()}
+    return dict(_flat(models)), failure
+
+
+def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{start}{name}.")
+        else:
+            yield start + name, value
+
+
+def _read(journal: Path) -> dict[str, tuple[Results, str]]:
+    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off."""
+    if not journal.exists():
+        return {}
+    text = journal.read_bytes()
+    whole = text.rfind(b"\n") + 1
+    if whole < len(text):
+        os.truncate(journal, whole)
+    rows = {}
+    for number, line in enumerate(text[:whole].splitlines(), 1):
+        try:
+            row = json.loads(line)
+            rows[str(row["scene"])] = dict(row["results"]), str(row["failure"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{journal}: line {number}: is not a row of a sweep; move the file away, or choose "
+                "another folder"
+            ) from error
+    return rows
+
+
+def _append(journal: Path, mark: str, row: Row) -> None:
+    """Add a line to a journal, and see that it is on the disk."""
+    line = {"scene": mark, "results": row.results, "failure": row.failure}
+    with journal.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line, allow_nan=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
+    """Pool of processes, as many as the machine has cores if not said otherwise.
+
+    They run one BLAS thread unless the environment says otherwise: it is set for this process too,
+    which has read it before. They end with this process, and leave interrupts to it. As with any
+    that are spawned, a script that is run starts them below ``if __name__ == "__main__"``.
+    """
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    spawned = multiprocessing.get_context("spawn")
+    return futures.ProcessPoolExecutor(workers, spawned, initializer=_begin)
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def executors(
+    kind: str, workers: int | None = None, address: str | None = None
+) -> Iterator[Callable[[], Executor]]:
+    """What makes executors, of "processes", "dask" or "mpi", for as long as the block runs.
+
+    ``address`` is that of the scheduler of a ``dask`` cluster, which has its own workers; one on
+    this machine is made if it is not given.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit each other, or a library is missing.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers: found {workers}, must be >= 1")
+    if address is not None and (kind != "dask" or workers is not None):
+        raise InputError("--address: is for --executor dask, without --workers")
+    if kind == "dask":
+        distributed = needed("distributed", "dask")
+        local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+        with distributed.Client(address, **({} if address else local)) as client:
+            yield client.get_executor
+    elif kind == "mpi":
+        yield partial(needed("mpi4py.futures", "mpi").MPIPoolExecutor, workers)
+    else:
+        try:
+            yield partial(processes, workers)
+        finally:  # after an interrupt, not in the midst of a scene that may take hours
+            for process in multiprocessing.active_children():
+                process.terminate()

@@ -1,0 +1,136 @@
+"""A sweep's folder: a table of its scenes, and pictures of the results over one or two keys."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skfem_joint.errors import InputError
+from skfem_joint.files import needed, replacing, safe_name
+from skfem_joint.output import plots
+from skfem_joint.scene import Scene, Swept
+from skfem_joint.scene.messages import meaning
+from skfem_joint.scene.sweep_table import Range
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from skfem_joint.analysis.sweep import Row
+
+#: Rows as they finish, and all of them in order.
+JOURNAL, TABLE = "sweep_rows.jsonl", "sweep.csv"
+_WORDS = {"wall": "run time", "offline": "off-line time", "dofs": "unknowns"}
+
+
+def check(swept: Swept, folder: Path) -> None:
+    """See that a sweep's files can be made before anything is run.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is missing, or the folder has a table that no sweep has written.
+    """
+    if swept.scenes[0].output.plots:
+        needed("matplotlib", "plot")
+    if (folder / TABLE).exists() and not (folder / JOURNAL).exists():
+        raise InputError(
+            f"{folder}: has a {TABLE} that no sweep has written; move it away, or choose another "
+            "folder"
+        )
+
+
+def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
+    """Columns of the table: scene, its keys, what is asked for of its results, why it failed.
+
+    Results that no scene has, such as energies per cycle of scenes without cycles, have no column.
+    """
+    ordered = sorted(rows, key=lambda row: row.number)
+    found: dict[str, list[Any]] = {"scene": [row.number for row in ordered]}
+    for key in swept.values[0]:
+        found[key] = [swept.values[row.number][key] for row in ordered]
+    for name in dict.fromkeys(name for row in ordered for name in row.results):
+        values = [row.results.get(name) for row in ordered]
+        if _is_chosen(name, swept.table.results) and any(value is not None for value in values):
+            found[name] = values
+    return found | {"failure": [row.failure for row in ordered]}
+
+
+def _is_chosen(name: str, results: Iterable[str]) -> bool:
+    _, result, *rest = name.split(".")
+    return result in results and (result != "estimated_error" or rest[-1] == "total")
+
+
+def write(swept: Swept, rows: Iterable[Row], folder: Path) -> list[Path]:
+    """Write the table of what has finished, as Parquet too where pyarrow is, and the pictures.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    table = columns(swept, rows)
+    cells = {name: [_cell(value) for value in values] for name, values in table.items()}
+    files = [folder / TABLE]
+    with (
+        replacing(files[0]) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows([list(cells), *zip(*cells.values(), strict=True)])
+    if find_spec("pyarrow"):
+        from pyarrow import parquet, table as arrow  # isort: skip
+
+        files.append(folder / "sweep.parquet")
+        with replacing(files[-1]) as temporary:
+            parquet.write_table(arrow({name: _alike(cells[name]) for name in cells}), temporary)
+    if swept.scenes[0].output.plots:
+        for name, figure in figures(swept, table):
+            files.append(plots.save_figure(folder / f"sweep_{safe_name(name)}.png", figure))
+    return files
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list | dict) else value
+
+
+def _alike(values: list[Any]) -> list[Any]:
+    """Values of one type, as a column of Parquet has: texts if any is one."""
+    texts = any(isinstance(value, str) for value in values)
+    return [str(value) if texts and value is not None else value for value in values]
+
+
+def figures(swept: Swept, table: Mapping[str, list[Any]]) -> Iterator[tuple[str, Figure]]:
+    """Figure of each result over one key, or over two; those of a list are drawn over the first."""
+    keys = list(swept.values[0])
+    if swept.table.combine == "list":
+        keys = keys[:1]
+    if len(keys) > 2:
+        return
+    results: dict[str, dict[str, list[Any]]] = {}
+    for name in list(table)[1 + len(swept.values[0]) : -1]:
+        model, _, result = name.partition(".")
+        results.setdefault(result, {})[model] = table[name]
+    axes = [(f"{key}\n{meaning(key, Scene)}".strip(), table[key]) for key in keys]
+    given = (swept.table.model_extra or {})[keys[0]]
+    log = isinstance(given, Range) and given.scale == "log"
+    for result, by_model in results.items():
+        label, unit = _label(result)
+        if len(keys) == 1:
+            yield result, plots.sweep_curves_figure(*axes[0], by_model, label, unit, log=log)
+        else:
+            yield result, plots.sweep_maps_figure(axes[0], axes[1], by_model, label, unit)
+
+
+def _label(result: str) -> tuple[str, str]:
+    """What a result is, and its unit."""
+    name, _, what = result.partition(".")
+    with_unit = re.fullmatch("(.*)_([mJs])", name)
+    word, unit = with_unit.groups() if with_unit else (name, "%" * ("error" in name))
+    if unit == "%":
+        what = what.removesuffix(".total").replace("_", " ")
+    return _WORDS.get(word, word).replace("_", " ") + (f" of {what}" if what else ""), unit

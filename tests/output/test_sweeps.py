@@ -1,0 +1,169 @@
+"""A sweep's folder: the table, the pictures, and what an interrupted command leaves to the next."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scene_texts import GOOD, with_changes
+
+from skfem_joint import cli
+from skfem_joint.analysis.sweep import Row
+from skfem_joint.output import plots, sweeps
+from skfem_joint.scene import Swept, load_sweep
+
+MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
+Capture = pytest.CaptureFixture[str]
+PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
+ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'
+FULL = ('"full", "reduced"', '"full"')
+WORDS = 'combine = "list"\n"joint[0].law" = ["arctan", "coulomb"]\n"time.cycles" = [1, 2]'
+
+
+def written(folder: Path, sweep: str, *changes: tuple[str, str]) -> Path:
+    path = folder / "scene.toml"
+    text = with_changes(GOOD, ("bar.msh", MESH.as_posix()), *changes)
+    path.write_text(f"{text}[sweep]\n{sweep}\n", encoding="utf-8")
+    return path
+
+
+def swept_of(folder: Path, sweep: str) -> Swept:
+    return load_sweep(written(folder, sweep, ("every = 1", "plots = true")))
+
+
+def row(number: int, peak: float | None = None, failure: str = "") -> Row:
+    results: dict[str, Any] = {"dofs": 200, "wall_s": 0.1 + number, "interrupted": False}
+    if peak is not None:
+        results |= {"peak_displacement_m.free_end": peak, "friction_energy_per_cycle_J": None}
+        results |= {"estimated_error.loop_energy.total": 0.01, "estimated_error.loop_energy.x": 1}
+    models = {f"{model}.{name}": x for model in ("full", "reduced") for name, x in results.items()}
+    return Row(number, models, failure)
+
+
+def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_path: Path) -> None:
+    swept = swept_of(tmp_path, PRODUCT)
+    rows = [row(k, 1e-4 * k) for k in (5, 2, 0, 1, 4)] + [row(3, failure="step 3")]
+    files = sweeps.write(swept, rows, tmp_path)
+    with (tmp_path / sweeps.TABLE).open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert [int(one["scene"]) for one in found] == list(range(6))
+    assert [float(one["joint[0].friction"]) for one in found] == [0.3] * 3 + [0.7] * 3
+    assert [one["failure"] for one in found] == ["", "", "", "step 3", "", ""]
+    results = ("wall_s", "peak_displacement_m.free_end", "estimated_error.loop_energy.total")
+    wanted = {f"{model}.{name}" for model in ("full", "reduced") for name in results}
+    assert set(found[0]) == {"scene", "joint[0].friction", "time.cycles", "failure"} | wanted
+    assert float(found[2]["full.peak_displacement_m.free_end"]) == 2e-4
+    assert found[3]["full.peak_displacement_m.free_end"] == ""
+    names = {f"sweep_{name}.png" for name in results}
+    assert {file.name for file in files} >= {"sweep.csv", *names}
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = parquet.read_table(tmp_path / "sweep.parquet").to_pydict()
+    assert set(columns) == set(found[0])
+    assert columns["full.peak_displacement_m.free_end"] == [0.0, 1e-4, 2e-4, None, 4e-4, 5e-4]
+
+
+def test_pictures_show_the_results_over_one_key_or_two(tmp_path: Path) -> None:
+    def drawn(sweep: str, rows: list[Row]) -> Any:
+        swept = swept_of(tmp_path, sweep)
+        found = dict(sweeps.figures(swept, sweeps.columns(swept, rows)))
+        return found.get("peak_displacement_m.free_end")
+
+    (panel,) = drawn(ONE, [row(k, 1e-4 * k) for k in (2, 0, 1)]).axes
+    assert panel.get_xscale() == "log"
+    assert panel.get_xlabel() == "load[0].amplitude\namplitude of the force, N"
+    assert panel.get_ylabel() == "peak displacement of free_end, µm"
+    for line, name in zip(panel.lines, ("full", "reduced"), strict=True):
+        assert line.get_label() == name
+        np.testing.assert_allclose(line.get_xdata(), [1e3, 1e4, 1e5])
+        np.testing.assert_allclose(line.get_ydata(), [0, 100, 200])
+    (panel,) = drawn(WORDS, [row(0, 1e-4), row(1, 2e-4)]).axes
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["arctan", "coulomb"]
+    rows = [row(k, 1e-4 * k) for k in (0, 1, 2, 4, 5)] + [row(3, failure="step 3")]
+    figure = drawn(PRODUCT, rows)
+    grid = figure.axes[0].images[0].get_array().filled(np.nan)
+    np.testing.assert_allclose(grid, [[0, np.nan], [100, 400], [200, 500]])
+    plots.save_figure(tmp_path / "map.png", figure)
+    assert figure.axes[0].get_ylabel() == "time.cycles\nnumber of common periods of the loads"
+    three = f'{PRODUCT}\n"damping.mass" = [1]'
+    assert drawn(three, [row(k, 1e-4) for k in range(6)]) is None
+
+
+def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
+    path = written(tmp_path, sweep, ("cycles = 3", "cycles = 60"), FULL)
+    out, count = tmp_path / "out", 8
+    journal = out / sweeps.JOURNAL
+    arguments = ["sweep", str(path), "--out", str(out), "--workers", "2"]
+
+    def lines() -> list[str]:
+        return journal.read_text().splitlines(keepends=True) if journal.exists() else []
+
+    def stopped(by: signal.Signals) -> tuple[int, str]:
+        """Status and words of a command that is stopped when it has one row more."""
+        before = len(lines())
+        command = [sys.executable, "-m", "skfem_joint", *arguments]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        end = time.monotonic() + 120.0
+        while len(lines()) == before and time.monotonic() < end:
+            time.sleep(0.005)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.send_signal(by)
+        said, _ = process.communicate(timeout=60.0)
+        assert children
+        while any(Path(f"/proc/{child}").exists() for child in children):
+            assert time.monotonic() < end  # workers end with the process that started them
+            time.sleep(0.05)
+        return process.returncode, said
+
+    status, said = stopped(signal.SIGINT)
+    assert status == cli.INTERRUPTED
+    with (out / sweeps.TABLE).open() as file:
+        ended = len(list(csv.DictReader(file)))
+    assert ended < count
+    assert f"{ended} of {count} scenes have ended, 0 of them failed" in said
+    assert stopped(signal.SIGKILL)[0] == -signal.SIGKILL
+    kept = [line for line in lines() if line.endswith("\n")]
+    assert 2 <= len(kept) < count
+    with journal.open("a") as file:
+        file.write(kept[0][:50])
+    assert cli.main(arguments) == 0
+    assert f"{count} of {count} scenes have ended, 0 of them failed" in capsys.readouterr().out
+    marks = [json.loads(line)["scene"] for line in lines()]
+    assert len(marks) == len(set(marks)) == count
+    assert lines()[: len(kept)] == kept
+    with (out / sweeps.TABLE).open() as file:
+        assert [int(one["scene"]) for one in csv.DictReader(file)] == list(range(count))
+    stamp = os.stat(journal).st_mtime_ns
+    assert cli.main(arguments) == 0  # runs nothing
+    assert os.stat(journal).st_mtime_ns == stamp
+
+
+def test_a_table_of_other_origin_is_not_overwritten(tmp_path: Path, capsys: Capture) -> None:
+    path, table = written(tmp_path, ONE), tmp_path / sweeps.TABLE
+    table.write_text("mine")
+    assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
+    assert "move it away" in capsys.readouterr().err
+    assert table.read_text() == "mine"
+
+
+def test_failed_scenes_are_told_with_their_keys(tmp_path: Path, capsys: Capture) -> None:
+    sweep = '"reduction.reference" = ["static", "paper"]'
+    path = written(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
+    arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]
+    assert cli.main(["check", str(path)]) == 0
+    assert "The sweep has 2 scenes, each valid." in capsys.readouterr().out
+    assert cli.main(arguments) == 3
+    said = capsys.readouterr().out
+    assert "Scene 1, reduction.reference = 'paper': reduction.modes: found 5000" in said
+    assert "2 of 2 scenes have ended, 1 of them failed" in said
