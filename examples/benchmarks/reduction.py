@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -75,6 +75,7 @@ class Found:
     """What was measured."""
 
     basis: Basis
+    work: Mapping[str, int]
     full: Run
     reduced: Run
     errors: Errors
@@ -111,7 +112,7 @@ class Found:
         stated = (self.estimate.of("total", q) for q in ("displacement_rms", "friction_energy"))
         cells += ["-" if error is None else f"{100.0 * error:.2f}" for error in stated]
         name = f"{task.name} (missed)" if missed else task.name
-        work = ", ".join(str(count) for _, count in self.basis.offline)
+        work = ", ".join(str(count) for count in self.work.values())
         return f"| {' | '.join([name, *cells, work])} |"
 
     @property
@@ -236,7 +237,7 @@ def measure(task: Task) -> Found:
     steps = {**how, "scheme": generalized_alpha(1.0), "save": Save()}
     found = estimate.of_reduced(system, basis, small, steps, reduced)
     took = time.perf_counter() - begin
-    return Found(basis, full, reduced, compare(full, reduced), offline, found, took)
+    return Found(basis, path.work, full, reduced, compare(full, reduced), offline, found, took)
 
 
 def main(arguments: list[str]) -> int:

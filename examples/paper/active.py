@@ -18,7 +18,6 @@ from skfem_joint.reduction.active_length import (
     Estimate,
     amplification,
     estimate,
-    scaled_for_impulse,
 )
 
 HARMONIC = ("I", "II", "III")
@@ -35,6 +34,11 @@ def natural_frequency(length: float) -> float:
 def iterated(case: Case, frequency: float, most: int = 60, tolerance: float = 1e-4) -> Estimate:
     """Active length of a case by Eqs. (17) to (20)."""
     return estimate(case.static_length, frequency, natural_frequency, most, tolerance)
+
+
+def scaled_for_impulse(length: float, force: float, other_force: float) -> float:
+    """Active length under an impulse of another peak, by the ratio of the peaks (section 6.2)."""
+    return length * other_force / force
 
 
 def iteration_limits() -> tuple[float, float]:

@@ -25,14 +25,9 @@ GROSS_SLIP = 0.02
 def measured(distance: FloatArray, peak: FloatArray, threshold: float = THRESHOLD) -> float:
     """Active length from the largest displacements along a joint, m; 0 if nothing moves.
 
-    Parameters
-    ----------
-    distance, peak : ndarray, shape (m,)
-        Distance of the contact points from the joint's loaded end, increasing from 0, and the
-        largest displacement of each, m.
-    threshold : float
-        Points are active while their peak exceeds this share of the loaded end's. Interpolated
-        between points. The response falls off smoothly, so the threshold matters: state it.
+    Contact points, at an increasing ``distance`` (m,) from the loaded end (m), are active while
+    their ``peak`` (m,), m, exceeds a share of the loaded end's; linear between points. The response
+    falls off smoothly, so the ``threshold`` matters: state it.
     """
     if not 0.0 < threshold < 1.0:
         raise InputError(f"threshold: found {threshold}, must be between 0 and 1")
@@ -77,27 +72,15 @@ def estimate(
 ) -> Estimate:
     """Scale the static active length by A_a until it agrees with its natural frequency.
 
-    Parameters
-    ----------
-    static_length, frequency : float
-        Active length without inertia, F / tau, m; excitation frequency, Hz.
-    natural_frequency : callable
-        First natural frequency (Hz) of what moves when the active length is given (m);
-        ``speed / (4 length)`` for an isolated joint.
+    From the active length without inertia, F / tau (m), the frequency of the load (Hz), and the
+    first natural frequency (Hz) of what moves with a given active length (m).
     """
-    factors: list[float] = []
-    factor, previous, ratio = 1.0, 0.0, 0.0
-    while len(factors) < iterations and not abs(factor - previous) <= tolerance * factor:
-        ratio = frequency / natural_frequency(factor * static_length)
-        previous, factor = factor, amplification(ratio)
-        factors.append(factor)
-    converged = abs(factor - previous) <= tolerance * factor
-    return Estimate(factor * static_length, tuple(factors), ratio, converged)
-
-
-def scaled_for_impulse(length: float, force: float, other_force: float) -> float:
-    """Active length under an impulse of another peak, by the ratio of the peaks (section 6.2)."""
-    return length * other_force / force
+    factors, ratio, converged = [1.0], 0.0, False
+    while len(factors) <= iterations and not converged:
+        ratio = frequency / natural_frequency(factors[-1] * static_length)
+        factors.append(amplification(ratio))
+        converged = abs(factors[-1] - factors[-2]) <= tolerance * factors[-1]
+    return Estimate(factors[-1] * static_length, tuple(factors[1:]), ratio, converged)
 
 
 def slips(structure: Structure, system: System, slip_peak: FloatArray, period: float) -> BoolArray:

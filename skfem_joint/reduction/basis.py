@@ -6,9 +6,7 @@ response that the others cannot follow, and rigid motions where friction alone h
 does not hold it.
 
 Modes of the own run are orthogonal in the inner product of energy, by default: with that of mass
-the first go to what swings most, which is seldom the joint. At ten modes the friction energy of an
-axially pulled plate errs by 1.8 % with the one and 2.7 % with the other, at fourteen by 0.7 % and
-2.1 %. Fixed-interface modes beside them bought nothing there.
+the first go to what swings most, which is seldom the joint.
 
 Scaled modes are those of the paper's reference joint, stretched over each active zone along the
 axis of its joint, zero in the grey length. They prescribe the slip along the axis; the slip across
@@ -23,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -39,6 +36,7 @@ from skfem_joint.reduction.pod import (
     orthonormal,
     proper_modes,
     snapshot_matrix,
+    thinned,
 )
 from skfem_joint.reduction.reference import ReferenceModes, paper_reference
 from skfem_joint.reduction.static_path import (
@@ -109,31 +107,6 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Course:
-    """A course that a structure takes, from which it is told what the runs to come will do."""
-
-    u: FloatArray  #: (times, n), displacement, m
-    v: FloatArray  #: (times, n), velocity, m/s
-    slip_peak: FloatArray  #: (m,), largest slip of each contact point, m
-    slip_velocity: float  #: largest, m/s
-
-    @staticmethod
-    def of_run(system: System, run: Run) -> Course:
-        """Course of a full run with stored fields."""
-        velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
-        return Course(run.u, run.v, run.slip_peak, velocity)
-
-    @staticmethod
-    def of_path(system: System, path: StaticPath) -> Course:
-        """Course of the preliminary run of a static path, whose own slip is the sharper one."""
-        stride = max(1, -(-len(path.run.u) // _MOST_TIMES))
-        u, v = (x[::stride] @ path.V.T for x in (path.run.u, path.run.v))
-        slip = path.run.slip_peak if path.rigid.size else path.slip_peak
-        velocity = float(system.slip_norm(path.run.v @ (system.B @ path.V).T).max(initial=0.0))
-        return Course(u, v, slip, velocity)
-
-
-@dataclass(frozen=True)
 class Basis:
     """Basis of a reduced structure, and what the course that it comes from tells about it."""
 
@@ -146,10 +119,6 @@ class Basis:
     active: IntArray  #: contact points with friction that move in the basis
     missed: float  #: share of the course that it cannot follow, in the norm of strain energy
     resolved: float = 1e-4  #: share of the largest slip velocity that the modes resolve
-    #: What the columns of V were made of, and how many of each.
-    columns: tuple[tuple[str, int], ...] = ()
-    #: Full steps, quasi-static states, factorisations and preliminary steps it took.
-    offline: tuple[tuple[str, int], ...] = ()
     reference: ReferenceModes | None = None  #: what scaled modes come from
     zones: tuple[ZoneLength, ...] = ()  #: active lengths of scaled modes
     #: Points and positions (m) of each active zone, where they lie along a line.
@@ -190,20 +159,13 @@ def make_basis(
     KeyboardInterrupt
         If a run is interrupted: half of one makes neither modes nor an active length.
     """
-    snapshots, product = options.snapshots, options.product
+    modes, interface = options.mode_count, options.interface_modes
+    decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
     if options.reference == "self":
         steps = n_steps if cycle_steps is None else min(n_steps, TRAINING_CYCLES * cycle_steps)
         save = Save(fields=True, points=False)
         run = integrate(system, step=step, n_steps=steps, scheme=scheme, save=save).finished()
-        interface = 0 if isinstance(options.interface_modes, str) else options.interface_modes
-        basis = own_basis(
-            system,
-            run,
-            options.mode_count,
-            snapshots=snapshots,
-            inner_product=product,
-            interface_modes=interface,
-        )
+        basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
         path = slip_path(system, step, n_steps, scheme)
         if path.blind > BLIND:
@@ -212,15 +174,13 @@ def make_basis(
                 "what slips at last stuck in the round before. Use more modes and see whether the "
                 "result stays, or take reference = 'self'."
             )
-        basis = static_basis(system, path, options.mode_count, options.interface_modes)
+        basis = static_basis(system, path, modes, interface)
     elif options.reference == "paper":
-        reference = paper_reference(snapshots=snapshots, inner_product=product)
         zones = active_zones(structure, system)
         probe = probed(system, zones, step, n_steps, cycle_steps)
         lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)
-        counts: dict[str, Any] = {"modes": options.mode_count}
-        counts["interface_modes"] = options.interface_modes
-        basis = scaled_basis(structure, system, reference, zones, lengths, probe, **counts)
+        made = paper_reference(**decomposed), zones, lengths, probe
+        basis = scaled_basis(structure, system, *made, modes=modes, interface_modes=interface)
     else:
         raise InputError(
             f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
@@ -250,7 +210,7 @@ def own_basis(
     *,
     snapshots: str = "both",
     inner_product: str = "energy",
-    interface_modes: int = 0,
+    interface_modes: str | int = "auto",
 ) -> Basis:
     """Proper orthogonal modes of a system's own run.
 
@@ -260,15 +220,15 @@ def own_basis(
         With stored fields, of which it takes at most 300 times.
     snapshots, inner_product
         See :mod:`skfem_joint.reduction.pod`.
-    interface_modes : int
-        Fixed-interface modes of all that is not in contact, beside the others.
+    interface_modes : "auto" or int
+        Fixed-interface modes of all that is not in contact, beside the others; "auto": none.
 
     Raises
     ------
     InputError
         If nothing moves in the run, or its snapshots make fewer modes than asked for.
     """
-    u, v = (x[:: max(1, -(-len(x) // _MOST_TIMES))] for x in (run.u, run.v))
+    u, v = (thinned(x, _MOST_TIMES) for x in (run.u, run.v))
     if not (np.any(u) and np.any(v)):
         raise InputError(
             "reduction: nothing moves in the run that the modes are to come from, or it holds no "
@@ -282,12 +242,11 @@ def own_basis(
             "the snapshots of the run can make"
         )
     V, F = proper.modes[:, :modes], _out_of_contact(system)
-    columns: tuple[tuple[str, int], ...] = (("modes of the own run", modes),)
-    if interface_modes > 0 and F.shape[1]:
+    if not isinstance(interface_modes, str) and interface_modes > 0 and F.shape[1]:
         V = np.hstack([V, F @ natural_modes(*_within(system, F), interface_modes)[1]])
-        columns = (*columns, ("interface modes", V.shape[1] - modes))
-    basis = _basis(system, V, Course.of_run(system, run), modes, proper, system.w > 0.0)
-    return replace(basis, columns=columns, offline=(("full steps", run.counters.steps),))
+    velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
+    course = run.u, run.v, run.slip_peak, velocity
+    return _basis(system, V, modes, proper, system.w > 0.0, *course)
 
 
 def static_basis(
@@ -318,11 +277,11 @@ def static_basis(
         size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
         shapes = shapes[:, share * np.sqrt(size / whole) > _SHARE]
     V = np.hstack([V, shapes])
-    basis = _basis(system, V, Course.of_path(system, path), modes, proper, system.w > 0.0)
-    names = ("modes of the static path", "load responses", "rigid motions", "interface modes")
-    counts = (modes, path.response.shape[1], path.rigid.shape[1], shapes.shape[1])
-    columns = tuple((name, k) for name, k in zip(names, counts, strict=True) if k)
-    return replace(basis, columns=columns, offline=path.offline, resolved=_RESOLVED)
+    u, v = (thinned(x, _MOST_TIMES) @ path.V.T for x in (path.run.u, path.run.v))
+    slip = path.run.slip_peak if path.rigid.size else path.slip_peak  # the path's is the sharper
+    velocity = float(system.slip_norm(path.run.v @ (system.B @ path.V).T).max(initial=0.0))
+    basis = _basis(system, V, modes, proper, system.w > 0.0, u, v, slip, velocity)
+    return replace(basis, resolved=_RESOLVED)
 
 
 def scaled_basis(
@@ -336,18 +295,11 @@ def scaled_basis(
     modes: int = 5,
     interface_modes: str | int = "auto",
 ) -> Basis:
-    """Reference modes scaled along each zone, carried into the structure.
+    """Reference modes scaled along each zone, so many for each, carried into the structure.
 
-    Parameters
-    ----------
-    zones, lengths, probe
-        Ends of joints where force enters, their active lengths, and the run that they are measured
-        in, see :func:`skfem_joint.reduction.zones.probed`.
-    modes : int
-        Reference modes of each zone.
-    interface_modes : "auto" or int
-        The lowest modes of what is not prescribed that take part in the response; "auto": as many
-        as lie below twice the loads' highest frequency, at least two; four for loads without.
+    ``probe`` is the run that the lengths of the zones are measured in. ``interface_modes`` are the
+    lowest modes of what is not prescribed that take part in the response; "auto": as many as lie
+    below twice the loads' highest frequency, at least two; four for loads without.
     """
     along, across, sideways = _slip_vectors(structure, system)
     active = np.zeros(system.w.size, dtype=bool)
@@ -371,10 +323,9 @@ def scaled_basis(
     if F.shape[1]:
         parts += _rest_modes(system, wide, parts[0], interface_modes)
     slips = norms(probe.point_v, system.directions[mouths(zones)])
-    course = Course(probe.u, probe.v, probe.slip_peak, float(slips.max(initial=0.0)))
-    V, carrying = np.hstack(parts), active & (system.w > 0.0)
-    basis = _basis(system, V, course, modes, reference.proper, carrying)
-    basis = replace(basis, offline=(("full steps", probe.counters.steps),))
+    course = probe.u, probe.v, probe.slip_peak, float(slips.max(initial=0.0))
+    carrying = active & (system.w > 0.0)
+    basis = _basis(system, np.hstack(parts), modes, reference.proper, carrying, *course)
     lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
     ordered = tuple(stretches) if lines else None
     return replace(basis, reference=reference, zones=tuple(lengths), stretches=ordered)
@@ -462,17 +413,20 @@ def _rest_modes(
 def _basis(
     system: System,
     V: FloatArray,
-    course: Course,
     modes: int,
     proper: ProperModes,
     active: BoolArray,
+    u: FloatArray,
+    v: FloatArray,
+    slip_peak: FloatArray,
+    slip_velocity: float,
 ) -> Basis:
-    """Basis with what the course that it comes from tells about it."""
+    """Basis with what displacement and velocity (times, n) of its course tell about it."""
     V = orthonormal(orthonormal(V, system.M), system.M)  # once leaves what is nearly dependent
-    velocities = np.asarray(course.v @ (system.M @ V))
-    u = course.u[:: max(1, -(-len(course.u) // _MOST_TIMES))]
+    velocities = np.asarray(v @ (system.M @ V))
+    u = thinned(u, _MOST_TIMES)
     left = u - (u @ (system.M @ V)) @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
     missed = float(np.sqrt(energies[0] / energies[1])) if energies[1] > 0.0 else 0.0
-    slips = course.slip_velocity, velocities, course.slip_peak
-    return Basis(V, modes, proper, *slips, np.flatnonzero(active), missed)
+    points = np.flatnonzero(active)
+    return Basis(V, modes, proper, slip_velocity, velocities, slip_peak, points, missed)

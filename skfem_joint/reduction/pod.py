@@ -19,6 +19,11 @@ INNER_PRODUCTS = ("energy", "mass", "euclidean")
 _ROUND_OFF = 1e-14
 
 
+def thinned(history: FloatArray, most: int) -> FloatArray:
+    """Evenly spread rows of a history, (times, ...), no more than ``most``."""
+    return history[:: max(1, -(-len(history) // most))]
+
+
 @dataclass(frozen=True)
 class ProperModes:
     """Proper orthogonal modes and values."""
@@ -38,14 +43,10 @@ class ProperModes:
 
 
 def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:
-    """Proper orthogonal decomposition in any inner product; no (n, n) matrix is filled.
+    """Proper orthogonal decomposition of snapshots (times, n); no (n, n) matrix is filled.
 
-    Parameters
-    ----------
-    snapshots : ndarray, shape (times, n)
-        One state in each row.
-    inner : ndarray or sparse array, shape (n, n), optional
-        Symmetric positive definite matrix G, V^T G V = I; Euclidean if not given.
+    V^T G V = I with the symmetric positive definite matrix G of the ``inner`` product, (n, n),
+    Euclidean if not given.
 
     Raises
     ------
@@ -116,10 +117,7 @@ def snapshot_matrix(
     Friction acts on velocities: modes that also span them err less in energy. With ``both``, each
     history is divided by its norm (in the inner product), so that units do not matter. ``rates``
     are velocity and acceleration (differences of velocities), each instant weighed by the root of
-    its norm alone: where slip starts anew, velocities are small and friction changes most. Five
-    modes leave 4.1 % of the reference system's friction energy with ``both`` and 0.8 % with
-    ``rates``; 4.8 and 3.0 % of the structure's under harmonic load, 2.2 and -0.1 % in Case VI; but
-    1.4 and 2.7 % in Case I, whose peak errs by 1.3 % instead of 0.4 %.
+    its norm alone: where slip starts anew, velocities are small and friction changes most.
 
     ``u`` and ``v`` are displacement (m) and velocity (m/s), (times, n) each.
     """
@@ -142,13 +140,8 @@ def _evened(x: FloatArray) -> FloatArray:
 def orthonormal(V: FloatArray, M: Matrix, tolerance: float = 3e-7) -> FloatArray:
     """Basis of the span of ``V`` with V^T M V = I; directions that depend on others are dropped.
 
-    Parameters
-    ----------
-    V, M : ndarray, shape (n, j); ndarray or sparse array, shape (n, n)
-        Columns of any scale; mass, kg.
-    tolerance : float
-        Relative singular value below which a direction is dropped; not below the square root of
-        the round-off.
+    Columns of ``V`` (n, j) may have any scale. Dependent are those of a relative singular value
+    below ``tolerance``, which must not be below the square root of the round-off.
     """
     scale = np.sqrt(np.einsum("ij,ij->j", V, M @ V))
     V = V[:, scale > 0.0] / scale[scale > 0.0]

@@ -12,12 +12,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar
 from skfem_joint.reduction.active_length import measured
-from skfem_joint.reduction.pod import (
-    ProperModes,
-    inner_matrix,
-    proper_modes,
-    snapshot_matrix,
-)
+from skfem_joint.reduction.pod import ProperModes, inner_matrix, proper_modes, snapshot_matrix
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Joint, Load, Material, Structure
@@ -73,10 +68,9 @@ def reference_modes(
     proper = proper_modes(snapshot_matrix(u, v, snapshots), inner)
     ascending = order[::-1]
     xi = 1.0 - distance[ascending] / length
-    modes = proper.modes[ascending]
     # One more point beyond the grey end, where the support holds: zero.
     xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])
-    modes = np.vstack([np.zeros(modes.shape[1]), modes])
+    modes = np.pad(proper.modes[ascending], ((1, 0), (0, 0)))
     return ReferenceModes(xi, modes, proper, length)
 
 
@@ -84,15 +78,13 @@ def lap_joint(
     length: float = LENGTH,
     pressure: float = PRESSURE,
     *,
-    friction: float = FRICTION,
     beta: float = 1e5,
     normal_force: str = "equal",
     elements: int = 100,
-    stiffness_damping: float = 1e-5,
 ) -> Structure:
     """Isolated lap joint of Fig. 1(b): a bar pressed on a rigid base along its whole length.
 
-    Length in m, pressure in Pa, beta in s/m (``inf`` is Coulomb), stiffness damping in s.
+    Length in m, pressure in Pa, beta in s/m (``inf`` is Coulomb).
     """
     return Structure(
         build_bar([("joint", length, elements)], {"fixed": 0.0, "free_end": length}),
@@ -100,8 +92,8 @@ def lap_joint(
         width=WIDTH,
         thickness=THICKNESS,
         fixed=["fixed"],
-        joints=[Joint("joint", pressure, friction, beta=beta, normal_force=normal_force)],
-        stiffness_damping=stiffness_damping,
+        joints=[Joint("joint", pressure, FRICTION, beta=beta, normal_force=normal_force)],
+        stiffness_damping=1e-5,
     )
 
 
@@ -112,15 +104,11 @@ def run_lap_joint(
     *,
     cycles: int = 3,
     steps_per_cycle: int = 200,
-    fields: bool = True,
 ) -> Run:
     """Harmonic run of a lap joint from rest, pulled at its free end (N, Hz)."""
-    return integrate(
-        structure.system([Load("free_end", Harmonic(force, frequency))]),
-        cycles=cycles,
-        steps_per_cycle=steps_per_cycle,
-        save=Save(fields=fields),
-    ).finished()
+    system = structure.system([Load("free_end", Harmonic(force, frequency))])
+    steps = {"cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    return integrate(system, **steps, save=Save(fields=True)).finished()
 
 
 def modes_of_lap_joint(
@@ -135,11 +123,7 @@ def modes_of_lap_joint(
 
 @cache
 def paper_reference(*, snapshots: str = "both", inner_product: str = "euclidean") -> ReferenceModes:
-    """Modes of the paper's reference run: three periods from rest (section 4).
-
-    ``inner_product`` names the inner product that they are orthogonal in.
-    """
-    structure = lap_joint()
-    return modes_of_lap_joint(
-        structure, run_lap_joint(structure), snapshots=snapshots, inner_product=inner_product
-    )
+    """Modes of the paper's reference run: three periods from rest (section 4)."""
+    joint = lap_joint()
+    how = {"snapshots": snapshots, "inner_product": inner_product}
+    return modes_of_lap_joint(joint, run_lap_joint(joint), **how)

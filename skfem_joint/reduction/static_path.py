@@ -14,16 +14,13 @@ model can tell long before it can tell the friction energy:
     where one harmonic acts, else through the times that the run passes through.
 
 Snapshots are the states of both paths and, where they turn, their increments. The paths obey the
-system's own law, which creeps: with Coulomb's the friction energy of a bolted plate, whose points
-hardly slip, errs by 4.9 % instead of 0.3 %. The forces of the run carry the share of most interface
-modes into the snapshots. Measured by ``examples/benchmarks/reduction.py``: the structure of Fig. 18
-with fifteen unknowns leaves 0.2 % of the worst history and 0.3 % of the friction energy under its
-harmonic load; under its pulse sixteen leave 2.0 and 0.1 %, thirty-six 0.04 and 0.03 %.
+system's own law, which creeps, and not Coulomb's. The forces of the run carry the share of most
+interface modes into the snapshots. ``examples/reduction.md`` has formulas and measured errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -89,18 +86,7 @@ class StaticPath:
     run: Run  #: of the preliminary model, with fields
     loads: Excitation  #: that act
     blind: float  #: share of what slips on the second path (by limits) that did not on the first
-    solves: int  #: quasi-static states that were found
-    factorizations: int  #: of matrices of the full model
-    steps: int  #: of preliminary runs
-
-    @property
-    def offline(self) -> tuple[tuple[str, int], ...]:
-        """Work that it took, by name."""
-        return (
-            ("quasi-static states", self.solves),
-            ("factorizations", self.factorizations),
-            ("preliminary steps", self.steps),
-        )
+    work: Mapping[str, int]  #: counts of what it took
 
 
 @dataclass(frozen=True)
@@ -209,17 +195,30 @@ def slip_path(
         V = orthonormal(np.hstack([modes, response, rigid, interface[:, share > _SHARE]]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1], scheme)
         steps += run.counters.steps
-        states, beyond = _second(system, path, loads, response, V, run)
+        states, beyond = _second(path, loads, response, _Acting(system, V, run))
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:beyond])
         blind = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
         if blind <= BLIND:
             break
         slipping |= now
-    rigid = rigid if path.held_back else rigid[:, :0]
-    scaled, solves = _scaled(snapshots), path.solves
-    made = scaled, response, rigid, interface, share, slip_peak, V, run, loads, blind
-    return StaticPath(*made, solves, path.factorizations, steps)
+    return StaticPath(
+        snapshots=_scaled(snapshots),
+        response=response,
+        rigid=rigid if path.held_back else rigid[:, :0],
+        interface=interface,
+        share=share,
+        slip_peak=slip_peak,
+        V=V,
+        run=run,
+        loads=loads,
+        blind=blind,
+        work={
+            "quasi-static states": path.solves,
+            "factorizations": path.factorizations,
+            "preliminary steps": steps,
+        },
+    )
 
 
 def _first(
@@ -238,18 +237,13 @@ def _first(
 
 
 def _second(
-    system: System,
-    path: QuasiStatic,
-    loads: Excitation,
-    response: FloatArray,
-    V: FloatArray,
-    run: Run,
+    path: QuasiStatic, loads: Excitation, response: FloatArray, acting: _Acting
 ) -> tuple[FloatArray, int]:
     """Path under the forces of a run: snapshots, (s, n), and how many are within its peak."""
-    acting = _Acting(system, V, run)
+    run = acting.run
     if loads.single:
-        along = np.abs(acting.along(response[:, 0], np.arange(len(run.u))))
-        force = acting.at(np.array([np.argmax(along)]))
+        work = acting.coordinates @ (response[:, 0] @ acting.shapes)
+        force = acting.at(np.array([np.argmax(np.abs(work))]))
         levels = np.append(_levels(SECOND, 1.0), [[BEYOND[1]]], axis=0)
         return path.follow(levels * force, loads.lasting * levels[:, 0]), SECOND
     rows, K = np.arange(1, len(run.u)), run.system.K
@@ -368,24 +362,20 @@ class _Acting:
     run: Run
 
     @cached_property
-    def _acceleration(self) -> FloatArray:
-        return acceleration(self.run).T
+    def shapes(self) -> FloatArray:
+        """Vectors that they are made of, (n, k)."""
+        M, C = self.system.M @ self.V, self.system.C @ self.V
+        return np.hstack([self.system.load_vectors(), M, C])
 
-    def _parts(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        loads = self.system.load_amplitudes(self.run.times[rows]).T
-        return loads, -self._acceleration[rows], -self.run.v[rows]
+    @cached_property
+    def coordinates(self) -> FloatArray:
+        """How much of each vector acts at the stored times, (times, k)."""
+        loads = self.system.load_amplitudes(self.run.times)
+        return np.vstack([loads, -acceleration(self.run), -self.run.v.T]).T
 
     def at(self, rows: IntArray) -> FloatArray:
         """At some of the stored times, (rows, n)."""
-        f, a, v = self._parts(rows)
-        M, C = self.system.M @ self.V, self.system.C @ self.V
-        return np.asarray(f @ self.system.load_vectors().T + a @ M.T + v @ C.T)
-
-    def along(self, u: FloatArray, rows: IntArray) -> FloatArray:
-        """Virtual work on a displacement ``u`` (n,), J."""
-        f, a, v = self._parts(rows)
-        M, C = (u @ (A @ self.V) for A in (self.system.M, self.system.C))
-        return np.asarray(f @ (u @ self.system.load_vectors()) + a @ M + v @ C)
+        return np.asarray(self.coordinates[rows] @ self.shapes.T)
 
 
 def _evenly(run: Run, K: FloatArray, rows: IntArray, count: int) -> IntArray:

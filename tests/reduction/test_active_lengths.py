@@ -120,10 +120,6 @@ def test_estimate_that_does_not_settle_says_so() -> None:
     assert len(found.factors) == 60
 
 
-def test_impulse_scales_with_its_peak() -> None:
-    assert active_length.scaled_for_impulse(0.2, 1e4, 1.5e4) == pytest.approx(0.3, rel=1e-14)
-
-
 # Active area
 
 
