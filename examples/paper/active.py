@@ -8,7 +8,7 @@ from math import inf, nan, pi
 
 import numpy as np
 from paper import cases
-from paper.cases import CASES, PLAIN, PULSES, Case, active_percent, run
+from paper.cases import CASES, PULSES, Case, active_percent, run
 from paper.page import Item, percent, printed
 from paper.structure import resonances
 from scipy.optimize import minimize_scalar
@@ -59,8 +59,7 @@ def fig6(item: Item, quick: bool) -> None:
     case = CASES["I"]
     length, static = case.static_length, natural_frequency(case.static_length)
     found = iterated(case, case.frequency)
-    short = run(case, PLAIN, time={"cycles": 1, "steps_per_cycle": 20})
-    elements = cases.estimate_of(short)
+    elements = cases.estimate_of(case)
     second, element_second = (one.factors[0] * length for one in (found, elements))
     item.compare("first", found.factors[0], elements.factors[0])
     item.compare("second_frequency", natural_frequency(second))

@@ -22,7 +22,7 @@ from skfem_joint.reduction.basis import Basis, own_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
 from skfem_joint.reduction.reference import paper_reference
-from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
+from skfem_joint.reduction.zones import active_zones, estimate_active_length, probed, zone_lengths
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -221,9 +221,13 @@ def run(case: Case, reduction: dict[str, Any] | None = None, **options: Any) -> 
     return _MODELS[key]
 
 
-def estimate_of(model: Model) -> Estimate:
-    """Active length by Eqs. (17) to (20) that a reduced model under harmonic load comes with."""
-    return model.basis.zones[0].estimate
+def estimate_of(case: Case) -> Estimate:
+    """Active length by Eqs. (17) to (20) of a case under its harmonic load, from its elements."""
+    its = scene(case)
+    system = its.system()
+    found = estimate_active_length(system, active_zones(its.structure(), system)[0])
+    assert found is not None
+    return found
 
 
 def peak(found: Run) -> float:

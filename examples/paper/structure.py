@@ -140,7 +140,7 @@ def section7_3(item: Item, quick: bool) -> None:
         (choice, beta): harmonic(beta, choice) for choice in CHOICES for beta in FRICTION_LAWS
     }
     ours, plain = (reduced[choice, 1e5] for choice in CHOICES)
-    guess = cases.estimate_of(plain)
+    guess = cases.estimate_of(CASE)
     item.compare("first_resonance", float(resonances(CASE.linear + CASE.static_length, 1)[0]))
     item.say("section7.3.first", factor=guess.factors[0])
     item.compare("amplification", None, guess.factor)

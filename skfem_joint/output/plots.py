@@ -49,22 +49,29 @@ _LOST = ("friction", "viscous", "scheme")
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
     """Empty figure of a size in inches."""
-    made: Figure = needed("matplotlib.figure", "plot").Figure(
-        figsize=(width, height), layout=layout
-    )
-    return made
+    library: Any = needed("matplotlib.figure", "plot")
+    figure: Figure = library.Figure(figsize=(width, height), layout=layout)
+    return figure
 
 
-def save_figure(path: str | Path, figure: Figure) -> Path:
+def save_figure(path: Path, figure: Figure) -> Path:
     """Write a figure as a PNG that takes its place when it is whole."""
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    file = Path(path)
     # Without chunks, Agg gives up on a curve of very many points that fill the panel.
-    with replacing(file) as temporary, rc_context({"agg.path.chunksize": 20_000}):
-        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=DPI)
-    return file
+    with replacing(path) as temporary, rc_context({"agg.path.chunksize": 20_000}):
+        figure.savefig(temporary, format="png", dpi=DPI)
+    return path
+
+
+def _panels(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Figure with panels of a size each in inches, in rows."""
+    figure = new_figure(columns * width, rows * height)
+    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
+    for panel in panels:
+        panel.grid(alpha=0.3)
+        panel.set_axisbelow(True)
+    return figure, panels
 
 
 def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
@@ -84,8 +91,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     the one called "full" is drawn solid.
     """
     moving = _moving(runs, points)
-    figure = new_figure(7.5, 1.0 + 2.2 * len(moving))
-    panels = figure.subplots(len(moving), 1, sharex=True, squeeze=False)[:, 0]
+    figure, panels = _panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
     time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
     for panel, point in zip(panels, moving, strict=True):
         unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
@@ -93,7 +99,6 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
             panel.plot(run.times / time_scale, run.point(point) / scale, label=name, **style)
         panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
         panel.set_title(point, loc="left")
-        panel.grid(alpha=0.3)
     panels[-1].set_xlabel(f"time, {time_unit}")
     _legend_above(figure, panels[0])
     return figure
@@ -116,34 +121,24 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
 def hysteresis_figure(
     runs: Mapping[str, Run], point: str, load: int = 0, cycle_rows: int | None = None
 ) -> Figure:
-    """Force of a load over the displacement of a point.
+    """Force of a load, counted from 0, over the displacement of a point, in the last cycle.
 
-    Parameters
-    ----------
-    runs : mapping of str to Run
-    point : str
-    load : int
-        Which of the system's loads, counted from 0.
-    cycle_rows : int, optional
-        Stored rows a cycle: draws the last cycle. The whole run if not given or shorter.
+    ``cycle_rows`` are the stored rows a cycle; the whole run is drawn if it is shorter, or if they
+    are not given.
     """
     _moving(runs, [point])  # refuses what is not there
-    # A run that was stopped in its first cycle has nothing but that.
-    rows = [cycle_rows if run.times.size > (cycle_rows or 0) else None for run in runs.values()]
-    loops = [
-        hysteresis_loop(run, point, load, count)
-        for run, count in zip(runs.values(), rows, strict=True)
-    ]
+    loops = []
+    for run in runs.values():
+        whole = cycle_rows is None or run.times.size <= cycle_rows
+        loops.append(hysteresis_loop(run, point, load, None if whole else cycle_rows))
     unit, scale = prefixed_unit("m", (u for u, _ in loops))
     force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
-    figure = new_figure(6.0, 5.0)
-    panel = figure.subplots()
+    figure, (panel,) = _panels(6.0, 5.0)
     for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
         panel.plot(u / scale, force / force_scale, label=name, **style)
     loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
     where = f" on {' and '.join(loaded)}" if loaded else ""
     panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
-    panel.grid(alpha=0.3)
     _legend_above(figure, panel)
     return figure
 
@@ -154,8 +149,7 @@ def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
     ``whose`` says what moves in these modes, for the title.
     """
     xi, modes, values = reference.xi, reference.modes.T[:MODES], reference.proper.proper_values
-    figure = new_figure(7.5, 4.5)
-    panel = figure.subplots()
+    figure, (panel,) = _panels(7.5, 4.5)
     panel.axhline(0.0, color="0.6", linewidth=0.8)
     for k, (mode, value) in enumerate(zip(modes, values, strict=False)):
         largest = mode[np.argmax(np.abs(mode))]
@@ -167,7 +161,6 @@ def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
         ylabel="mode, relative to its largest value",
         xmargin=0.0,
     )
-    panel.grid(alpha=0.3)
     figure.legend(loc="outside right upper", title="mode: proper value", alignment="left")
     return figure
 
@@ -177,9 +170,8 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     values, sums = proper.proper_values, proper.cumulative
     count = min(VALUES, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
-    figure = new_figure(8.0, 3.8)
+    figure, (left, right) = _panels(4.0, 3.8, columns=2)
     figure.suptitle(f"proper orthogonal modes of {whose}")
-    left, right = figure.subplots(1, 2)
     left.bar(number, values[:count], color="#7fb2e5", edgecolor="#1a1a1a", linewidth=0.6)
     left.set(yscale="log", ylabel="proper value, % of the sum")
     right.plot(number, sums[:count], color="#9c1c00", marker="o", markersize=4, linewidth=1.2)
@@ -187,24 +179,20 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     right.set(ylabel="cumulative sum, %")
     right.legend(loc="lower right")
     for panel in (left, right):
-        panel.set(xlabel="number of the mode", xlim=(0.4, count + 0.6), axisbelow=True)
+        panel.set(xlabel="number of the mode", xlim=(0.4, count + 0.6))
         panel.set_xticks(number if count <= 10 else [1, *range(5, count + 1, 5)])
-        panel.grid(alpha=0.3, axis="y")
     return figure
 
 
 def energies_figure(runs: Mapping[str, Run]) -> Figure:
     """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel."""
     cycles = [run.cycles for run in runs.values()]
-    if not any(one.friction.size for one in cycles):
-        raise InputError("energies: no run has a whole cycle")
     works = {"input": [one.input.sum(axis=1) for one in cycles]}
     works |= {name: [getattr(one, name) for one in cycles] for name in _LOST}
     size = {name: max(np.abs(one).max(initial=0.0) for one in works[name]) for name in works}
     titles = [name for name in works if size[name] > AT_REST * size["input"]] or ["input"]
     columns = 2 if len(titles) == 4 else len(titles)
-    figure = new_figure(3.8 * columns, 0.5 + 2.7 * (len(titles) // columns))
-    panels = figure.subplots(len(titles) // columns, columns, squeeze=False).ravel()
+    figure, panels = _panels(3.8, 3.0, len(titles) // columns, columns)
     for panel, title in zip(panels, titles, strict=True):
         unit, scale = prefixed_unit("J", works[title])
         for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
@@ -214,7 +202,6 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
         panel.set_title(title, loc="left")
         panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
         panel.xaxis.get_major_locator().set_params(integer=True)
-        panel.grid(alpha=0.3)
     _legend_above(figure, panels[0])
     return figure
 
@@ -314,26 +301,14 @@ def _legend_above(figure: Figure, panel: Any) -> None:
 def active_region_figure(
     structure: Structure, joint: int, largest_slip: FloatArray, active: BoolArray
 ) -> Figure:
-    """Where a contact has slipped: an area from above, a line as a curve along it.
+    """Where a joint, counted from 0, has slipped: an area from above, a line as a curve along it.
 
-    Parameters
-    ----------
-    structure : Structure
-    joint : int
-        Which of the structure's joints, counted from 0.
-    largest_slip : ndarray, shape (k,)
-        Largest norm of the slip displacement at the joint's contact points, m.
-    active : ndarray of bool, shape (k,)
-        Which of them belong to the active region; its share of the contact's area stands in the
-        title.
+    Of each of its k contact points ``largest_slip`` (k,) is the largest norm of the slip (m),
+    ``active`` (k,) whether it belongs to the active region, whose share of the contact's area
+    stands in the title.
     """
     patch = structure.patches[joint]
-    k, held = patch.nodes.size, patch.held_nodes.size
-    if np.shape(largest_slip) != (k,) or np.shape(active) != (k,):
-        raise InputError(
-            f"active region of {patch.joint.name!r}: found shapes {np.shape(largest_slip)} and "
-            f"{np.shape(active)}, must be those of its {k} contact points"
-        )
+    held = patch.held_nodes.size
     share = 100.0 * float(patch.area[active].sum() / (patch.area.sum() + patch.held_area))
     unit, scale = prefixed_unit("m", [largest_slip])
     # Held nodes do not slip.
@@ -344,21 +319,20 @@ def active_region_figure(
     # A line along its longest direction; an area in its two longest.
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
     names = [f"{'xyz'[axis]}, m" if structure.dim > 1 else "position, m" for axis in axes]
-    figure = new_figure(7.5, 3.5)
-    if corners > 2:
+    label = f"largest slip, {unit}"
+    if corners == 2:
+        figure, (panel,) = _panels(7.5, 3.5)
+        _line(panel, place[:, axes[0]], slip, active, label)
+    else:
         wide, tall = np.ptp(place[:, axes], axis=0)
         height = float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0))
         figure = new_figure(8.0, height, "compressed")
-    panel = figure.subplots()
-    panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
-    figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")
-    label = f"largest slip, {unit}"
-    if corners == 2:
-        _line(panel, place[:, axes[0]], slip, active, label)
-    else:
+        panel = figure.subplots()
         number = np.full(len(structure.nodes), -1, dtype=np.intp)
         number[nodes] = np.arange(nodes.size)
-        _area(figure, panel, place[:, axes], number[patch.cells], slip, active, label)
+        _area(panel, place[:, axes], number[patch.cells], slip, active, label)
+    panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
+    figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")
     return figure
 
 
@@ -372,14 +346,12 @@ def _line(panel: Any, place: FloatArray, slip: FloatArray, active: BoolArray, la
     panel.plot(place, slip, color="#1a1a1a", marker=".", label="largest slip")
     panel.set(ylabel=label, xmargin=0.0)
     panel.set_ylim(bottom=0.0)
-    panel.grid(alpha=0.3)
     panel.legend(loc="best")
 
 
 def _area(
-    figure: Figure, panel: Any, place: FloatArray, cells: Any, slip: FloatArray,
-    active: BoolArray, label: str,
-) -> None:  # fmt: skip
+    panel: Any, place: FloatArray, cells: Any, slip: FloatArray, active: BoolArray, label: str
+) -> None:
     """Colour an area by its slip, outline its active region and fade the rest."""
     from matplotlib.tri import Triangulation
 
@@ -396,4 +368,4 @@ def _area(
     panel.use_sticky_edges = False
     panel.margins(0.02)
     panel.set_title("outlined; the rest is faded", fontsize="small")
-    figure.colorbar(drawn, ax=panel, label=label, location="bottom", aspect=40)
+    panel.figure.colorbar(drawn, ax=panel, label=label, location="bottom", aspect=40)

@@ -20,7 +20,7 @@ Bampton (AIAA J. 6, 1968). All this holds for pulling along the axis: the joint 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -48,7 +48,6 @@ from skfem_joint.reduction.static_path import (
 )
 from skfem_joint.reduction.zones import (
     Zone,
-    ZoneLength,
     active_zones,
     axis_of,
     mouths,
@@ -120,18 +119,10 @@ class Basis:
     missed: float  #: share of the course that it cannot follow, in the norm of strain energy
     resolved: float = 1e-4  #: share of the largest slip velocity that the modes resolve
     reference: ReferenceModes | None = None  #: what scaled modes come from
-    zones: tuple[ZoneLength, ...] = ()  #: active lengths of scaled modes
+    active_length: Mapping[str, float] = field(default_factory=dict)  #: of scaled modes, by joint
     #: Points and positions (m) of each active zone, where they lie along a line.
     stretches: tuple[tuple[IntArray, FloatArray], ...] | None = None
     group: IntArray | None = None  #: (m,), joint of each contact point, if known
-
-    @property
-    def active_length(self) -> dict[str, float]:
-        """Active length by joint, summed over its zones, m."""
-        lengths = dict.fromkeys((zone.joint for zone in self.zones), 0.0)
-        for zone in self.zones:
-            lengths[zone.joint] += zone.length
-        return lengths
 
 
 def make_basis(
@@ -289,7 +280,7 @@ def scaled_basis(
     system: System,
     reference: ReferenceModes,
     zones: Sequence[Zone],
-    lengths: Sequence[ZoneLength],
+    lengths: Sequence[float],
     probe: Run,
     *,
     modes: int = 5,
@@ -304,15 +295,17 @@ def scaled_basis(
     along, across, sideways = _slip_vectors(structure, system)
     active = np.zeros(system.w.size, dtype=bool)
     pulled, breathing, stretches = [], [], []
-    for zone, found in zip(zones, lengths, strict=True):
+    whole: dict[str, float] = {}
+    for zone, length in zip(zones, lengths, strict=True):
+        whole[zone.name] = whole.get(zone.name, 0.0) + length
         free = zone.points >= 0
         points, distance, x = zone.points[free], zone.distance[free], structure.nodes[zone.nodes]
-        values = reference.at(1.0 - distance / found.length, modes)
+        values = reference.at(1.0 - distance / length, modes)
         middle = 0.5 * (x.max(axis=0) + x.min(axis=0))
         offset = ((x[free] - middle) * sideways[points]).sum(axis=1)
         pulled.append(along[:, points] @ values)
         breathing.append(across[:, points] @ (values * offset[:, np.newaxis]))
-        inside = distance < found.length
+        inside = distance < length
         active[points[inside]] = True
         stretches.append((points[inside], distance[inside]))
     F = _out_of_contact(system)
@@ -328,7 +321,7 @@ def scaled_basis(
     basis = _basis(system, np.hstack(parts), modes, reference.proper, carrying, *course)
     lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
     ordered = tuple(stretches) if lines else None
-    return replace(basis, reference=reference, zones=tuple(lengths), stretches=ordered)
+    return replace(basis, reference=reference, active_length=whole, stretches=ordered)
 
 
 def _slip_vectors(

@@ -29,6 +29,7 @@ from scipy.linalg import eigh_tridiagonal
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.pod import thinned
 from skfem_joint.reduction.static_path import NO_FRICTION
 from skfem_joint.system import System
 
@@ -113,12 +114,8 @@ def reduced_system(
 
 
 def friction_lost(every: System, few: System, velocities: FloatArray) -> float:
-    """Share of the friction power that fewer points lose at equal velocities (times, n).
-
-    Merged points lose some, never gain. On plates the friction energy of a cycle changes by up to
-    twice as much, by about half a percent however little is lost where slips are short.
-    """
-    rates = velocities[:: max(1, -(-len(velocities) // _TIMES))]
+    """Share of the friction power that fewer points lose at equal velocities (times, n)."""
+    rates = thinned(velocities, _TIMES)
     powers = [
         float((one.slip_norm(rates @ np.asarray(one.B).T) @ one.w).sum()) for one in (every, few)
     ]
@@ -128,12 +125,10 @@ def friction_lost(every: System, few: System, velocities: FloatArray) -> float:
 def gauss_rule(
     position: FloatArray, weight: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss quadrature of a discrete measure, by Lanczos and its Jacobi matrix.
+    """Gauss quadrature of a discrete measure: positions, increasing, and weights of equal sum.
 
-    Golub and Welsch, Math. Comp. 23 (1969); Gautschi, Orthogonal Polynomials (2004), section 2.2.
-
-    Of ``count`` points at most as many as the measure has; their positions increase, their weights
-    are positive and have the same sum.
+    By Lanczos and its Jacobi matrix: Golub and Welsch, Math. Comp. 23 (1969); Gautschi, Orthogonal
+    Polynomials (2004), section 2.2.
     """
     if not 1 <= count <= position.size:
         raise InputError(f"friction points: found {count}, must be from 1 to {position.size}")
@@ -161,22 +156,10 @@ def gauss_points(
 ) -> tuple[System, sparse.csr_array]:
     """Replace the contact points of each stretch by a Gauss rule; other points are dropped.
 
-    Parameters
-    ----------
-    stretches : sequence of (ndarray of int, ndarray)
-        Contact points with one slip direction and one beta, and their positions along a line, m.
-        Points in none of them must not move.
-    count : int
-        Friction points of each stretch (fewer where it has fewer).
-
-    Returns
-    -------
-    System, sparse array of shape (new points, m)
-        New slip rows interpolate linearly between old ones; the share of each old point in each
-        new one.
+    A stretch is contact points with one slip direction and one beta, and their positions along a
+    line, m; points in none of them must not move. Each gets ``count`` points (fewer where it has
+    fewer), between old ones, whose shares in the new ones (new points, m) come second.
     """
-    if any(np.any(system.directions[points] != 1) for points, _ in stretches):
-        raise InputError("friction points along a line slip in one direction, found some with two")
     shares, weights = [sparse.csr_array((0, system.w.size))], [np.zeros(0)]
     for points, position in stretches:
         order = np.argsort(position)
@@ -190,9 +173,8 @@ def gauss_points(
         right = np.minimum(left + 1, points.size - 1)
         gap = position[right] - position[left]
         share = (x - position[left]) / np.where(gap > 0.0, gap, 1.0)
-        row = np.arange(x.size)
         entries = np.concatenate([1.0 - share, share])
-        places = np.concatenate([row, row]), np.concatenate([points[left], points[right]])
+        places = np.tile(np.arange(x.size), 2), np.concatenate([points[left], points[right]])
         shares.append(sparse.csr_array((entries, places), shape=(x.size, system.w.size)))
         weights.append(w)
     return shared_points(system, sparse.vstack(shares, format="csr"), np.concatenate(weights))
@@ -205,30 +187,18 @@ def merged_points(
     count: int,
     group: IntArray | None = None,
 ) -> tuple[System, sparse.csr_array]:
-    """Merge contact points that slip alike; other points than those given are dropped.
+    """Merge contact points that slip alike into at most ``count``; others than ``points`` go.
 
-    Parameters
-    ----------
-    velocities : ndarray, shape (times, n)
-        Velocities of the unknowns in a run that slips as the runs to come.
-    points : ndarray of int
-        Contact points to keep; the others must not move.
-    count : int
-        Most points that are left, at least one of each group, beta and number of directions.
-    group : ndarray of int, shape (m,), optional
-        Points of different groups (joints) are not merged.
-
-    Returns
-    -------
-    System, sparse array of shape (new points, m)
-        The slip rows of a point are the means, weighted with the friction limits, of those it
-        stands for, and its limit is their sum; the share of each old point in each new one.
+    Alike in ``velocities`` (times, n) of the unknowns in a run that slips as the runs to come.
+    At least one is left of each ``group`` (m,) (joint), beta and number of directions. Its slip
+    rows are means, weighted with the friction limits, of those it stands for, and its limit is
+    their sum; the share of each old point in each new one, (new points, m), comes second.
     """
     points = points[system.w[points] > 0.0]
     joint = np.zeros(system.w.size) if group is None else group
     kinds = np.stack([joint[points], system.directions[points], system.beta[points]], axis=1)
     sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
-    rates = velocities[:: -(-len(velocities) // _TIMES)]
+    rates = thinned(velocities, _TIMES)
     histories = [_histories(system, rates, members) for members in sets]
     # The points go where the most friction power is, those that are left over where there is room.
     power = [system.w[p] @ (x * x).sum(axis=1) for p, x in zip(sets, histories, strict=True)]
@@ -284,13 +254,11 @@ def _histories(system: System, velocities: FloatArray, points: IntArray) -> Floa
 
 
 def partition(x: FloatArray, weight: FloatArray, count: int) -> IntArray:
-    """Partition points into sets that are close together: weighted k-means.
+    """Partition points into at most ``count`` sets that are close together: weighted k-means.
 
     Lloyd's iteration (IEEE Trans. Inf. Theory 28, 1982) from starts far apart (Gonzalez, Theor.
-    Comput. Sci. 38, 1985), so that the result depends on no random numbers.
-
-    Of points ``x`` (m, d) with positive weights (m,) into at most ``count`` sets; gives the set of
-    each, (m,), every number from 0 to the largest occurs.
+    Comput. Sci. 38, 1985), so that the result depends on no random numbers. Of points ``x`` (m, d)
+    with positive weights (m,); gives the number of the set of each, (m,), none of them empty.
     """
     square = (x * x).sum(axis=1)
     starts = [int(np.argmax(weight * square))]

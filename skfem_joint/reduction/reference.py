@@ -107,8 +107,8 @@ def run_lap_joint(
 ) -> Run:
     """Harmonic run of a lap joint from rest, pulled at its free end (N, Hz)."""
     system = structure.system([Load("free_end", Harmonic(force, frequency))])
-    steps = {"cycles": cycles, "steps_per_cycle": steps_per_cycle}
-    return integrate(system, **steps, save=Save(fields=True)).finished()
+    save = Save(fields=True)
+    return integrate(system, cycles=cycles, steps_per_cycle=steps_per_cycle, save=save).finished()
 
 
 def modes_of_lap_joint(

@@ -105,16 +105,6 @@ class Zone:
         return max(measured(*self.profile(slip_peak)), float(self.distance[beside].max()))
 
 
-@dataclass(frozen=True)
-class ZoneLength:
-    """Active length of one zone and where it comes from."""
-
-    joint: str
-    length: float  #: used, m
-    source: str  #: "given", "probe" or "estimate"
-    estimate: Estimate | None = None  #: by Eqs. (17)-(20), for harmonic loads along a bar
-
-
 def axis_of(structure: Structure, joint: Joint) -> FloatArray | None:
     """Unit vector along a joint, (dim,): trivial in one dimension, else None if none is named."""
     axis = np.ones(1) if joint.axis is None else np.asarray(joint.axis, dtype=float)
@@ -278,68 +268,64 @@ def zone_lengths(
     asked: str | float | Mapping[str, float],
     slip_peak: FloatArray,
     warn: list[str],
-) -> list[ZoneLength]:
-    """Active length of each zone; those from both ends of one part are kept apart.
+) -> list[float]:
+    """Active length of each zone, m; those from both ends of one part are kept apart.
 
-    Parameters
-    ----------
-    asked : "auto", "estimate", float or mapping of str to float
-        Measured in a probe, by Eqs. (17)-(20), or given (m) for all joints or by name.
-    slip_peak : ndarray, shape (m,)
-        Largest slip of each contact point in the probe, m.
-    warn : list of str
-        Sentences about what to beware of are appended.
+    ``asked`` is "auto" (measured in a probe, by the largest ``slip_peak`` (m,) of its contact
+    points, m), "estimate" (Eqs. (17)-(20)), or a length (m) for all joints or by name. Sentences
+    about what to beware of are appended to ``warn``.
 
     Raises
     ------
     InputError
         For an estimate that Eqs. (17)-(20) cannot give, or a length that the joint has not.
     """
-    found: list[ZoneLength] = []
+    lengths = []
     for zone in zones:
-        guess = estimate_active_length(system, zone)
         given = asked.get(zone.name, "auto") if isinstance(asked, Mapping) else asked
-        length, source = 0.0, "given"
         if given == "auto":
-            length, source = zone.active_length(slip_peak), "probe"
-        elif given != "estimate":
-            length = float(given)
-            if not 0.0 < length <= zone.length * (1.0 + 1e-9):
-                raise InputError(
-                    f"active length of {zone.joint.label}: found {length:.6g} m, must be above 0 "
-                    f"and at most the joint's {zone.length:.6g} m along its axis"
-                )
-        elif guess is None:
-            raise InputError(
-                "reduction.active_length: 'estimate' needs a bar under harmonic loads; use 'auto' "
-                "or a length"
-            )
+            lengths.append(zone.active_length(slip_peak))
+        elif given == "estimate":
+            lengths.append(_estimated_length(system, zone, warn))
+        elif 0.0 < float(given) <= zone.length * (1.0 + 1e-9):
+            lengths.append(float(given))
         else:
-            length, source = guess.length, "estimate"
-            if not guess.converged or guess.frequency_ratio > 0.5:
-                warn.append(
-                    f"The estimated active length of joint '{zone.name}' "
-                    + ("" if guess.converged else "did not settle and ")
-                    + f"is doubtful: the load has {guess.frequency_ratio:.2g} times the natural "
-                    "frequency, and Eq. (17) holds up to half of it. Use active_length = 'auto'."
-                )
-        found.append(ZoneLength(zone.name, length, source, guess))
-    capped, told = [], set()
-    for zone, item in zip(zones, found, strict=True):
-        ends = [
-            z for z, other in zip(found, zones, strict=True) if set(other.nodes) == set(zone.nodes)
-        ]
-        whole = sum(end.length for end in ends)
-        most = zone.length * item.length / whole
-        if item.length > most and zone.name not in told:
-            told.add(zone.name)
-            warn.append(
-                f"The active length of joint '{zone.name}' comes out as {whole:.4g} m, more "
-                f"than the joint has: capped at {zone.length:.4g} m. The joint may slip as a whole "
-                "(gross slip), which the method assumes it does not."
+            raise InputError(
+                f"active length of {zone.joint.label}: found {float(given):.6g} m, must be above 0 "
+                f"and at most the joint's {zone.length:.6g} m along its axis"
             )
-        capped.append(replace(item, length=min(item.length, most)))
+    capped = []
+    for zone, length in zip(zones, lengths, strict=True):
+        both_ends = [set(other.nodes) == set(zone.nodes) for other in zones]
+        whole = float(np.array(lengths)[both_ends].sum())
+        most = zone.length * length / whole
+        told = (
+            f"The active length of joint '{zone.name}' comes out as {whole:.4g} m, more than the "
+            f"joint has: capped at {zone.length:.4g} m. The joint may slip as a whole (gross "
+            "slip), which the method assumes it does not."
+        )
+        if length > most and told not in warn:
+            warn.append(told)
+        capped.append(min(length, most))
     return capped
+
+
+def _estimated_length(system: System, zone: Zone, warn: list[str]) -> float:
+    """Active length of a zone by Eqs. (17)-(20), m."""
+    guess = estimate_active_length(system, zone)
+    if guess is None:
+        raise InputError(
+            "reduction.active_length: 'estimate' needs a bar under harmonic loads; use 'auto' or a "
+            "length"
+        )
+    if not guess.converged or guess.frequency_ratio > 0.5:
+        warn.append(
+            f"The estimated active length of joint '{zone.name}' "
+            + ("" if guess.converged else "did not settle and ")
+            + f"is doubtful: the load has {guess.frequency_ratio:.2g} times the natural "
+            "frequency, and Eq. (17) holds up to half of it. Use active_length = 'auto'."
+        )
+    return guess.length
 
 
 def estimate_active_length(system: System, zone: Zone) -> Estimate | None:

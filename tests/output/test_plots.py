@@ -225,8 +225,6 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
         (lambda runs: plots.hysteresis_figure(runs, "tip"), "'tip'.*free_end"),
         (lambda runs: plots.histories_figure(runs, []), "no points"),
         (lambda runs: plots.histories_figure({}, ["free_end"]), "no runs"),
-        (lambda runs: plots.energies_figure({}), "no run"),
-        (lambda _: plots.active_region_figure(lap(), 0, np.zeros(3), np.zeros(3)), "'joint'"),
     ],
 )
 def test_mistakes_are_input_errors(

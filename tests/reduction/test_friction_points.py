@@ -150,12 +150,6 @@ def test_a_stretch_of_one_point_is_that_point() -> None:
     assert np.allclose(one.B, system.B[points[:1]], rtol=1e-14)
 
 
-def test_points_with_two_directions_lie_on_no_line() -> None:
-    system, basis = example()
-    with pytest.raises(InputError, match="slip in one direction"):
-        gauss_points(system.project(basis.V), [(np.arange(4), np.arange(4.0))], 2)
-
-
 # Merged friction points
 
 

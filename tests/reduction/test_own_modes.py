@@ -98,7 +98,7 @@ def test_own_modes_of_a_structure_come_from_its_first_three_cycles() -> None:
     basis = make_basis(structure, system, options, **steps, warn=warn)
     expected = own_basis(system, full("strip"), 6, interface_modes=2)
     assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-7
-    assert (basis.modes, basis.zones, basis.stretches) == (6, (), None)
+    assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
     assert warn == ["reduction.active_length has no effect but beside reference = 'paper'."]
     assert basis.group is not None
     assert np.array_equal(np.flatnonzero(basis.group == 0), np.arange(system.w.size))
