@@ -44,7 +44,7 @@ from skfem_joint.system import System
 SAMPLES = 8
 #: Absolute tolerances relative to the largest displacement and velocity, over the relative one.
 ABSOLUTE = 1e-2
-READY_MADE, EXPLICIT = "ready-made", "Runge-Kutta"
+READY_MADE, EXPLICIT, MESH = "ready-made", "Runge-Kutta", "full, mesh"
 #: Elements of coarse meshes.
 COARSE = (10, 20, 50, 100)
 #: Share of the stable step that explicit runs take, steps of a piece, longest whole run (s).
@@ -82,7 +82,7 @@ def has_arctan_law(system: System) -> bool:
 
 
 def ready_made_jobs(
-    scene: Scene, reference: Reference, bound: float, forms: Sequence[Form] = FORMS
+    reference: Reference, bound: float, forms: Sequence[Form] = FORMS
 ) -> Iterator[Job]:
     """Every integrator in every form at its tolerances; none under set-valued Coulomb friction."""
     if not has_arctan_law(reference.system):
@@ -129,7 +129,7 @@ def _compile(model: FirstOrder) -> float:
     return time.perf_counter() - begin
 
 
-def explicit_jobs(scene: Scene, reference: Reference, longest: float = LONGEST) -> Iterator[Job]:
+def explicit_jobs(reference: Reference, longest: float = LONGEST) -> Iterator[Job]:
     """The paper's way: the classical Runge-Kutta method at its stable step."""
     grid, system = reference.grid, reference.system
     if not has_arctan_law(system):
@@ -157,6 +157,15 @@ def _explicit(reference: Reference, parts: int, longest: float) -> Outcome:
     begin = time.perf_counter()
     found = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
     return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})
+
+
+def coarser_jobs(
+    scene: Scene, reference: Reference, parts: Sequence[int], elements: int
+) -> Iterator[Job]:
+    """Full model on a coarser mesh at several steps an interval."""
+    bar, points = coarsened(scene.named_mesh, elements), scene.output_points
+    system = scene.changed(mesh=bar, output={"points": points}).system()
+    yield from et.other_jobs(reference, parts, MESH, system, {"mesh": f"{elements} elements"})
 
 
 def coarsened(bar: NamedMesh, elements: int) -> NamedMesh:
@@ -243,16 +252,17 @@ def main(arguments: list[str] | None = None) -> int:
     scene, quick = load_scene(options.scene), options.quick
     bound = min(options.bound, QUICK_BOUND) if quick else options.bound
     made = partial(ready_made_jobs, bound=bound, forms=QUICK_FORMS if quick else FORMS)
-    bar = scene.named_mesh
-    counts = [n for n in COARSE[:: 3 if quick else 1] if n < bar.n_elements]
+    parts = (et.QUICK if quick else et.RANGE)["parts"]
+    counts = [n for n in COARSE[:: 3 if quick else 1] if n < scene.named_mesh.n_elements]
+
+    def others(reference: Reference) -> Iterator[Job]:
+        for count in counts:
+            yield from coarser_jobs(scene, reference, parts, count)
+        yield from explicit_jobs(reference)
+        yield from made(reference)
+
     with holding(options.out):
-        report = et.error_time(
-            scene,
-            bound=options.bound,
-            quick=quick,
-            meshes={f"{n} elements": coarsened(bar, n) for n in counts},
-            contestants={EXPLICIT: explicit_jobs, READY_MADE: made},
-        )
+        report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = report.write(options.out)
     print(

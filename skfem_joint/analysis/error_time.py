@@ -22,18 +22,17 @@ from skfem_joint.analysis.history import QUANTITIES, Results, difference, result
 from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.analysis.study import Progress, Study, reduction_of
 from skfem_joint.errors import InputError, JointError
-from skfem_joint.files import replacing
+from skfem_joint.files import needed, replacing
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.mesh import NamedMesh
     from skfem_joint.scene import Scene
 
 #: Steps of an interval of a model's own reference, to tell its time-step error from the rest.
 OWN = 256
 #: Runs longer than this are not repeated, s.
 LONGEST_REPEATED = 2.0
-FULL, STEEPNESS, COULOMB, OTHER_MESH = "full", "full, other beta", "full, Coulomb", "full, mesh"
+FULL, STEEPNESS, COULOMB = "full", "full, other beta", "full, Coulomb"
 REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
 FINISHED = "finished"
 #: Columns of errors beside those of the certificate.
@@ -75,19 +74,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Job:
-    """Something to measure: ``run`` does it once, after ``offline_s`` seconds of preparation.
+    """Something to measure."""
 
-    ``family`` names its curve; ``what`` says by name what is run: modes, friction points, step (s)
-    and so on. ``own`` are results of the same discrete model without time-step error; ``truth`` is
-    what it is compared with instead of the reference's results.
-    """
-
-    family: str
-    what: Mapping[str, Any]
-    run: Callable[[], Outcome]
-    offline_s: float = 0.0
-    own: Results | None = None
-    truth: Results | None = None
+    family: str  #: name of its curve
+    what: Mapping[str, Any]  #: what is run, by name: modes, friction points, step (s) and so on
+    run: Callable[[], Outcome]  #: does it once
+    offline_s: float = 0.0  #: preparation before, s
+    own: Results | None = None  #: of the same discrete model without time-step error
+    truth: Results | None = None  #: to compare with instead of the reference's results
 
 
 @dataclass(frozen=True)
@@ -110,7 +104,7 @@ class Point:
         """All time before the first step, s."""
         return self.job.offline_s + self.outcome.offline_s
 
-    def seconds(self, total: bool = False) -> float:
+    def seconds(self, total: bool) -> float:
         """Run time, s; in ``total`` with all before the first step."""
         return self.wall_s + total * self.offline_s
 
@@ -128,11 +122,10 @@ class Point:
 def measure(
     jobs: Iterable[Job], reference: Reference, *, repeats: int, progress: Progress | None = None
 ) -> list[Point]:
-    """Run jobs and compare them with the reference.
+    """Run jobs once, which warms them up, and compare their results with the reference.
 
-    Every job is run once, which warms it up and gives its results. Then all those shorter than
-    `LONGEST_REPEATED` are run in ``repeats`` rounds, each round in the opposite order of the one
-    before; the time is the median of the rounds. Longer ones keep the time of their only run.
+    Those shorter than `LONGEST_REPEATED` are run again in ``repeats`` rounds, each in the opposite
+    order of the one before; their time is the median of these.
     """
     jobs, report = list(jobs), progress or (lambda *_: None)
     points: list[Point] = []
@@ -160,28 +153,24 @@ def measure(
     return points
 
 
-def full_jobs(
-    scene: Scene,
-    reference: Reference,
-    wanted: Mapping[str, tuple[Any, ...]],
-    meshes: Mapping[str, NamedMesh],
+def full_jobs(reference: Reference, wanted: Mapping[str, tuple[Any, ...]]) -> Iterator[Job]:
+    """Full models: the scene's law, and others."""
+    system, parts = reference.system, wanted["parts"]
+    own = COULOMB if isinf(system.beta.max()) else FULL
+    yield from at_steps(reference, parts, own, system, {}, own=reference.results)
+    if own == FULL:
+        for factor in wanted["factors"]:
+            other = replace(system, beta=factor * system.beta)
+            yield from other_jobs(reference, parts, STEEPNESS, other, {})
+        yield from other_jobs(reference, parts, COULOMB, system.with_beta(np.inf), {})
+
+
+def other_jobs(
+    reference: Reference, parts: Sequence[int], family: str, system: System, what: Mapping[str, Any]
 ) -> Iterator[Job]:
-    """Full models: the scene's law, others, and other meshes."""
-    system = reference.system
-    plan = [(COULOMB if isinf(system.beta.max()) else FULL, "", system)]
-    if plan[0][0] == FULL:
-        others = (replace(system, beta=factor * system.beta) for factor in wanted["factors"])
-        plan += [(STEEPNESS, "", other) for other in others]
-        plan.append((COULOMB, "", system.with_beta(np.inf)))
-    for name, mesh in meshes.items():
-        changed = scene.changed(mesh=mesh, output={"points": scene.output_points})
-        plan.append((OTHER_MESH, name, changed.system()))
-    own = reference.results
-    for family, name, one in plan:
-        if one is not system:
-            own = results(reference.grid.integrate(one, min(OWN, reference.parts)))
-        what = {"mesh": name} if name else {}
-        yield from _at_steps(reference, wanted["parts"], family, one, what, own=own)
+    """Another full model at several steps an interval, with a reference of its own."""
+    own = results(reference.grid.integrate(system, min(OWN, reference.parts)))
+    yield from at_steps(reference, parts, family, system, what, own=own)
 
 
 def reduced_jobs(
@@ -203,10 +192,10 @@ def reduced_jobs(
             _, one, _ = reduction_of(study, replace(options, friction_points=points), basis)
             spent = offline + time.perf_counter() - begin
             steps, what = wanted["reduced_parts"], {"modes": one.n}
-            yield from _at_steps(reference, steps, family, one, what, offline_s=spent)
+            yield from at_steps(reference, steps, family, one, what, offline_s=spent)
 
 
-def _at_steps(
+def at_steps(
     reference: Reference,
     parts: Sequence[int],
     family: str,
@@ -360,15 +349,9 @@ class Report:
         return [*files, folder / "total-time.png"]
 
     def draw(self, path: Path, total: bool = False) -> None:
-        """Draw error against run time with the fronts, in ``total`` with off-line time.
-
-        `InputError` without matplotlib.
-        """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise InputError("pictures need matplotlib: pip install 'skfem-joint[plot]'") from error
-        drawing = Figure(figsize=(13.0, 5.5), layout="constrained")
+        """Draw error against run time with the fronts, in ``total`` with off-line time."""
+        library = needed("matplotlib.figure", "plot")
+        drawing = library.Figure(figsize=(13.0, 5.5), layout="constrained")
         families = dict.fromkeys(p.job.family for p in self.points if p.counts)
         for axes, name in zip(drawing.subplots(1, 2), (RMS, "friction_energy"), strict=True):
             known = [p for p in self.points if p.counts and 0.0 < p.error(name) < inf]
@@ -410,8 +393,7 @@ def error_time(
     repeats: int = 3,
     quick: bool = False,
     wanted: Mapping[str, tuple[Any, ...]] | None = None,
-    meshes: Mapping[str, NamedMesh] | None = None,
-    contestants: Mapping[str, Callable[[Scene, Reference], Iterable[Job]]] | None = None,
+    more: Callable[[Reference], Iterable[Job]] = lambda _: (),
     progress: Progress | None = None,
 ) -> Report:
     """Run a scene of any dimension with many models.
@@ -424,10 +406,8 @@ def error_time(
         Timed rounds; one in a ``quick`` report of few points.
     wanted : mapping, optional
         What to run instead of some of `RANGE` or, in a quick report, `QUICK`.
-    meshes : mapping of str to NamedMesh, optional
-        Other meshes of the same structure.
-    contestants : mapping of str to callable, optional
-        More points by name: each gives its jobs from the scene and the reference.
+    more : callable, optional
+        More jobs from the reference.
 
     Raises
     ------
@@ -442,8 +422,6 @@ def error_time(
         raise InputError(problems)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     reference = make_reference(scene, quick, bound, progress)
-    jobs = [*full_jobs(scene, reference, what, meshes or {}), *reduced_jobs(scene, reference, what)]
-    for make in (contestants or {}).values():
-        jobs += make(scene, reference)
+    jobs = [*full_jobs(reference, what), *reduced_jobs(scene, reference, what), *more(reference)]
     points = measure(jobs, reference, repeats=1 if quick else repeats, progress=progress)
     return Report(scene.title, reference, points)

@@ -15,6 +15,7 @@ from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_st
 from skfem_joint.analysis.study import friction_work, shared_work
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.unknowns import selection
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
@@ -25,52 +26,25 @@ States = NDArray[np.int8]
 
 @dataclass(frozen=True)
 class Field:
-    """History of one model on all displacement nodes.
+    """History of one model on all displacement nodes."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the model's blocks, e.g. "full".
-    displacement, velocity : ndarray, shape (frames, N, dim)
-        m and m/s.
-    friction_traction : ndarray, shape (frames, N, dim)
-        On the pressed body, Pa; 0 off its contact.
-    slip_state : ndarray of int, shape (frames, N)
-        -1 no contact, 0 stick, 1 slip.
-    friction_work_density : ndarray, shape (frames, N)
-        Since the start, J/m2; 0 off the contact.
-    """
-
-    name: str
-    displacement: FloatArray
-    velocity: FloatArray
-    friction_traction: FloatArray
-    slip_state: States
-    friction_work_density: FloatArray
+    name: str  #: of the model's blocks, e.g. "full"
+    displacement: FloatArray  #: (frames, N, dim), m
+    velocity: FloatArray  #: (frames, N, dim), m/s
+    friction_traction: FloatArray  #: (frames, N, dim), on the pressed body, Pa; 0 off its contact
+    slip_state: States  #: (frames, N), -1 no contact, 0 stick, 1 slip
+    friction_work_density: FloatArray  #: (frames, N), since the start, J/m2; 0 off the contact
 
 
 @dataclass(frozen=True)
 class Frames:
-    """What a series or a picture shows: fields of models of one structure at common times.
-
-    Attributes
-    ----------
-    structure : Structure
-    times : ndarray, shape (frames,)
-        Increasing, s.
-    fields : sequence of Field
-        One for each model; frames beyond the last time are left out.
-    load_times : ndarray, shape (rows,)
-        s; as fine as the run stored them, not only the frames of the fields.
-    forces : mapping of str to ndarray, shape (rows,)
-        Force of each load by where it acts, N.
-    """
+    """What a series or a picture shows: fields of models of one structure at common times."""
 
     structure: Structure
-    times: FloatArray
-    fields: Sequence[Field]
-    load_times: FloatArray = field(default_factory=lambda: np.zeros(0))
-    forces: Mapping[str, FloatArray] = field(default_factory=dict)
+    times: FloatArray  #: (frames,), increasing, s
+    fields: Sequence[Field]  #: one for each model; frames beyond the last time are left out
+    load_times: FloatArray = field(default_factory=lambda: np.zeros(0))  #: (rows,), finer, s
+    forces: Mapping[str, FloatArray] = field(default_factory=dict)  #: by where each acts, N
 
     @cached_property
     def pressure(self) -> FloatArray:
@@ -94,8 +68,7 @@ class Frames:
     def _cell_means(self) -> sparse.csr_array:
         """Means over the corners of the linear sub-cells that may touch; else empty rows, (c, N).
 
-        A sub-cell may touch when enough of its corners do: all of them where cells are pressed,
-        as many as a facet has where facets are.
+        It takes as many touching corners as what is pressed has: those of a cell or of a facet.
         """
         cells, n = self.structure.cells, len(self.structure.nodes)
         inside = np.zeros(cells.shape, dtype=bool)
@@ -141,9 +114,7 @@ def _reaction(patch: Patch, n: int) -> sparse.csr_array:
     shares = sparse.csr_array((sparse.diags_array(of_node) @ weights).T)
     area = np.asarray(shares.sum(axis=1)).ravel()
     scale = np.divide(1.0, area, out=np.zeros(n), where=area > 0.0)
-    k = patch.nodes.size
-    pick = sparse.csr_array((np.ones(k), (np.arange(k), patch.nodes)), shape=(k, n))
-    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ pick)
+    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ selection(patch.nodes, n))
     mean.eliminate_zeros()
     return mean
 

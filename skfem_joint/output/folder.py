@@ -43,12 +43,8 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
     """See that a scene's output can be made before anything is computed, and keep its folder.
 
     What an earlier run wrote into the folder, as its summary lists it, is removed: if this run
-    fails, no old results stand for its own. All else is left alone.
-
-    Yields
-    ------
-    list of str
-        Sentences about files in the folder that are left alone.
+    fails, no old results stand for its own. All else is left alone, of which the sentences tell
+    that are yielded.
 
     Raises
     ------
@@ -158,12 +154,11 @@ def _curves(study: Study) -> dict[str, Writer]:
         for k, load in enumerate(system.loads):
             name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
             add(name, plots.hysteresis_figure, runs, load.on, k, rows)
-    for basis in [model.basis for model in study.models.values() if model.basis is not None]:
-        reference = basis.reference
+    if "reduced" in study.models and (basis := study.models["reduced"].basis):
         whose = _WHOSE[scene.reduction.reference]
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
-        if reference is not None:
-            add("proper_orthogonal_modes.png", plots.modes_figure, reference, whose)
+        if basis.reference is not None:
+            add("proper_orthogonal_modes.png", plots.modes_figure, basis.reference, whose)
     # Where a reduced model runs alone, the run that it was made from tells.
     model = next(iter(study.models.values()))
     peak = model.run.slip_peak if model.basis is None else model.basis.slip_peak

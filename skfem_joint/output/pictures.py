@@ -121,11 +121,7 @@ def warp_factor(frames: Frames) -> float:
 
 
 def telling_frame(frames: Frames) -> tuple[int, str]:
-    """Number of the frame that tells most, and why it does.
-
-    That is the one with most slip in the second half of the run, when it has settled; where nothing
-    slips, the one with the largest displacement.
-    """
+    """Frame with most slip in the second half of the run, else of largest displacement, and why."""
     first, count = frames.fields[0], len(frames.times)
     slipping = np.count_nonzero(first.slip_state[count // 2 : count] == 1, axis=1)
     if slipping.any():
@@ -135,9 +131,7 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
 
 
 def still(path: str | Path, frames: Frames) -> None:
-    """Draw the frame that tells most as a PNG, the models below or beside each other.
-
-    The forces are drawn below the bodies, with a mark at the frame.
+    """Draw the frame that tells most as a PNG: models side by side, forces below, with a mark.
 
     Raises
     ------

@@ -154,10 +154,8 @@ def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
-    box = Box(
-        "    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True
-    )  # one line below the names
-    table = Table(box=box, pad_edge=False, show_edge=False)
+    below_names = Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
+    table = Table(box=below_names, pad_edge=False, show_edge=False)
     table.add_column(Text(corner), no_wrap=True)
     for name in columns:
         table.add_column(Text(name), justify="right", no_wrap=True)

@@ -8,6 +8,7 @@ could not write, and it is 2 to 23 times slower.
 from __future__ import annotations
 
 import csv
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,8 +42,7 @@ UNITS = (
 )
 
 # Linear cells by dimension and corners: name in VTK, corners beside the first one, and corners of
-# one that is inside out. VTK goes around the lower face of a hexahedron, then around the upper one;
-# scikit-fem numbers its corners otherwise.
+# one that is inside out.
 _CELLS: dict[tuple[int, int], tuple[str, tuple[int, ...], tuple[int, ...]]] = {
     (1, 2): ("LINE", (1,), (1, 0)),
     (2, 3): ("TRIANGLE", (1, 2), (2, 1, 0)),
@@ -51,28 +51,18 @@ _CELLS: dict[tuple[int, int], tuple[str, tuple[int, ...], tuple[int, ...]]] = {
     (3, 6): ("WEDGE", (), ()),
     (3, 8): ("HEXAHEDRON", (1, 3, 4), (4, 5, 6, 7, 0, 1, 2, 3)),
 }
+# scikit-fem's corners in VTK's order, around the lower face and then around the upper one.
 _HEXAHEDRON = (0, 3, 6, 2, 1, 5, 7, 4)
 
 
 @dataclass(frozen=True)
 class Block:
-    """One body as a grid.
+    """One body as a grid."""
 
-    Attributes
-    ----------
-    label : str
-        Name of the body: its region if one is exactly the body, else "body 1" and so on. Empty
-        for a body that is alone.
-    grid : pyvista.UnstructuredGrid
-        With what does not change in time.
-    nodes, cells : ndarray of int
-        Displacement node of each point, linear sub-cell of each cell.
-    """
-
-    label: str
-    grid: Any
-    nodes: IntArray
-    cells: IntArray
+    label: str  #: name of the body, empty for one that is alone
+    grid: Any  #: pyvista.UnstructuredGrid with what does not change in time
+    nodes: IntArray  #: displacement node of each point
+    cells: IntArray  #: linear sub-cell of each cell
 
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
         """Give the grid the values of one frame, from :meth:`Frames.arrays`; returns it."""
@@ -135,24 +125,21 @@ def _add_texts(grid: Any, name: str, texts: Sequence[str]) -> None:
 
 
 def _labels(structure: Structure) -> list[str]:
-    """Name of each body."""
+    """Name of each body: its region if one is exactly the body; empty for one that is alone."""
     mesh = structure.mesh
     count = int(mesh.body.max()) + 1
     if count == 1:
         return [""]
     labels = [f"body {number + 1}" for number in range(count)]
     for name, elements in mesh.regions.items():
-        number = mesh.body[elements[0]] if len(elements) else -1
-        if number >= 0 and np.array_equal(np.sort(elements), np.flatnonzero(mesh.body == number)):
+        number = mesh.body[elements[0]]
+        if np.array_equal(elements, np.flatnonzero(mesh.body == number)):
             labels[number] = name
     return labels
 
 
 def _directions(structure: Structure) -> FloatArray:
-    """Directions that the mesh is swept along, (3 - dim, 3): of a bar's width and thickness.
-
-    That of the thickness comes last; that of the width is horizontal, across the bar.
-    """
+    """Directions of a bar's width (horizontal, across it) and of the thickness, (3 - dim, 3)."""
     if structure.dim > 1:
         return np.eye(3)[structure.dim :]
     along = structure.axes[0]
@@ -177,10 +164,8 @@ def _heights(structure: Structure) -> FloatArray:
     """
     body = structure.mesh.body
     height = np.zeros(int(body.max()) + 1)
-    if structure.dim == 3:
-        return height
-    thickness = _section(structure)[:, -1]
-    thick = np.array([thickness[body == number].max() for number in range(height.size)])
+    thick = np.zeros(height.size)
+    np.maximum.at(thick, body, structure.properties["thickness"])
     above = {
         (int(upper), int(lower))
         for patch in structure.patches
@@ -211,43 +196,33 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     """Write histories as a series that ParaView opens; returns the index and the frames' files.
 
     Each body of each model is a block, named "full: upper" by the region that is exactly the body,
-    else "full: body 1"; a body that is alone has the model's name. ParaView shows the names of the
-    blocks, pyvista those of ``reader.active_datasets`` (``group``). Models lie on each other:
-    switch blocks off or move them in ParaView. A bar is swept to its width and thickness, a plate
-    to its thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one
-    are moved apart: the pressed one lies above the other, with half of its thickness as a gap.
+    else "full: body 1"; a body that is alone has the model's name. Models lie on each other: switch
+    blocks off or move them in ParaView. A bar is swept to its width and thickness, a plate to its
+    thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one are
+    moved apart: the pressed one lies above the other, with half of its thickness as a gap.
 
-    Points carry the vectors ``displacement`` (m), ``velocity`` (m/s), ``friction_traction`` (Pa),
-    and ``slip_state``, ``pressure`` (Pa) and ``friction_work_density`` (J/m2). The body that is not
+    Points carry ``displacement`` (m), ``velocity`` (m/s), ``friction_traction`` (Pa),
+    ``slip_state``, ``pressure`` (Pa) and ``friction_work_density`` (J/m2). The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
     nodal contact area adds up to the same force with the opposite sign. Cells carry
-    ``contact_state`` (the slip state for pictures, see :meth:`Frames.arrays`), ``region`` (position
-    in the field array ``region_names``, -1 without one; of overlapping regions the one with fewest
-    elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in
-    each file. Elements of second order come as linear cells on their nodes.
+    ``contact_state`` (see :meth:`Frames.arrays`), ``region`` (position in the field array
+    ``region_names``, -1 without one; of overlapping regions the one with fewest elements), ``body``
+    and ``thickness`` (m, not of solids). The field array ``units`` says this in each file. Elements
+    of second order come as linear cells on their nodes.
 
-    ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on. Every file takes its place only
-    when it is whole, the index last: whatever ends the writing leaves one of the frames done.
-
-    Parameters
-    ----------
-    path : str or Path
-        File name of the index, ending in ".pvd"; folders are made.
-    frames : Frames
+    ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on; folders are made. Every file
+    takes its place only when it is whole, the index last: whatever ends the writing leaves one of
+    the frames done.
 
     Raises
     ------
     InputError
-        Names that do not fit, a path that cannot be written, or pyvista is missing.
+        Names that lead to one file, a path that cannot be written, or pyvista is missing.
     """
-    index, problems, names = Path(path), [], _names(frames)
-    if index.suffix != ".pvd":
-        problems.append(f"{index}: the name of a series for ParaView must end in .pvd")
+    index, names = Path(path), _names(frames)
     if len({safe_name(name).casefold() for name in names}) < len(names):
         found = ", ".join(repr(name) for name in names)
-        problems.append(f"fields: the names {found} lead to files of the same name")
-    if problems:
-        raise InputError(problems)
+        raise InputError(f"fields: the names {found} lead to files of the same name")
     blocks, files = blocks_of(frames.structure), series_files(index, frames)
     try:
         index.with_suffix("").mkdir(parents=True, exist_ok=True)
@@ -268,7 +243,7 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     finally:
         if done:
             _write_index(index, frames.times, names, files[:done])
-    return [index, *(file for row in files for file in row)]
+    return [index, *itertools.chain(*files)]
 
 
 def _names(frames: Frames) -> list[str]:

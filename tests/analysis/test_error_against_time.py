@@ -23,10 +23,11 @@ from skfem_joint.scene import Scene
 
 TINY: dict[str, Any] = {"parts": (1, 4), "factors": (10.0,), "modes": (2, 1000)}
 TINY["reduced_parts"] = (2,)
+MESH = "full, mesh"
 
 
-def small(**changes: Any) -> Scene:
-    bar = build_bar([("joint", LENGTH, 10)], BARS["lap_joint"][1])
+def small(elements: int = 10, **changes: Any) -> Scene:
+    bar = build_bar([("joint", LENGTH, elements)], BARS["lap_joint"][1])
     time, reduction = {"cycles": 2, "steps_per_cycle": 50}, {"reference": "paper"}
     options: dict[str, Any] = {"beta": 200.0, "time": time, "reduction": reduction}
     return lap_joint(bar=bar, **(options | changes))
@@ -37,8 +38,8 @@ def truth() -> Reference:
     return make_reference(small(beta=1e3), quick=True)
 
 
-def contestant(scene: Scene, reference: Reference) -> Iterator[et.Job]:
-    assert scene.system().n == reference.system.n
+def others(reference: Reference) -> Iterator[et.Job]:
+    yield from et.other_jobs(reference, (1, 4), MESH, small(5).system(), {"mesh": "5"})
     wrong = results(reference.grid.integrate(reference.system, 1))
     yield et.Job("someone else's", {"tolerance": 1e-3}, lambda: et.Outcome(wrong, 1e-6))
     yield et.Job("someone else's", {}, lambda: et.Outcome(None, status="did not finish in 1 s"))
@@ -46,11 +47,7 @@ def contestant(scene: Scene, reference: Reference) -> Iterator[et.Job]:
 
 @pytest.fixture(scope="module")
 def report() -> et.Report:
-    coarse = {"5": build_bar([("joint", LENGTH, 5)], BARS["lap_joint"][1])}
-    given = {"else": contestant}
-    return et.error_time(
-        small(), repeats=1, quick=True, wanted=TINY, meshes=coarse, contestants=given
-    )
+    return et.error_time(small(), repeats=1, quick=True, wanted=TINY, more=others)
 
 
 def point(wall: float, error: float, status: str = et.FINISHED, **what: Any) -> et.Point:
@@ -76,7 +73,7 @@ def test_report_has_all_models_and_what_they_cost(report: et.Report) -> None:
         et.FULL,
         et.STEEPNESS,
         et.COULOMB,
-        et.OTHER_MESH,
+        MESH,
         et.REDUCED,
         et.FEW_POINTS,
         "someone else's",
@@ -93,7 +90,7 @@ def test_report_has_all_models_and_what_they_cost(report: et.Report) -> None:
         if p.job.family == et.FULL:
             assert p.error() == pytest.approx(p.error(et.TIME_ERROR))
         # Other meshes and laws err by more than their time step.
-        is_other = p.job.family in (et.OTHER_MESH, et.STEEPNESS)
+        is_other = p.job.family in (MESH, et.STEEPNESS)
         if is_other and p.outcome.work["steps"] == 4 * 50:
             assert p.error() > 2.0 * p.error(et.TIME_ERROR)
     text = report.markdown()

@@ -98,7 +98,7 @@ def test_jacobians_are_derivatives(truth: Reference) -> None:
 
 
 def test_competitor_beyond_the_bound_is_listed_as_such(truth: Reference) -> None:
-    jobs = ready_made.ready_made_jobs(small(), truth, 1e-3, [Form("BDF", (1e-4, 1e-6, 1e-8))])
+    jobs = ready_made.ready_made_jobs(truth, 1e-3, [Form("BDF", (1e-4, 1e-6, 1e-8))])
     found = et.measure(jobs, truth, repeats=1)
     assert found[0].outcome.status == "did not finish in 0.001 s"
     assert all(p.outcome.status.startswith("not tried") for p in found[1:])
@@ -109,11 +109,11 @@ def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(
     truth: Reference, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ready_made.importlib.util, "find_spec", lambda _: None)
-    (job,) = ready_made.ready_made_jobs(small(), truth, 1.0, [Form("IDA", (1e-4,))])
+    (job,) = ready_made.ready_made_jobs(truth, 1.0, [Form("IDA", (1e-4,))])
     assert "skfem-joint[bench]" in job.run().status
     coulomb = replace(truth, system=truth.system.with_beta(np.inf))
-    assert list(ready_made.ready_made_jobs(small(), coulomb, 1.0)) == []
-    assert list(ready_made.explicit_jobs(small(), coulomb)) == []
+    assert list(ready_made.ready_made_jobs(coulomb, 1.0)) == []
+    assert list(ready_made.explicit_jobs(coulomb)) == []
     with pytest.raises(InputError, match="set-valued"):
         FirstOrder(coulomb.system)
 
@@ -122,7 +122,7 @@ def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth: Reference
     gentle = replace(truth, system=truth.system.with_beta(20.0))
     own = results(truth.grid.integrate(gentle.system, 256))
     for longest, status in ((np.inf, et.FINISHED), (0.0, "extrapolated")):
-        (job,) = ready_made.explicit_jobs(small(), gentle, longest)
+        (job,) = ready_made.explicit_jobs(gentle, longest)
         found = job.run()
         assert found.status == status
         if found.results is not None:
@@ -168,7 +168,7 @@ def test_the_report_joins_competitors_to_our_models(
     with (tmp_path / "error-time.csv").open(newline="") as stream:
         families = {row["family"] for row in csv.DictReader(stream)}
     made = {f"ready-made {form.name}" for form in FORMS}
-    assert families >= {et.FULL, et.COULOMB, et.OTHER_MESH, ready_made.EXPLICIT, *made}
+    assert families >= {et.FULL, et.COULOMB, ready_made.MESH, ready_made.EXPLICIT, *made}
     assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
 
 

@@ -246,11 +246,8 @@ def test_the_load_beside_the_series_reads_back(tmp_path: Path) -> None:
 def test_mistakes_and_places_that_cannot_be_written_are_input_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(InputError) as caught:
-        write_series(tmp_path / "a.vtk", random_frames(bar(), ("a:b", "A_b")))
-    assert len(caught.value.problems) == 2
-    assert ".pvd" in caught.value.problems[0]
-    assert "same name" in caught.value.problems[1]
+    with pytest.raises(InputError, match="same name"):
+        write_series(tmp_path / "a.pvd", random_frames(bar(), ("a:b", "A_b")))
     assert not list(tmp_path.iterdir())
     frames = random_frames(bar())
     (tmp_path / "file").write_text("")
