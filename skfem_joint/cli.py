@@ -153,7 +153,8 @@ def _check(options: argparse.Namespace) -> int:
     _describe(scene)
     if scene.sweep is not None:
         print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
-    print(f"A run needs about {memory.size(memory.needed(scene).total)} beside the program.")
+    need = sum(memory.needed(scene).values())
+    print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
 

@@ -54,8 +54,7 @@ class Source:
 def extrapolated(first: float, second: float) -> tuple[float, float | None]:
     """Error of the coarsest of three results from their successive differences, and the order.
 
-    The error is ``first / (1 - 2**-p)`` with the order p = log2(first / second) kept between
-    `ORDERS`; the order is given as observed, None if there is none.
+    The order p is given as observed, None if there is none; the error uses one within `ORDERS`.
     """
     if first == 0.0 or second == 0.0:
         return first, None
@@ -76,11 +75,11 @@ def halved(source: str, runs: Sequence[Results]) -> Source:
     first = difference(runs[0], runs[1])
     if len(runs) == 2:
         return Source(source, {k: None if e is None else 2.0 * e for k, e in first.items()})
-    found: dict[str, tuple[float | None, float | None]] = {}
-    for (name, a), b in zip(first.items(), difference(runs[1], runs[2]).values(), strict=True):
-        found[name] = (None, None) if a is None or b is None else extrapolated(a, b)
-    errors = {name: error for name, (error, _) in found.items()}
-    return Source(source, errors, found[QUANTITIES[0]][1])
+    second = difference(runs[1], runs[2])
+    pairs = {k: (a, b) for k, a in first.items() if a is not None and (b := second[k]) is not None}
+    found = {k: extrapolated(*pair) for k, pair in pairs.items()}
+    errors = {k: found[k][0] if k in found else None for k in first}
+    return Source(source, errors, found.get(QUANTITIES[0], (None, None))[1])
 
 
 def full_results(scene: Scene) -> Results:
@@ -91,17 +90,7 @@ def full_results(scene: Scene) -> Results:
 def looks(
     scene: Scene, base: Results, progress: Progress | None = None
 ) -> tuple[list[Source], Results]:
-    """Errors of a full model's results from its mesh and its law, and results on the finest mesh.
-
-    ``progress`` is called with (label, runs done, runs in all).
-
-    Raises
-    ------
-    ConvergenceError
-        If a run does not converge.
-    KeyboardInterrupt
-        If one is interrupted.
-    """
+    """Errors of a full model's results from its mesh and its law, and results on the finest mesh."""
     steep = any(joint.law == "arctan" for joint in scene.joint)
     halvings = HALVINGS[scene.named_mesh.dim]
     report = partial(progress or (lambda *_: None), "certifying the full model")
@@ -148,10 +137,9 @@ def certify(study: Study, name: str, progress: Progress | None = None) -> Model:
     elif "full" not in study.models:
         parts["full_run"] = _short(study, model)
         known = [parts.get("total", {}), parts["full_run"]]
-        errors = {key: [one.get(key) for one in known] for key in QUANTITIES}
         parts["total"] = {
-            key: max((e for e in some if e is not None), default=None)
-            for key, some in errors.items()
+            key: max((e for one in known if (e := one.get(key)) is not None), default=None)
+            for key in QUANTITIES
         }
     return replace(model, estimate=replace(model.estimate or Estimate({}), parts=parts))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ SHARE = 0.8
 #: Bound where the system does not say what is available, bytes.
 FALLBACK = 4 * GIB
 
+_POINTS, _FIELDS = "histories of points", "fields"  # parts that options of the output shrink
 _NUMBER = 8  # bytes of a float
 _OF_A_SCENE = 2**17  # bytes of what does not grow with anything
 _OF_A_CYCLE = 800  # bytes of the works and peaks of a cycle: small arrays and what holds them
@@ -34,27 +36,6 @@ _MOST_TIMES = 300  # of a run that a decomposition takes
 _PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
 # States of static paths, with increments, in general and under one harmonic; preliminary steps.
 _PATH_STATES, _PRELIMINARY_STEPS = (230, 40), 400
-
-
-@dataclass(frozen=True)
-class Need:
-    """Bytes that a scene needs at its peak, by what takes them.
-
-    Histories of points and loads, and fields: stored, compared and written; training: every step of
-    the run that a reduced model's modes come from, and their decomposition; unknowns: mesh,
-    matrices, their factors and states; cycles: their works and peaks.
-    """
-
-    points: int
-    fields: int
-    training: int
-    unknowns: int
-    cycles: int
-
-    @property
-    def total(self) -> int:
-        """Sum of all, bytes."""
-        return self.points + self.fields + self.training + self.unknowns + self.cycles
 
 
 def available() -> int | None:
@@ -73,8 +54,8 @@ def default_limit() -> float:
     return FALLBACK if free is None else SHARE * free
 
 
-def needed(scene: Scene, like: Scene | None = None) -> Need:
-    """Estimate what a scene needs, from above but not by far.
+def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
+    """Estimate what a scene needs at its peak by what takes it, bytes, from above but not by far.
 
     ``like`` is one whose structure and system are the same, but built already.
     """
@@ -125,16 +106,16 @@ def needed(scene: Scene, like: Scene | None = None) -> Need:
     share, power = _FILL[dim]
     factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))
     cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads)
-    return Need(
-        _NUMBER * (stored * history + estimated),
-        _NUMBER * frames * frame,
-        _NUMBER * training,
-        unknowns + factor + _NUMBER * states,
-        models * (scene.time.cycles or 0) * cycle,
-    )
+    return {
+        _POINTS: _NUMBER * (stored * history + estimated),
+        _FIELDS: _NUMBER * frames * frame,
+        "training run of the reduced model": _NUMBER * training,
+        "unknowns": unknowns + factor + _NUMBER * states,
+        "works of cycles": models * (scene.time.cycles or 0) * cycle,
+    }
 
 
-def check(scene: Scene, limit: float) -> Need:
+def check(scene: Scene, limit: float) -> None:
     """Refuse a scene that needs more than ``limit`` bytes.
 
     Raises
@@ -146,36 +127,29 @@ def check(scene: Scene, limit: float) -> Need:
     if not limit > 0.0:
         raise InputError(f"--memory-limit: found {limit / GIB:g} GiB, must be > 0")
     need = needed(scene)
-    if need.total <= limit:
-        return need
-    parts = {
-        "histories of points": need.points,
-        "fields": need.fields,
-        "training run of the reduced model": need.training,
-        "unknowns": need.unknowns,
-        "works of cycles": need.cycles,
-    }
-    largest = sorted(parts, key=lambda name: -parts[name])
-    shown = [f"{name} {size(parts[name])}" for name in largest if parts[name] > 0.01 * need.total]
-    savings = [f"{option} needs {size(total)}" for option, total in _savings(scene, need, limit)]
+    total = sum(need.values())
+    if total <= limit:
+        return
+    largest = sorted(need, key=lambda name: -need[name])
+    shown = [f"{name} {size(need[name])}" for name in largest if need[name] > 0.01 * total]
+    savings = "; ".join(_savings(scene, need, limit)) or "use a coarser mesh"
     raise InputError(
-        f"memory: the run would need {size(need.total)} ({', '.join(shown)}), more than the "
-        f"{size(limit)} it may take. Store less: {'; '.join(savings) or 'use a coarser mesh'}. Or "
-        "raise --memory-limit"
+        f"memory: the run would need {size(total)} ({', '.join(shown)}), more than the "
+        f"{size(limit)} it may take. Store less: {savings}. Or raise --memory-limit"
     )
 
 
-def _savings(scene: Scene, need: Need, limit: float) -> list[tuple[str, int]]:
-    """Options that store less, each with what the run then needs, bytes."""
-    output = scene.output
+def _savings(scene: Scene, need: Mapping[str, int], limit: float) -> Iterator[str]:
+    """Options that store less, each with what the run then needs."""
+    output, whole = scene.output, sum(need.values())
 
     def fitting(part: int) -> float:
         """Factor by which a part must shrink for the run to fit, if it can."""
-        room = limit - (need.total - part)
+        room = limit - (whole - part)
         return 2.0 * part / room if room > 0.02 * part else 100.0
 
-    every = min(scene.n_steps, math.ceil(output.every * fitting(need.points)))
-    frames = max(1, int(min(output.frames, scene.n_steps) / fitting(need.fields)))
+    every = min(scene.n_steps, math.ceil(output.every * fitting(need[_POINTS])))
+    frames = max(1, int(min(output.frames, scene.n_steps) / fitting(need[_FIELDS])))
     options: list[tuple[str, str, Any]] = [
         ("output", "every", every),
         ("output", "history", False),
@@ -184,19 +158,14 @@ def _savings(scene: Scene, need: Need, limit: float) -> list[tuple[str, int]]:
         ("output", "vtk", False),
         ("reduction", "reference", "static"),
     ]
-    found = []
     for table, key, value in options:
         changes: Any = {table: {key: value}}
-        total = needed(scene.changed(**changes), scene).total
-        if total < 0.98 * need.total:
-            shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
-            found.append((f"{table}.{key} = {shown}", total))
-    return found
+        total = sum(needed(scene.changed(**changes), scene).values())
+        if total < 0.98 * whole:
+            yield f"{table}.{key} = {json.dumps(value)} needs {size(total)}"
 
 
 def size(amount: float) -> str:
     """Bytes in a unit that reads well."""
-    for unit, name in ((GIB, "GiB"), (2**20, "MiB")):
-        if amount >= unit:
-            return f"{amount / unit:.3g} {name}"
-    return f"{amount / 2**10:.3g} KiB"
+    power = 3 if amount >= GIB else 2 if amount >= 2**20 else 1
+    return f"{amount / 1024**power:.3g} {' KMG'[power]}iB"
