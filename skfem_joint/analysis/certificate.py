@@ -90,7 +90,7 @@ def full_results(scene: Scene) -> Results:
 def looks(
     scene: Scene, base: Results, progress: Progress | None = None
 ) -> tuple[list[Source], Results]:
-    """Errors of a full model's results from its mesh and its law, and results on the finest mesh."""
+    """Errors of a full model from its mesh and its law, and its results on the finest mesh."""
     steep = any(joint.law == "arctan" for joint in scene.joint)
     halvings = HALVINGS[scene.named_mesh.dim]
     report = partial(progress or (lambda *_: None), "certifying the full model")
