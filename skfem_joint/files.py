@@ -8,23 +8,16 @@ import re
 import secrets
 import stat
 import sys
-import time
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from platform import node
 from typing import Any
 
 from skfem_joint.errors import InputError
 
-# A file that is not whole yet is called ".unfinished-HOST-PROCESS-TOKEN", with the ending of the
-# whole one. The token keeps names apart where two containers have processes of the same number.
-_UNFINISHED = re.compile(r"\.unfinished-([0-9a-f]{8})-([0-9]+)-[0-9a-f]{16}(?![0-9a-f]).*")
-#: Seconds after which an unfinished file is left over, whoever wrote it.
-_DAY = 86400.0
-
+# A file that is not whole yet is called ".unfinished-TOKEN", with the ending of the whole one.
+_UNFINISHED = re.compile(r"\.unfinished-[0-9a-f]{16}(?![0-9a-f]).*")
 _LOCK = ".skfem-joint-running"
 
 #: Largest file that is read as input, bytes: a bar of a few million elements.
@@ -61,38 +54,13 @@ def read_whole(path: Path, most: int = LARGEST) -> bytes:
         raise InputError(f"{path}: cannot be read: {reason}") from error
 
 
-def _host() -> str:
-    """Eight hexadecimal digits that stand for this machine's name."""
-    return f"{zlib.crc32(node().encode()):08x}"
-
-
-def remove_unfinished(folder: Path) -> None:
-    """Remove what dead processes left of files they had begun in a folder or right below it.
-
-    Dead is a process of this machine that is no more, or one that has not touched its file for a
-    day; files that living processes write stay.
-    """
+def _remove_unfinished(folder: Path) -> None:
+    """Remove what dead processes left of files in a folder held by this one, or right below it."""
     for path in [*folder.glob(".unfinished-*"), *folder.glob("*/.unfinished-*")]:
-        found = _UNFINISHED.fullmatch(path.name)
-        if found is None:
-            continue
-        with suppress(OSError):
-            here = found[1] == _host() and not _lives(int(found[2]))
-            if here or time.time() - path.stat().st_mtime > _DAY:
+        others = path.parent != folder and (path.parent / _LOCK).exists()
+        if _UNFINISHED.fullmatch(path.name) and not others:
+            with suppress(OSError):
                 path.unlink()
-
-
-def _lives(process: int) -> bool:
-    """Whether this machine has a process of that number, as far as it can be told."""
-    if sys.platform == "win32":  # asking there would end it
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
 
 
 @contextmanager
@@ -107,8 +75,7 @@ def replacing(path: Path) -> Iterator[Path]:
     InputError
         If it cannot be written.
     """
-    token = f"{_host()}-{os.getpid()}-{secrets.token_hex(8)}"
-    temporary = path.with_name(f".unfinished-{token}{path.suffix}")
+    temporary = path.with_name(f".unfinished-{secrets.token_hex(8)}{path.suffix}")
     try:
         temporary.write_bytes(b"")
         yield temporary
@@ -166,7 +133,7 @@ def holding(folder: Path) -> Iterator[None]:
             f"{folder}: cannot be written to ({error.strerror or error}); choose another folder"
         ) from error
     try:
-        remove_unfinished(folder)
+        _remove_unfinished(folder)
         yield
     finally:
         with suppress(OSError):

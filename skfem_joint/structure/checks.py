@@ -22,16 +22,13 @@ if TYPE_CHECKING:
     from skfem_joint.system import System
 
 _KINDS = ("region", "boundary", "point")
-#: Sizes across a mesh of each dimension.
-SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
-#: What may be pressed in a mesh of each dimension.
-PRESSED = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}
-#: A body so many times longer than thick was probably drawn in other units; so was one as short.
+# Sizes across a mesh of each dimension, and what may be pressed in it.
+_SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
+_PRESSED = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}
+# A body so many times longer than thick was probably drawn in other units; so was one as short.
 _LONGEST, _SHORTEST = 2000.0, 0.1
-#: A bolt's ring on fewer contact points is poorly resolved.
-_FEWEST_POINTS = 12
-#: Share of a bolt's ring that lies on the joint, below which to say so.
-_WHOLE_RING = 0.99
+# A bolt's ring on fewer contact points is poorly resolved; share of it that is told as not whole.
+_FEWEST_POINTS, _WHOLE_RING = 12, 0.99
 
 
 def problems_of(structure: Structure) -> list[str]:
@@ -58,7 +55,7 @@ def _one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
 
 
 def _values(structure: Structure) -> Iterator[str]:
-    needed = SECTION[structure.dim]
+    needed = _SECTION[structure.dim]
     what = {1: "a bar", 2: "a plate", 3: "a solid"}[structure.dim]
     for name in ("width", "thickness"):
         value = getattr(structure, name)
@@ -95,7 +92,7 @@ def _poisson(where: str, value: float) -> Iterator[str]:
 
 
 def _overrides(structure: Structure) -> Iterator[str]:
-    known = ("E", "density", "poisson", *SECTION[structure.dim])
+    known = ("E", "density", "poisson", *_SECTION[structure.dim])
     regions = structure.mesh.regions
     for region, values in structure.regions.items():
         where = f"regions.{region}"
@@ -113,22 +110,18 @@ def _overrides(structure: Structure) -> Iterator[str]:
             )
 
 
-def _share(one: ArrayLike, two: ArrayLike) -> int:
-    return int(np.intersect1d(one, two).size)
-
-
-def _tables(mesh: NamedMesh) -> dict[str, Mapping[str, Any]]:
-    return {"region": mesh.regions, "boundary": mesh.boundaries, "point": mesh.points}
+def _share(one: ArrayLike, two: ArrayLike) -> bool:
+    return np.intersect1d(one, two).size > 0
 
 
 def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> list[str]:
     """What is wrong with a name that must be of one of the kinds, if anything is."""
-    tables = _tables(mesh)
-    found = [kind for kind in _KINDS if name in tables[kind]]
-    right = [kind for kind in found if kind in kinds]
-    if right:
-        empty = right[0] != "point" and len(tables[right[0]][name]) == 0
-        return [f"{where}: found {name!r}, a {right[0]} that is empty"] if empty else []
+    tables: dict[str, Mapping[str, Any]] = {
+        "region": mesh.regions, "boundary": mesh.boundaries, "point": mesh.points
+    }  # fmt: skip
+    found = [kind for kind in tables if name in tables[kind]]
+    if set(found) & set(kinds):
+        return []
     has = [f"{kind}: {', '.join(map(repr, sorted(tables[kind]))) or '-'}" for kind in kinds]
     close = difflib.get_close_matches(name, [n for kind in kinds for n in tables[kind]], n=1)
     hint = f", did you mean {close[0]!r}?" if close else ""
@@ -152,13 +145,13 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
         if isinstance(joint.pressure, int | float):
             yield from positive(f"{where}: pressure", joint.pressure, ">= 0")
         kind = "region" if joint.on in mesh.regions else "boundary"
-        problems = wrong_name(mesh, joint.on, PRESSED[mesh.dim], f"{where}.on")
+        problems = wrong_name(mesh, joint.on, _PRESSED[mesh.dim], f"{where}.on")
         if not problems and joint.against is not None:
             problems = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
         if problems:
             yield from problems
             continue
-        table = _tables(mesh)[kind]
+        table = mesh.regions if kind == "region" else mesh.boundaries
         parts = [table[name] for name in (joint.on, joint.against) if name is not None]
         if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
             yield f"{where}: it runs inside a body; a joint must be on its border"
@@ -173,10 +166,8 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
             yield f"{where} overlaps joint {', '.join(others)}; joints must not overlap"
         taken[kind].append(joint)
         if isinstance(joint.pressure, PressureTable):
-            vertices = np.unique(
-                (mesh.mesh.t if kind == "region" else mesh.mesh.facets)[:, parts[0]]
-            )
-            yield from _table_covers(mesh, joint.pressure, vertices, where)
+            corners = mesh.mesh.t if kind == "region" else mesh.mesh.facets
+            yield from _table_covers(mesh, joint.pressure, corners[:, parts[0]].ravel(), where)
 
 
 def _table_covers(
@@ -257,7 +248,6 @@ def _rigid_motions(structure: Structure) -> FloatArray:
 def loose_bodies(structure: Structure) -> list[str]:
     """Bodies left with a rigid motion by supports, closed contact and friction, in words."""
     motions = _rigid_motions(structure)
-    count = motions.shape[2]
     rows = [motions[structure.held]]
     for patch in structure.patches:
         relative = np.moveaxis(patch.relative(np.moveaxis(motions, 2, 0)), 0, -1)
@@ -265,12 +255,11 @@ def loose_bodies(structure: Structure) -> list[str]:
             rows.append(np.einsum("kc,kcm->km", patch.normal, relative))
         if patch.joint.friction > 0.0:
             held = np.einsum("kdc,kcm->kdm", patch.directions, relative)
-            rows.append(held.reshape(-1, count))
+            rows.append(held.reshape(-1, motions.shape[2]))
     gram = sum(row.T @ row for row in rows)
     squares, vectors = np.linalg.eigh(gram / structure.n_nodes)
     loose = np.abs(vectors[:, squares < SMALL**2 + 1e-13 * squares.max(initial=0.0)])
-    bodies = int(structure.mesh.body.max()) + 1
-    moving = loose.reshape(bodies, -1).max(axis=1, initial=0.0) > 1e-6
+    moving = loose.reshape(structure.mesh.body.max() + 1, -1).max(axis=1, initial=0.0) > 1e-6
     return [
         f"{_body_label(structure.mesh, body)} is left unsupported: it can move or turn freely; "
         "hold it by a support, or by a joint with friction on a body that is held"

@@ -31,6 +31,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
     entered = np.zeros(m, dtype=bool)
+    outwards = np.zeros((count, dim))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
         beta[patch.points] = patch.joint.beta
@@ -38,6 +39,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
         if patch.normal is not None:
             normal[patch.points] = patch.normal
+            outwards[patch.held_nodes] = patch.held_normal
         if patch.other is not None:
             new = ~entered[patch.points]
             R = R + selection(patch.points[new], m).T @ patch.other[new]
@@ -49,10 +51,6 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     # What is left of a node's freedom beside its slips is held by the contact that stays closed.
     closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
     # So are nodes pressed by a border that supports keep from slipping, where they are free.
-    outwards = np.zeros((count, dim))
-    for patch in patches:
-        if patch.held_normal is not None:
-            outwards[patch.held_nodes] = patch.held_normal
     outwards[node] = 0.0
     outwards[held] = 0.0
     still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
@@ -52,9 +53,7 @@ class Nodes:
     @cached_property
     def basis(self) -> Any:
         """Scalar basis of scikit-fem: its degrees of freedom are the nodes."""
-        from skfem import Basis
-
-        return Basis(self.mesh.mesh, self.element, intorder=self.quadrature)
+        return skfem.Basis(self.mesh.mesh, self.element, intorder=self.quadrature)
 
     @cached_property
     def _split(self) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:
@@ -111,16 +110,14 @@ class Nodes:
 
     def even_shares(self, name: str) -> FloatArray:
         """Share (N,) of each node in a unit spread evenly over a boundary, a region or a point."""
-        from skfem import FacetBasis, LinearForm
-
         if name in self.mesh.points:
             return np.bincount([self.mesh.points[name]], minlength=self.n_nodes).astype(float)
         if name in self.mesh.regions:
             part = self.basis.with_elements(self.mesh.regions[name])
         else:
-            facets = self.mesh.boundaries[name]
-            part = FacetBasis(self.mesh.mesh, self.element, facets=facets, intorder=self.quadrature)
-        shares = np.asarray(LinearForm(lambda v, _: 1.0 * v).assemble(part))
+            how = {"facets": self.mesh.boundaries[name], "intorder": self.quadrature}
+            part = skfem.FacetBasis(self.mesh.mesh, self.element, **how)
+        shares = np.asarray(skfem.LinearForm(lambda v, _: 1.0 * v).assemble(part))
         # Shape functions of other nodes, and some of the second order, give round-off.
         shares[np.abs(shares) < 1e-12 * np.abs(shares).max()] = 0.0
         return np.asarray(shares / shares.sum())

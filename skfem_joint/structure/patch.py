@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -75,50 +76,25 @@ class Joint:
 
 @dataclass(frozen=True)
 class Patch:
-    """Contact points of a joint: its nodes that carry pressure and are not held.
-
-    Attributes
-    ----------
-    joint : Joint
-    nodes : ndarray of int, shape (k,)
-        Displacement nodes of the body that is pressed.
-    points : ndarray of int, shape (k,)
-        Numbers of the contact points in the system.
-    normal_force, area : ndarray, shape (k,)
-        Normal force (N) and share of the contact area (m2) of each.
-    directions : ndarray, shape (k, d, dim)
-        Unit slip directions, perpendicular to each other; zero for those that a node has not, which
-        come last.
-    normal : ndarray, shape (k, dim), or None
-        Unit normals of facets, outwards; None where cells lie on their base.
-    cells : ndarray of int, shape (c, corners)
-        Linear sub-cells of the contact on node numbers.
-    other : sparse array, shape (k, N), or None
-        Values of the other body at the contact nodes from those of its nodes; None: rigid base.
-    held_nodes : ndarray of int
-        Nodes that carry pressure but cannot slip, being supported.
-    held_normal : ndarray, shape (held nodes, dim), or None
-        Their normals: what is pressed by its border cannot leave its base there either.
-    held_force, held_area : float
-        Their share of the clamping force (N) and area (m2).
-    bolt_shares : tuple of float
-        Part of the ring pressed by each bolt that lies on the joint.
-    """
+    """Contact points of a joint: its nodes that carry pressure and are not held."""
 
     joint: Joint
-    nodes: IntArray
-    points: IntArray
-    normal_force: FloatArray
-    area: FloatArray
+    nodes: IntArray  #: (k,), displacement nodes of the body that is pressed
+    points: IntArray  #: (k,), numbers of the contact points in the system
+    normal_force: FloatArray  #: (k,), N
+    area: FloatArray  #: (k,), share of the contact area, m2
+    #: (k, d, dim), unit slip directions, perpendicular to each other; last, zero, those that a
+    #: node has not.
     directions: FloatArray
-    normal: FloatArray | None
-    cells: IntArray
+    normal: FloatArray | None  #: (k, dim), of facets, outwards; None where cells lie on their base
+    cells: IntArray  #: (c, corners), linear sub-cells of the contact on node numbers
+    #: (k, N), values of the other body at the contact nodes from those of its nodes; None: a base.
     other: sparse.csr_array | None
-    held_nodes: IntArray
-    held_normal: FloatArray | None
-    held_force: float
-    held_area: float
-    bolt_shares: tuple[float, ...]
+    held_nodes: IntArray  #: nodes that carry pressure but cannot slip, being supported
+    held_normal: FloatArray | None  #: their normals: they cannot leave the base either
+    held_force: float  #: their share of the clamping force, N
+    held_area: float  #: and of the area, m2
+    bolt_shares: tuple[float, ...]  #: part of the ring pressed by each bolt that is on the joint
 
     @property
     def clamping_force(self) -> float:
@@ -145,10 +121,7 @@ def at(grid: Nodes, node: int) -> str:
 def manifold_of(
     grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
 ) -> tuple[IntArray, FloatArray, FloatArray | None]:
-    """Where a joint acts: sub-cells (c, corners), their depth (c,), and normals (N, dim) if any.
-
-    ``width`` and ``thickness`` are those of the elements, m; ``where`` names the joint in messages.
-    """
+    """Where a joint acts: sub-cells (c, corners), their depth (c,), m, and normals (N, dim)."""
     mesh, dim = grid.mesh, grid.mesh.dim
     ones = np.ones_like(width)
     if on in mesh.regions:
@@ -163,11 +136,7 @@ def manifold_of(
 
 
 def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> FloatArray:
-    """Unit normals, outwards, at the nodes of facets: the mean of those that meet there, (N, dim).
-
-    Refused are facets that turn by more than `LARGEST_TURN`, and nodes where more than two edges
-    meet.
-    """
+    """Unit normals (N, dim), outwards, at the nodes of facets: means of those that meet there."""
     x, mesh = grid.nodes, grid.mesh.mesh
     corners = x[cells]
     if x.shape[1] == 2:
@@ -258,8 +227,7 @@ def make_patch(
     """Contact points of one joint, ``held`` (N, dim) being the displacements that supports hold.
 
     ``width`` and ``thickness`` are those of the elements, m. ``numbering`` (N,) is the contact
-    point of each node, -1 without; new ones are entered. Refused are joints without a free node,
-    supported nodes pressed on another body, and bodies that do not overlap.
+    point of each node, -1 without; new ones are entered.
     """
     label = joint.label
     cells, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
@@ -324,20 +292,19 @@ def _other(grid: Nodes, joint: Joint, pressed: IntArray, held: BoolArray) -> spa
     return values
 
 
+def _alike(a: Any, b: Any, rows_a: IntArray, rows_b: IntArray) -> bool:
+    """Whether two arrays are of one kind, and the same in some rows."""
+    if a is None or b is None or a.shape[1] != b.shape[1]:
+        return a is b
+    return bool(abs(a[rows_a] - b[rows_b]).max() < SMALL) if rows_a.size else True
+
+
 def check_shared(grid: Nodes, patches: Sequence[Patch], new: Patch) -> None:
     """Refuse contact points shared with another joint whose law or slip is not the same."""
     for patch in patches:
         shared, mine, old = np.intersect1d(new.nodes, patch.nodes, return_indices=True)
-        if shared.size == 0:
-            continue
-        same = patch.joint.beta == new.joint.beta
-        same = same and (patch.other is None) == (new.other is None)
-        same = same and patch.directions.shape[1] == new.directions.shape[1]
-        if same:
-            same = np.allclose(patch.directions[old], new.directions[mine], atol=SMALL)
-        if same and patch.other is not None and new.other is not None:
-            same = bool(abs(patch.other[old] - new.other[mine]).max() < SMALL)
-        if not same:
+        same = patch.joint.beta == new.joint.beta and _alike(patch.other, new.other, old, mine)
+        if shared.size and not (same and _alike(patch.directions, new.directions, old, mine)):
             raise InputError(
                 f"{new.joint.label} shares a node, at {at(grid, shared[0])}, with "
                 f"{patch.joint.label} of another law, beta, slip direction or body; give both "

@@ -56,11 +56,6 @@ class PressureTable:
     def along(self, x: FloatArray) -> FloatArray:
         """Position along the axis (m) of the points ``x`` (..., dim)."""
         axis = np.eye(x.shape[-1])[0] if self.axis is None else np.asarray(self.axis, dtype=float)
-        if axis.size != x.shape[-1]:
-            raise InputError(
-                f"pressure.axis: found {self.axis}, must be {x.shape[-1]} numbers as the mesh has "
-                "coordinates"
-            )
         return np.asarray(x @ (axis / np.linalg.norm(axis)))
 
     def __call__(self, x: FloatArray) -> FloatArray:
@@ -98,8 +93,8 @@ def _hat_simplices(
 ) -> tuple[FloatArray, sparse.csr_array, IntArray]:
     """Segments or triangles (n, 2 or 3, dim) on which the hats of linear cells are linear.
 
-    Also the matrix (N, simplices * corners) that sums integrals of their own hats to those of the
-    nodes, and the cell of each.
+    Also the matrix (N, 2 n or 3 n) that sums integrals of their own hats to those of the nodes, and
+    the cell of each.
     """
     n, count = cells.shape
     first = 3 * np.arange(cells.size)

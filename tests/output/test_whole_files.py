@@ -6,13 +6,12 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from skfem_joint.errors import InputError
-from skfem_joint.files import holding, read_whole, remove_unfinished, replacing, safe_name
+from skfem_joint.files import holding, read_whole, replacing, safe_name
 
 Patch = pytest.MonkeyPatch
 Files = dict[str, str]
@@ -168,8 +167,7 @@ def in_a_process(code: str, folder: Path) -> subprocess.Popen[str]:
 
 
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
-    folder = tmp_path / "fields"
-    folder.mkdir()
+    (tmp_path / "fields").mkdir()
     killed = in_a_process(
         "with replacing(folder / 'fields' / 'b.vtu'), replacing(folder / 'a.txt'):\n"
         "    os.kill(os.getpid(), 9)",
@@ -177,20 +175,17 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     )
     killed.communicate()
     assert len(list(tmp_path.rglob(".unfinished-*"))) == 2
-    (tmp_path / ".hidden").write_text("of the user")
-    (tmp_path / ".unfinished-symphony").write_text("of the user")
-    foreign = tmp_path / f".unfinished-{'0' * 8}-{killed.pid}-{'0' * 16}.txt"
-    foreign.write_text("of another machine")
-    with replacing(tmp_path / "c.txt") as temporary:
-        remove_unfinished(tmp_path)
-        left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-        assert left == {".hidden", ".unfinished-symphony", foreign.name, temporary.name}
-        temporary.write_text("whole")
-    os.utime(foreign, (time.time() - 1e5, time.time() - 1e5))  # nobody writes that long
-    remove_unfinished(tmp_path)
-    assert contents(tmp_path) == {
-        ".hidden": "of the user", ".unfinished-symphony": "of the user", "c.txt": "whole"
-    }  # fmt: skip
+    users = {".hidden": "of the user", ".unfinished-symphony": "of the user"}
+    for name, text in users.items():
+        (tmp_path / name).write_text(text)
+    with holding(tmp_path / "below"), replacing(tmp_path / "below" / "c.txt") as other:
+        with holding(tmp_path):
+            left = {path.name for path in tmp_path.iterdir() if path.is_file()}
+            assert left > set(users)
+            assert not any(path.suffix == ".txt" for path in tmp_path.iterdir())
+            assert not list((tmp_path / "fields").iterdir())
+        assert other.exists()
+    assert contents(tmp_path) == users
 
 
 def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
