@@ -50,9 +50,14 @@ class Amplitude(ABC):
         return np.asarray(self._force(np.asarray(t, dtype=float)))
 
     @property
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """Harmonics that the force is the sum of; none if it is not."""
+        return ()
+
+    @property
     def period(self) -> float | None:
         """Shortest known period, s; None for a force that does not repeat."""
-        return None
+        return common_period([self])
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -113,9 +118,9 @@ class Harmonic(Amplitude):
         return self.amplitude * np.sin(2 * np.pi * self.frequency * t + self.phase)
 
     @property
-    def period(self) -> float:
-        """1 / frequency, s."""
-        return 1 / self.frequency
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """Itself."""
+        return (self,)
 
     @property
     def peak_value(self) -> float:
@@ -143,9 +148,9 @@ class MultiHarmonic(Amplitude):
         return sum(component(t) for component in self.components)
 
     @property
-    def period(self) -> float | None:
-        """Shortest common period, s; None if the frequencies are not commensurate."""
-        return common_period(self.components)
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """Its components."""
+        return self.components
 
     @property
     def peak_value(self) -> float:
@@ -188,11 +193,19 @@ class _Pulse(Amplitude):
     """What the shapes share that rise to a peak; they are zero before their start."""
 
     peak: float
+    start: float
     #: Name of the time that must be positive and that the highest frequency goes with.
     _LENGTH: ClassVar[str]
+    #: Corners, at times since the start in units of that time.
+    _CORNERS: ClassVar[tuple[int, ...]] = ()
 
     def __post_init__(self) -> None:
         _check(self, positive=self._LENGTH)
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Times (s) at which the value or the slope jumps."""
+        return tuple(self.start + x * getattr(self, self._LENGTH) for x in self._CORNERS)
 
     @property
     def peak_value(self) -> float:
@@ -214,17 +227,11 @@ class _Impulse(_Pulse):
     start: float = 0.0  #: time at which the force sets in, s, >= 0
 
     _LENGTH = "rise_time"
-    #: Corners, and force over the peak, at times since the start in units of the rise time.
-    _CORNERS: ClassVar[tuple[int, ...]] = ()
+    #: Force over the peak at times since the start in units of the rise time.
     _shape: ClassVar[staticmethod[[FloatArray], Any]]
 
     def _force(self, t: FloatArray) -> Any:
         return self.peak * self._shape((t - self.start) / self.rise_time)
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """Times (s) at which the value or the slope jumps."""
-        return tuple(self.start + x * self.rise_time for x in self._CORNERS)
 
 
 def _tent(x: FloatArray) -> Any:
@@ -276,15 +283,10 @@ class Rectangle(_Pulse):
     duration: float  #: s, > 0
     start: float = 0.0  #: s, >= 0
 
-    _LENGTH = "duration"
+    _LENGTH, _CORNERS = "duration", (0, 1)
 
     def _force(self, t: FloatArray) -> Any:
         return np.where((t >= self.start) & (t < self.start + self.duration), self.peak, 0.0)
-
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """Start and end, s."""
-        return self.start, self.start + self.duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,12 +418,7 @@ def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
     Those without harmonics are passed over. None if there is no harmonic, or if the frequencies are
     not commensurate.
     """
-    frequencies: list[float] = []
-    for amplitude in amplitudes:
-        if isinstance(amplitude, Harmonic):
-            frequencies.append(amplitude.frequency)
-        elif isinstance(amplitude, MultiHarmonic):
-            frequencies += [component.frequency for component in amplitude.components]
+    frequencies = [one.frequency for amplitude in amplitudes for one in amplitude.harmonics]
     if not frequencies:
         return None
     # Ratios to the fastest are at most 1, and their denominators bound the length searched for.

@@ -31,7 +31,7 @@ from scipy.signal import lsim
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
+from skfem_joint.loads import Amplitude, common_period
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
@@ -141,22 +141,16 @@ class Excitation:
     @property
     def single(self) -> bool:
         """Whether it is one harmonic."""
-        return self.period is not None and [len(_harmonics(a)) for a in self.amplitudes] == [1]
+        return self.period is not None and [len(a.harmonics) for a in self.amplitudes] == [1]
 
     def forces(self, times: FloatArray, inertia: FloatArray) -> FloatArray:
         """Forces, (times, n), with the ``inertia`` (n, loads) that goes with each load's peak."""
         forces = self(times).T @ self.vectors.T
         for k, amplitude in enumerate(self.amplitudes):
-            for one in _harmonics(amplitude):
+            for one in amplitude.harmonics:
                 square = (2.0 * np.pi * one.frequency) ** 2 / self.peak[k]
                 forces += square * np.outer(one(times), inertia[:, k])
         return forces
-
-
-def _harmonics(amplitude: Amplitude) -> tuple[Harmonic, ...]:
-    if isinstance(amplitude, MultiHarmonic):
-        return amplitude.components
-    return (amplitude,) if isinstance(amplitude, Harmonic) else ()
 
 
 def slip_path(
@@ -227,7 +221,7 @@ def _first(
     """Path under the loads with their inertia: snapshots, (s, n)."""
     inertia = system.M @ response
     if len(loads.amplitudes) == 1 and (loads.single or loads.period is None):
-        square = sum((2.0 * np.pi * a.frequency) ** 2 for a in _harmonics(loads.amplitudes[0]))
+        square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(FIRST, BEYOND[0])
         force = loads.vectors[:, 0] + square * inertia[:, 0]
         return path.follow(levels * force, loads.lasting * levels[:, 0])

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic, MultiHarmonic
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.integrate import integrate
@@ -336,15 +335,12 @@ def estimate_active_length(system: System, zone: Zone) -> Estimate | None:
     part gives A_a. None where a load is not harmonic, or anything can move but along the axis.
     """
     highest, force = 0.0, np.zeros(system.n)
+    if zone.axis.size > 1 or not all(load.amplitude.harmonics for load in system.loads):
+        return None
     for load in system.loads:
-        shape = load.amplitude
-        for part in shape.components if isinstance(shape, MultiHarmonic) else (shape,):
-            if not isinstance(part, Harmonic):
-                return None
+        for part in load.amplitude.harmonics:
             force += abs(part.amplitude) * np.abs(load.vector)
             highest = max(highest, part.frequency)
-    if zone.axis.size > 1:
-        return None
     K, M = sparse.csr_array(system.K), sparse.csr_array(system.M)
     unknowns = picked(system)[zone.points[zone.points >= 0]]
     linear = np.setdiff1d(np.arange(system.n), picked(system))
