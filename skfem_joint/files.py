@@ -30,15 +30,10 @@ def safe_name(name: str) -> str:
 
 
 def read_whole(path: Path, most: int = LARGEST) -> bytes:
-    """Content of a file that may be read as input: a regular one of at most ``most`` bytes.
+    """Content of a regular file of at most ``most`` bytes; InputError if it is no such file.
 
     A scene may name files outside its folder, such as a mesh beside it: they are read and parsed
     as data, never run or written. Devices and pipes, which may never end, are not read.
-
-    Raises
-    ------
-    InputError
-        If it is no such file.
     """
     try:
         status = path.stat()
@@ -68,12 +63,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """Empty file beside ``path`` that takes its place when the block ends without an error.
 
     It is on the disk before it takes its place, and so is the new name after that: a loss of power
-    leaves the old file or the new one.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    leaves the old file or the new one. InputError if it cannot be written.
     """
     temporary = path.with_name(f".unfinished-{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -113,16 +103,11 @@ def _take(descriptor: int) -> None:
 
 @contextmanager
 def holding(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder while the block runs.
+    """Keep other runs out of a folder while the block runs; InputError where that cannot be.
 
     It is made if it is not there, and cleared of what dead processes left. The lock is a hidden
     file that the system frees when the process ends, however it does. Where a file system knows no
     locks, nothing keeps other runs out.
-
-    Raises
-    ------
-    InputError
-        If another run holds it, or the folder cannot be made or written to.
     """
     path = folder / _LOCK
     try:
@@ -165,13 +150,7 @@ def _locked(path: Path) -> int:
 
 
 def needed(library: str, extra: str) -> Any:
-    """An optional library.
-
-    Raises
-    ------
-    InputError
-        If it is missing, naming the extra of the package that brings it.
-    """
+    """An optional library; InputError names the extra of the package that brings it."""
     try:
         return import_module(library)
     except ImportError as error:

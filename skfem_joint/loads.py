@@ -382,10 +382,7 @@ class Function(Amplitude):
 def as_amplitude(shape: object) -> Amplitude:
     """Amplitude from any of the shapes above, or from a plain function of time (s) that returns N.
 
-    Raises
-    ------
-    InputError
-        For anything else.
+    InputError for anything else.
     """
     if isinstance(shape, Amplitude):
         return shape

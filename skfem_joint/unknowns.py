@@ -85,10 +85,8 @@ class Contact:
     @staticmethod
     def none(n: int) -> Contact:
         """No contact for matrices of ``n`` unknowns."""
-        empty = np.zeros(0)
-        nothing = np.zeros(0, dtype=np.int64)
-        no_rows = sparse.csr_array((0, n))
-        return Contact(no_rows, empty, empty, nothing, no_rows, nothing.astype(np.intp))
+        empty, rows = np.zeros(0), sparse.csr_array((0, n))
+        return Contact(rows, empty, empty, np.zeros(0, dtype=np.int64), rows)
 
     def without(self, fixed: IntArray) -> Contact:
         """Same contact where some unknowns are fixed: what a support holds does not slip."""
@@ -116,21 +114,11 @@ class Contact:
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Two sets of unknowns of one system, and how each follows from the other.
+    """Two sets of unknowns of one system, and how each follows from the other."""
 
-    Attributes
-    ----------
-    forward : sparse array, shape (outer, inner)
-        T: outer unknowns from the inner ones.
-    inverse : sparse array, shape (inner, outer)
-        Inner unknowns from outer ones that obey the constraints.
-    slips : ndarray of int, shape (rows of B,)
-        Inner unknown that is the slip of each row.
-    """
-
-    forward: sparse.csr_array
-    inverse: sparse.csr_array
-    slips: IntArray
+    forward: sparse.csr_array  #: (outer, inner), T: outer unknowns from the inner ones
+    inverse: sparse.csr_array  #: (inner, outer), of outer unknowns that obey the constraints
+    slips: IntArray  #: (rows of B,), inner unknown that is the slip of each row
 
 
 def dof_numbers(given: Any) -> IntArray:

@@ -109,21 +109,10 @@ def looks(
 
 
 def certify(study: Study, name: str, progress: Progress | None = None) -> Model:
-    """One of a study's models with more of its errors estimated.
+    """One of a study's models, "full" or "reduced", with more of its errors estimated.
 
-    Parameters
-    ----------
-    study : Study
-    name : {"full", "reduced"}
-    progress : callable, optional
-        Called with (label, runs done, runs in all).
-
-    Raises
-    ------
-    InputError
-        For a model that the study has not run.
-    ConvergenceError
-        If a run does not converge.
+    ``progress`` is called with (label, runs done, runs in all). InputError for a model that the
+    study has not run, ConvergenceError if a run does not converge.
     """
     if name not in study.models:
         raise InputError(f"certify: the scene does not run the {name} model")

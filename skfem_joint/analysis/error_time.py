@@ -396,23 +396,11 @@ def error_time(
     more: Callable[[Reference], Iterable[Job]] = lambda _: (),
     progress: Progress | None = None,
 ) -> Report:
-    """Run a scene of any dimension with many models.
+    """Run a scene of any dimension with many models, and with ``more`` jobs from the reference.
 
-    Parameters
-    ----------
-    bound : float
-        Longest run of the reference, s.
-    repeats : int
-        Timed rounds; one in a ``quick`` report of few points.
-    wanted : mapping, optional
-        What to run instead of some of `RANGE` or, in a quick report, `QUICK`.
-    more : callable, optional
-        More jobs from the reference.
-
-    Raises
-    ------
-    ConvergenceError, InputError
-        As `make_reference`; and for options that are not positive.
+    The longest run of the reference takes about ``bound`` s. There are ``repeats`` timed rounds,
+    one in a ``quick`` report of few points; ``wanted`` replaces some of `RANGE` or `QUICK`. Raises
+    as `make_reference`, and InputError for options that are not positive.
     """
     given = {"--bound": bound, "--repeats": repeats}
     problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]

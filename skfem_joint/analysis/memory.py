@@ -116,13 +116,9 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
 
 
 def check(scene: Scene, limit: float) -> None:
-    """Refuse a scene that needs more than ``limit`` bytes.
+    """Refuse a scene that needs more than ``limit`` bytes, or a limit that is not positive.
 
-    Raises
-    ------
-    InputError
-        If it does: how much it needs, what takes it, and the options that store less. Or the
-        limit is not positive.
+    The InputError says how much it needs, what takes it, and the options that store less.
     """
     if not limit > 0.0:
         raise InputError(f"--memory-limit: found {limit / GIB:g} GiB, must be > 0")

@@ -199,12 +199,8 @@ def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
     Elements of the same regions make one entity, facets of the same boundaries another, so that
     overlapping groups need no repeated cells, as they would with meshio's writer, which also loses
     groups whose entities own no nodes. Elements are written in the order of first appearance of
-    their entities; of order 2, with their middle nodes.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written; several bars are in the mesh, which are read from a file each.
+    their entities; of order 2, with their middle nodes. InputError if the file cannot be written,
+    and for several bars, which are read from a file each.
     """
     cell, _ = cell_of(mesh.mesh)
     if mesh.dim == 1 and mesh.body.max() > 0:

@@ -338,11 +338,10 @@ def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def refined(mesh: NamedMesh) -> NamedMesh:
-    """Mesh with every element split into 2, 4 or 8; names and order stay.
+    """Mesh with every element e split into those from ``2**dim * e`` on; names and order stay.
 
-    The parts of element e are the elements ``2**dim * e`` and following; vertices keep their
-    numbers but in bars, whose nodes ascend. scikit-fem's own ``refined`` mixes up the regions of
-    line meshes and drops the boundaries of solids.
+    Vertices keep their numbers but in bars, whose nodes ascend. scikit-fem's own ``refined`` mixes
+    up the regions of line meshes and drops the boundaries of solids.
     """
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])

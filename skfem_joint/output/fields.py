@@ -129,10 +129,7 @@ def _mean_state(means: sparse.csr_array, state: States) -> States:
 def frames_of(study: Study) -> Frames:
     """Stored fields of a study's models, as far as all of them have come, with its loads.
 
-    Raises
-    ------
-    InputError
-        If the runs stored no fields.
+    InputError if the runs stored no fields.
     """
     models = list(study.models.values())
     times = min((model.run.field_times for model in models), key=len)

@@ -44,13 +44,9 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
 
     What an earlier run wrote into the folder, as its summary lists it, is removed: if this run
     fails, no old results stand for its own. All else is left alone, of which the sentences tell
-    that are yielded.
-
-    Raises
-    ------
-    InputError
-        If a library is missing, nothing can be drawn, the folder cannot be written to, another run
-        is writing to it, or it has files of other origin under names that this run may use.
+    that are yielded. InputError if a library is missing, nothing can be drawn, the folder cannot be
+    written to, another run is writing to it, or it has files of other origin under names that this
+    run may use.
     """
     if scene.output.plots or scene.output.vtk:
         needed("pyvista", "vtk")
@@ -74,10 +70,7 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
 def remove_old(folder: Path) -> None:
     """Remove what an earlier run wrote into a folder, as the summary there lists it.
 
-    Raises
-    ------
-    InputError
-        If there is a summary that no run of this package wrote, or a file cannot be removed.
+    InputError if no run of this package wrote that summary, or a file cannot be removed.
     """
     path, root = folder / SUMMARY, folder.resolve()
     if not path.exists():
@@ -105,12 +98,7 @@ def write(study: Study, folder: Path) -> list[Path]:
     """Write what the scene asks for; returns the main files.
 
     The summary comes first and lists all files, so that the next run knows which ones are ours
-    however this one ends.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
+    however this one ends. InputError if a file cannot be written.
     """
     remove_old(folder)
     plan, names = _curves(study), []

@@ -62,12 +62,7 @@ def offscreen() -> Iterator[None]:
     """Let VTK draw into memory while the block runs.
 
     Which kind of window works is tried out in a process of its own, once: a second. A choice that
-    the environment variable ``VTK_DEFAULT_OPENGL_WINDOW`` makes is kept.
-
-    Raises
-    ------
-    InputError
-        If none works, naming what to install.
+    the environment variable ``VTK_DEFAULT_OPENGL_WINDOW`` makes is kept. InputError if none works.
     """
     chosen = os.environ.get(_VARIABLE)
     window = _working_window(chosen, os.environ.get("DISPLAY", ""))
@@ -133,10 +128,7 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
 def still(path: str | Path, frames: Frames) -> None:
     """Draw the frame that tells most as a PNG: models side by side, forces below, with a mark.
 
-    Raises
-    ------
-    InputError
-        No GL library to draw with, a path that cannot be written, or pyvista is missing.
+    InputError without a GL library or pyvista, and for a path that cannot be written.
     """
     with _picture(path, frames) as (temporary, picture):
         picture.show(*telling_frame(frames))

@@ -212,12 +212,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
 
     ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on; folders are made. Every file
     takes its place only when it is whole, the index last: whatever ends the writing leaves one of
-    the frames done.
-
-    Raises
-    ------
-    InputError
-        Names that lead to one file, a path that cannot be written, or pyvista is missing.
+    the frames done. InputError for names that lead to one file, a path that cannot be written, and
+    without pyvista.
     """
     index, names = Path(path), _names(frames)
     if len({safe_name(name).casefold() for name in names}) < len(names):
@@ -294,10 +290,7 @@ def _write_index(
 
 
 def write_load(path: Path, frames: Frames) -> None:
-    """Write the load histories beside a series, for ``examples/paraview_joint.py``.
-
-    ``NAME_load.csv`` beside ``NAME.pvd`` has the columns "time, s" and "force on PLACE, N".
-    """
+    """Write columns "time, s" and "force on PLACE, N" beside a series, for its ParaView script."""
     columns = np.column_stack([frames.load_times, *frames.forces.values()])
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)

@@ -87,8 +87,7 @@ def slips(structure: Structure, system: System, slip_peak: FloatArray, period: f
     """Contact points that slip rather than creep, shape (m,).
 
     Their largest slip, ``slip_peak`` (m), exceeds a thousandth of the largest in their joint, and
-    also what the arctan law lets a point creep at half of its limit, 1 / beta, for a ``period`` (s)
-    of the load.
+    what they creep at half of their limit in a ``period`` (s) of the load.
     """
     active = np.zeros(system.w.size, dtype=np.bool_)
     for patch in structure.patches:
@@ -118,10 +117,9 @@ def active_area_fraction(
 def gross_slip(structure: Structure, slip_peak: FloatArray, period: float) -> list[str]:
     """Sentences about joints without a point that sticks.
 
-    Points near a support can move but little: their largest slip, ``slip_peak`` (m, of every
-    contact point), is compared with that of a body strained evenly between the support and the
-    point that moves most. Under a regularised law all points creep a little in a ``period`` (s) of
-    the load while they stick.
+    The largest slip of each point, ``slip_peak`` (m), is compared with that of a body strained
+    evenly between its support and the point that moves most. While they stick, all points creep a
+    little in a ``period`` (s) of the load.
     """
     found = []
     for patch in structure.patches:

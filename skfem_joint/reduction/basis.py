@@ -141,14 +141,8 @@ def make_basis(
 
     Steps and scheme are those of the run to come, as `integrate` takes them. Sentences about what
     to beware of are appended to ``warn``; one that misses too much is among them where the basis
-    is ``enriched`` before it counts, and the end of it elsewhere.
-
-    Raises
-    ------
-    InputError
-        If nothing moves, the modes cannot follow the run they are made with, or do not fit.
-    KeyboardInterrupt
-        If a run is interrupted: half of one makes neither modes nor an active length.
+    is ``enriched`` before it counts, and the end of it elsewhere. InputError if nothing moves, or
+    the modes do not fit; KeyboardInterrupt if a run is interrupted.
     """
     modes, interface = options.mode_count, options.interface_modes
     decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
@@ -203,21 +197,11 @@ def own_basis(
     inner_product: str = "energy",
     interface_modes: str | int = "auto",
 ) -> Basis:
-    """Proper orthogonal modes of a system's own run.
+    """Proper orthogonal modes of a system's own run with stored fields, of at most 300 times.
 
-    Parameters
-    ----------
-    run : Run
-        With stored fields, of which it takes at most 300 times.
-    snapshots, inner_product
-        See :mod:`skfem_joint.reduction.pod`.
-    interface_modes : "auto" or int
-        Fixed-interface modes of all that is not in contact, beside the others; "auto": none.
-
-    Raises
-    ------
-    InputError
-        If nothing moves in the run, or its snapshots make fewer modes than asked for.
+    ``snapshots`` and ``inner_product`` are as in `skfem_joint.reduction.pod`; ``interface_modes``
+    are fixed-interface modes beside them, "auto": none. InputError if nothing moves in the run, or
+    its snapshots make fewer modes than asked for.
     """
     u, v = (thinned(x, _MOST_TIMES) for x in (run.u, run.v))
     if not (np.any(u) and np.any(v)):
@@ -245,14 +229,8 @@ def static_basis(
 ) -> Basis:
     """Proper orthogonal modes of a static path, in the norm of strain energy.
 
-    Parameters
-    ----------
-    path : StaticPath
-    modes : int
-        Fewer where the path makes no more.
-    interface : "auto" or int
-        Fixed-interface modes, those with the largest share in the response first; "auto": whose
-        share beyond what the others follow is more than a hundredth, at most two.
+    Fewer ``modes`` where the path makes no more. Of fixed-interface modes those with the largest
+    share in the response; "auto": beyond what the others follow more than a hundredth, at most two.
     """
     proper = proper_modes(path.snapshots, energy(system))
     told = proper.singular_values > _TOLD * proper.singular_values[0]

@@ -56,26 +56,14 @@ def reduced_system(
 ) -> tuple[System, sparse.csr_array]:
     """Reduced system with friction points and a steepness of its own.
 
-    Parameters
-    ----------
-    friction_points : "auto", "all" or int
-        Gauss points of each stretch of the basis, or where it has none merged points in all.
-    beta : "auto" or float
-        s/m; "auto" is the system's where the modes resolve it, and no steeper.
-    periodic : bool
-        Whether the load goes on; a free decay gets a steeper law.
-    warn : list of str
-        Sentences about what to beware of are appended.
+    ``friction_points`` ("auto", "all" or a number) are Gauss points of each stretch of the basis,
+    or where it has none merged points in all. ``beta`` (s/m) is the system's where the modes
+    resolve it, and no steeper, but for a free decay (not ``periodic``), which gets a steeper law.
+    Sentences about what to beware of are appended to ``warn``. InputError if no point carries
+    friction, or for less than one point.
 
-    Returns
-    -------
-    System, sparse array of shape (its points, points of ``system``)
-        The share of each full point in each of its points; the rows add up to one.
-
-    Raises
-    ------
-    InputError
-        If no point carries friction, or for less than one point.
+    The share of each full point in each of its points, (its points, points of ``system``), comes
+    second; the rows add up to one.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)

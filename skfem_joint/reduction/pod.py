@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,12 +49,7 @@ def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperMo
     V^T G V = I with the symmetric positive definite matrix G of the ``inner`` product, (n, n),
     Euclidean if not given.
 
-    Raises
-    ------
-    InputError
-        If the snapshots are not a finite matrix, nothing moves in them, or G is not positive.
-    ConvergenceError
-        If the decomposition does not converge.
+    InputError if the snapshots are not finite, nothing moves in them, or G is not positive.
     """
     if snapshots.ndim != 2 or not np.all(np.isfinite(snapshots)):
         raise InputError("snapshots: must be a matrix (times, n) of finite numbers")
@@ -78,11 +74,8 @@ def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperMo
 def _left_singular(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Left singular vectors and singular values, by the slower driver where the fast one fails."""
     for driver in ("gesdd", "gesvd"):
-        try:
-            left, values, _ = svd(A, full_matrices=False, lapack_driver=driver)
-        except LinAlgError:
-            continue
-        return left, values
+        with suppress(LinAlgError):
+            return svd(A, full_matrices=False, lapack_driver=driver)[:2]
     raise ConvergenceError(
         "the singular value decomposition of the snapshots did not converge; take modes of another "
         "run, or of fewer times"

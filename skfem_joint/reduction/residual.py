@@ -68,12 +68,7 @@ class Residual:
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Forces (N) that are left in the full equation at a run's stored fields, (n, frames).
 
-        Parameters
-        ----------
-        V : ndarray, shape (n, j)
-        run : Run
-            Of ``system.project(V)``, with a steepness or friction points of its own maybe, with
-            stored fields.
+        The run is that of ``system.project(V)``, maybe with a law or friction points of its own.
         """
         system, v = self.system, V @ run.v.T
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
@@ -83,10 +78,9 @@ class Residual:
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 
     def lacking(self, V: FloatArray, run: Run, most: int) -> FloatArray:
-        """Modes that the basis of a run lacks, at most so many, (n, k).
+        """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
 
-        Orthonormal in mass, and against ``V``, (n, j), which is; in the order of the energy of the
-        static response.
+        Orthonormal in mass, also against ``V``, in the order of the energy of the static response.
         """
         R = self.forces(V, run)
         left, values, _ = linalg.svd(R, full_matrices=False)

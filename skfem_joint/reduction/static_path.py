@@ -158,14 +158,8 @@ def slip_path(
 ) -> StaticPath:
     """Follow the slip of a system through a run to come, as `integrate` takes it.
 
-    Raises
-    ------
-    InputError
-        If no load moves anything, or slip rows depend on each other.
-    ConvergenceError
-        If a state is not found.
-    KeyboardInterrupt
-        If the preliminary run is interrupted.
+    InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
+    state is not found; KeyboardInterrupt if the preliminary run is interrupted.
     """
     from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 

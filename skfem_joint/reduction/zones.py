@@ -146,13 +146,8 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
     """Find the ends of joints where force enters.
 
     An end is open if it is not supported and a load acts there, elements outside the joint touch
-    it, or the other body reaches beyond it.
-
-    Raises
-    ------
-    InputError
-        Where scaled modes cannot follow: joints without axis or friction or that touch, a load
-        inside a joint, no load at all.
+    it, or the other body reaches beyond it. InputError where scaled modes cannot follow: joints
+    without axis or friction or that touch, a load inside a joint, no load at all.
     """
     own = "use reference = 'static'"
     for patch in structure.patches:
@@ -272,12 +267,8 @@ def zone_lengths(
 
     ``asked`` is "auto" (measured in a probe, by the largest ``slip_peak`` (m,) of its contact
     points, m), "estimate" (Eqs. (17)-(20)), or a length (m) for all joints or by name. Sentences
-    about what to beware of are appended to ``warn``.
-
-    Raises
-    ------
-    InputError
-        For an estimate that Eqs. (17)-(20) cannot give, or a length that the joint has not.
+    about what to beware of are appended to ``warn``. InputError for an estimate that Eqs. (17)-(20)
+    cannot give, or a length that the joint has not.
     """
     lengths = []
     for zone in zones:

@@ -2,9 +2,7 @@
 
 Integrals over a ring are differences of integrals over discs, which are exact on triangles of any
 size: the border of a disc's share of a triangle is made of straight pieces and arcs around the
-centre, whose contributions to area and first moments are those of triangles and sectors. Quadrature
-would see the ring's edge only as finely as its points lie; on triangles larger than the ring it
-misses it altogether.
+centre, whose contributions to area and first moments are those of triangles and sectors.
 """
 
 from __future__ import annotations
@@ -17,10 +15,9 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 
-#: A bolt with a smaller share of its ring on the contact region is a mistake.
-_LEAST_SHARE = 0.5
-# Integrals below this part of the largest one are round-off of the differences.
-_ROUND_OFF = 1e-12
+# A bolt with a smaller share of its ring on the contact is a mistake; integrals below that part of
+# the largest one are round-off of the differences.
+_LEAST_SHARE, _ROUND_OFF = 0.5, 1e-12
 
 
 @dataclass(frozen=True)
@@ -86,10 +83,9 @@ class Bolts:
 
 
 def disc_moments(triangles: FloatArray, centre: FloatArray, radius: float) -> FloatArray:
-    """Area and first moments, about ``centre``, of the part of each triangle inside a disc.
+    """Integrals of 1, x and y about ``centre``, (n, 3), over parts of triangles inside a disc.
 
-    Triangles (n, 3, 2) may have either sense of rotation. Gives the integrals of 1, x and y,
-    (n, 3), in m2, m3 and m3.
+    Triangles (n, 3, 2) may have either sense of rotation.
     """
     start = triangles - centre
     along = np.roll(start, -1, axis=1) - start
@@ -155,8 +151,7 @@ def bolt_forces(
     """Forces (n, 3), N, of bolts on the linear hats of triangles (n, 3, 2) that cover the contact.
 
     Those of each bolt sum to its force, whatever the triangles. Also the part of each bolt's ring
-    that lies on them; less than half is refused. ``centres`` (bolts, 2) are the bolts' axes in the
-    plane of the triangles, m; ``where`` names the joint in messages.
+    that lies on them. ``centres`` (bolts, 2) are the bolts' axes in the plane of the triangles, m.
     """
     forces = np.zeros(triangles.shape[:2])
     shares, problems = [], []

@@ -76,13 +76,13 @@ def nodal_pressure(
     them, m, or 1 for areas. ``where`` names the joint in messages.
     """
     corners, gather, parent = _hat_simplices(nodes, cells)
-    deep = depth[parent]
-    area = gather @ (deep[:, np.newaxis] * pressure_integrals(corners, 1.0)).ravel()
+    deep = depth[parent, np.newaxis]
+    area = gather @ (deep * pressure_integrals(corners, 1.0)).ravel()
     shares: tuple[float, ...] = ()
     if isinstance(pressure, Bolts):
         integrals, shares = _bolted(pressure, corners, deep, where)
     else:
-        integrals = deep[:, np.newaxis] * pressure_integrals(corners, pressure)
+        integrals = deep * pressure_integrals(corners, pressure)
     force = gather @ integrals.ravel()
     # Where a pressure ends at the edge of a cell, nodes beyond it must not come into contact.
     return np.where(force > 1e-12 * force.max(initial=0.0), force, 0.0), area, shares
@@ -192,8 +192,7 @@ def _bolted(
 ) -> tuple[FloatArray, tuple[float, ...]]:
     """Forces (n, 2 or 3) of bolts on the hats of segments or triangles, and shares of their rings.
 
-    A segment of a bar becomes the strip of its width, two triangles whose corners on one end
-    belong to the node there.
+    A bar's segment becomes a strip of its width: two triangles, whose corners belong to its ends.
     """
     n, count, dim = corners.shape
     wrong = [bolt.at for bolt in bolts.bolts if len(bolt.at) != max(dim, 2)]
@@ -210,7 +209,7 @@ def _bolted(
         return bolt_forces(bolts, corners @ plane.T, centres @ plane.T, where)
     end = np.array([[0, 1, 1], [0, 1, 0]])  # of the segment, for each corner of both triangles
     side = np.array([[-0.5, -0.5, 0.5], [-0.5, 0.5, 0.5]])
-    strips = np.stack([corners[:, end, 0], depth[:, None, None] * side], axis=-1)
+    strips = np.stack([corners[:, end, 0], depth[:, None] * side], axis=-1)
     forces, shares = bolt_forces(bolts, strips.reshape(-1, 3, 2), centres, where)
     forces = forces.reshape(n, -1)
     return np.stack([forces[:, end.ravel() == i].sum(axis=1) for i in (0, 1)], axis=1), shares

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -159,8 +160,7 @@ class Structure(Nodes):
     @property
     def across(self) -> FloatArray:
         """Extent across the mesh: area of the section (m2), thickness (m) or 1, (elements,)."""
-        p = self.properties  # what a mesh has not is 1
-        return p["width"] * p["thickness"]
+        return self.properties["width"] * self.properties["thickness"]
 
     def _lame(self) -> tuple[FloatArray, FloatArray]:
         """Constants lambda and mu of the form of this dimension, Pa, (elements,) each."""
@@ -172,19 +172,15 @@ class Structure(Nodes):
         # Plane stress has no stress across the plane, else lambda is Lame's.
         return 2.0 * mu * nu / (1.0 - nu if stress else 1.0 - 2.0 * nu), mu
 
-    @property
-    def supports(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """What is held, and the components held there."""
-        ways = [(self.fixed, tuple(range(self.dim)))]
-        ways += [(self.fixed_x, (0,)), (self.fixed_y, (1,)), (self.fixed_z, (2,))]
-        return tuple((name, held) for names, held in ways for name in names)
-
     @cached_property
     def held(self) -> BoolArray:
         """Whether a support holds each displacement, (N, dim)."""
         held = np.zeros((self.n_nodes, self.dim), dtype=bool)
-        for name, components in self.supports:
-            held[np.ix_(self.nodes_of(name), np.array(components))] = True
+        for name in self.fixed:
+            held[self.nodes_of(name)] = True
+        for component, names in enumerate((self.fixed_x, self.fixed_y, self.fixed_z)):
+            for name in names:
+                held[self.nodes_of(name), component] = True
         return held
 
     @cached_property
@@ -384,8 +380,5 @@ def _interleaved(blocks: Mapping[tuple[int, int], Any], dim: int) -> sparse.csr_
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:
     """Name of a load's row: ``on``, or with a number where another direction has that."""
-    name, count = on, 1
-    while name in rows and not np.array_equal(rows[name], vector):
-        count += 1
-        name = f"{on}.{count}"
-    return name
+    names = chain([on], (f"{on}.{number}" for number in count(2)))
+    return next(n for n in names if n not in rows or np.array_equal(rows[n], vector))
