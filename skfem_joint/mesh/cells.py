@@ -226,28 +226,22 @@ def find_bodies(
 ) -> IntArray:
     """Body (n_elements,) of each element, numbered by its first one: those that share facets.
 
-    Refused are elements on the same side of a facet, or that touch in a point or an edge only,
-    and nodes of one body in one place.
+    Refused are elements on the same side of a facet, bodies that share a node, and nodes of one
+    body in one place.
     """
     beside = _beside(p, t, facets, t2f, at)
     joined = beside[:, (beside >= 0).all(axis=0)]
     touching = coo_array((np.ones(joined.shape[1]), tuple(joined)), shape=(t.shape[1],) * 2)
     body = np.asarray(connected_components(touching, directed=False)[1], dtype=np.intp)
-    rim = facets[:, (beside < 0).any(axis=0)]
-    nodes = np.unique(rim)  # a crack and a hinge show on the surface of their body
-    hinges = [[vertex] for vertex in _single_touches(t, facets, beside, nodes)]
-    if len(rim) > 2:
-        pairs = np.sort(np.hstack([rim[[i - 1, i]] for i in range(len(rim))]), axis=0)
-        first, member = same_columns(pairs)
-        hinges += pairs[:, first[np.bincount(member) > 2]].T.tolist()
-    if hinges:
-        what = "point" if len(hinges[-1]) == 1 else "edge"
-        raise ValueError(
-            f"elements only touch in the {what} {spot(*at[hinges[-1]])}, a hinge: join them along "
-            "a whole side, or give them separate nodes"
-        )
     body_of = np.empty(len(at), dtype=np.intp)
     body_of[t] = body
+    shared = t[body_of[t] != body]
+    if shared.size:
+        raise ValueError(
+            f"elements only touch in the point {spot(at[shared[0]])}, a hinge: join them along a "
+            "whole side, or give them separate nodes"
+        )
+    nodes = np.unique(facets[:, (beside < 0).any(axis=0)])  # a crack shows on the surface
     size = float(np.ptp(at[nodes], axis=0).max())
     apart = np.column_stack([at[nodes], 2.0 * size * body_of[nodes]])  # bodies may overlap
     double = cKDTree(apart).query(apart, k=2)[0][:, 1] <= TOLERANCE * size
@@ -284,19 +278,3 @@ def _beside(
     beside = np.full(2 * facets.shape[1], -1, dtype=np.intp)
     beside[code] = np.arange(t.shape[1])
     return beside.reshape(-1, 2).T
-
-
-def _single_touches(t: IntArray, facets: IntArray, beside: IntArray, rim: IntArray) -> list[int]:
-    """Vertices of the rim whose elements are not all joined by facets that hold the vertex."""
-    n_vertices = np.int64(t.max() + 1)
-    on_rim = np.zeros(n_vertices, dtype=np.bool_)
-    on_rim[rim] = True
-    elements = np.broadcast_to(np.arange(t.shape[1]), t.shape)[on_rim[t]]
-    keys = np.sort(elements * n_vertices + t[on_rim[t]])  # one for each element at each vertex
-    inner = (beside >= 0).all(axis=0)
-    held = facets[:, inner]
-    at_rim = on_rim[held]
-    links = [np.searchsorted(keys, (side * n_vertices + held)[at_rim]) for side in beside[:, inner]]
-    linked = coo_array((np.ones(links[0].size), tuple(links)), shape=(keys.size,) * 2)
-    _, first = np.unique(connected_components(linked, directed=False)[1], return_index=True)
-    return [int(vertex) for vertex in np.flatnonzero(np.bincount(keys[first] % n_vertices) > 1)]

@@ -66,8 +66,8 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
     ------
     InputError
         A file is missing, cut or damaged, or holds no mesh as described; elements without size,
-        not convex, crossing themselves or lying over each other in one body, or that touch in a
-        point or an edge only; bars that are curved, branched, closed, folded or disconnected;
+        not convex, crossing themselves or lying over each other in one body; bodies that touch in
+        a point or an edge; bars that are curved, branched, closed, folded or disconnected;
         unmerged nodes of one body; groups without elements; points on several nodes; names used
         twice.
     """

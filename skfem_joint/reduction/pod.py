@@ -75,7 +75,8 @@ def _left_singular(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Left singular vectors and singular values, by the slower driver where the fast one fails."""
     for driver in ("gesdd", "gesvd"):
         with suppress(LinAlgError):
-            return svd(A, full_matrices=False, lapack_driver=driver)[:2]
+            left, values, _ = svd(A, full_matrices=False, lapack_driver=driver)
+            return left, values
     raise ConvergenceError(
         "the singular value decomposition of the snapshots did not converge; take modes of another "
         "run, or of fewer times"
