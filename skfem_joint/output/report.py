@@ -83,22 +83,21 @@ def summary_table(content: Mapping[str, Any]) -> str:
             rows[label] = [_shown(value, form, scale) for value in values]
 
     def at(*keys: str) -> list[Any]:
-        """Entry of each model."""
-        return [_entry(model, keys) for model in models.values()]
+        """Entry of each model, None where there is none."""
+        found: list[Any] = list(models.values())
+        for key in keys:
+            found = [None if one is None else one.get(key) for one in found]
+        return found
 
     def add_each(label: str, form: str, key: str, scale: float = 1.0) -> None:
         for name in dict.fromkeys(name for model in models.values() for name in model[key]):
             add(label.format(name), form, at(key, name), scale)
 
-    def faster(offline: bool) -> list[Any]:
-        """How often each model runs while the full one runs once."""
-        times = [model["wall_s"] + offline * model["offline_s"] for model in models.values()]
-        return [
-            None
-            if full is None or model is full or full["interrupted"] or model["interrupted"]
-            else full["wall_s"] / time
-            for model, time in zip(models.values(), times, strict=True)
-        ]
+    def faster(model: dict[str, Any], offline: bool) -> float | None:
+        """How often a model runs while the full one runs once."""
+        if full is None or model is full or full["interrupted"] or model["interrupted"]:
+            return None
+        return float(full["wall_s"] / (model["wall_s"] + offline * model["offline_s"]))
 
     cycles = any(value is not None for value in at("friction_energy_per_cycle_J"))
     steps = zip(at("newton_iterations"), at("steps"), strict=True)
@@ -131,16 +130,12 @@ def summary_table(content: Mapping[str, Any]) -> str:
     add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
     add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
-    add("run time of the full model over this one's", "{:.3g}", faster(offline=False))
-    add("the same with its off-line time", "{:.3g}", faster(offline=True))
+    for label, offline in (
+        ("run time of the full model over this one's", False),
+        ("the same with its off-line time", True),
+    ):
+        add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
     return _table("", list(models), rows)
-
-
-def _entry(values: Any, keys: Sequence[str]) -> Any:
-    """Entry of nested tables, None where one of them is not there."""
-    for key in keys:
-        values = None if values is None else values.get(key)
-    return values
 
 
 def _shown(value: Any, form: str, scale: float = 1.0) -> str:

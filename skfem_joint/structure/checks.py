@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.mesh.cells import spot
 from skfem_joint.modes import ratio_problems
 from skfem_joint.structure.bolts import Bolts
 from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
@@ -277,7 +278,7 @@ def _body_label(mesh: NamedMesh, body: int) -> str:
     if own:
         return f"the body with the region{'s' if len(own) > 1 else ''} {', '.join(own)}"
     middle = mesh.mesh.p[:, mesh.mesh.t[:, mesh.body == body]].mean(axis=(1, 2))
-    return "the body around (" + ", ".join(f"{x:.6g}" for x in middle) + ")"
+    return f"the body around {spot(middle)}"
 
 
 def doubts(structure: Structure, system: System) -> list[str]:
@@ -309,8 +310,7 @@ def doubts(structure: Structure, system: System) -> list[str]:
 
 def _bolt_doubts(structure: Structure, patch: Patch, bolts: Bolts) -> Iterator[str]:
     for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
-        at = ", ".join(f"{x:.4g}" for x in bolt.at)
-        where = f"The bolt at ({at}) m in joint '{patch.joint.name}'"
+        where = f"The bolt at {spot(np.array(bolt.at))} in joint '{patch.joint.name}'"
         if share < _WHOLE_RING:
             yield f"{where} has {100 * share:.3g} % of its ring on the joint, and its whole force."
         centre = np.asarray(bolt.at[: structure.dim])

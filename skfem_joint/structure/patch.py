@@ -17,6 +17,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.location import interpolation
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.pressure import Pressure, nodal_pressure
@@ -113,11 +114,6 @@ class Patch:
         return np.asarray(own - under.swapaxes(-1, -2))
 
 
-def at(grid: Nodes, node: int) -> str:
-    """Position of a node in a message."""
-    return "(" + ", ".join(f"{x:.6g}" for x in grid.nodes[node]) + ")"
-
-
 def manifold_of(
     grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
 ) -> tuple[IntArray, FloatArray, FloatArray | None]:
@@ -143,7 +139,7 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
         vector = (corners[:, 1] - corners[:, 0])[:, ::-1] * [1.0, -1.0]
         meeting = np.bincount(cells.ravel())
         if np.any(meeting > 2):
-            place = at(grid, int(np.argmax(meeting)))
+            place = spot(x[np.argmax(meeting)])
             raise InputError(f"{where}: more than two of its edges meet at {place}")
     else:  # half the product of the diagonals, of a triangle of two sides
         diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
@@ -162,7 +158,7 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
     worst = int(np.argmax(turn))
     if turn[worst] > LARGEST_TURN:
         raise InputError(
-            f"{where}: it turns by {turn[worst]:.3g} degrees at {at(grid, worst)}, must be at "
+            f"{where}: it turns by {turn[worst]:.3g} degrees at {spot(x[worst])}, must be at "
             f"most {LARGEST_TURN:g}, else no tangent is defined there; give each straight part a "
             "boundary and a joint of its own, a node apart"
         )
@@ -274,19 +270,19 @@ def _other(grid: Nodes, joint: Joint, pressed: IntArray, held: BoolArray) -> spa
     if supported.size:
         raise InputError(
             f"{joint.label}: {supported.size} of its nodes are supported, the first at "
-            f"{at(grid, supported[0])}; what is pressed against {joint.against!r} must be "
+            f"{spot(grid.nodes[supported[0]])}; what is pressed against {joint.against!r} must be "
             "free to follow it: move the support off the joint, or exchange the pressed part "
             "and `against`"
         )
     if pressed.size == 0:
         return sparse.csr_array((0, grid.n_nodes))
     values, gap = interpolation(grid, str(joint.against), grid.nodes[pressed])
-    worst = int(np.argmax(gap))
-    if gap[worst] > 0.0:
+    if gap.max() > 0.0:
+        farthest = grid.nodes[pressed[np.argmax(gap)]]
         raise InputError(
             f"{joint.label}: {np.count_nonzero(gap)} of its {pressed.size} pressed nodes do not "
-            f"overlap with {joint.against!r}; the farthest, at {at(grid, pressed[worst])}, is "
-            f"about {gap[worst]:.3g} m from it; the pressed part must lie inside the part it is "
+            f"overlap with {joint.against!r}; the farthest, at {spot(farthest)}, is about "
+            f"{gap.max():.3g} m from it; the pressed part must lie inside the part it is "
             "pressed against: split the mesh where the overlap ends, or exchange both"
         )
     return values
@@ -306,7 +302,7 @@ def check_shared(grid: Nodes, patches: Sequence[Patch], new: Patch) -> None:
         same = patch.joint.beta == new.joint.beta and _alike(patch.other, new.other, old, mine)
         if shared.size and not (same and _alike(patch.directions, new.directions, old, mine)):
             raise InputError(
-                f"{new.joint.label} shares a node, at {at(grid, shared[0])}, with "
+                f"{new.joint.label} shares a node, at {spot(grid.nodes[shared[0]])}, with "
                 f"{patch.joint.label} of another law, beta, slip direction or body; give both "
                 "the same, or leave an element between them"
             )

@@ -139,7 +139,7 @@ def test_joints_that_do_not_overlap_are_refused_with_place_and_distance() -> Non
     body, joint = merged([lower, upper]), Joint("upper", 1e6, 0.5, "lower")
     message = (
         r"'upper': 6 of its 15 pressed nodes do not overlap with 'lower'; the farthest, at \(0.3, "
-        r"0.*\), is about 0.1 m from it"
+        r"0.*\) m, is about 0.1 m from it"
     )
     with pytest.raises(InputError, match=message):
         structure(body, [joint], ["lower_left"])
