@@ -12,7 +12,7 @@ from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import TRAINING_CYCLES
 from skfem_joint.reduction.residual import INSTANTS
-from skfem_joint.reduction.zones import PROBE_CYCLES
+from skfem_joint.reduction.zones import QUICK_CYCLES
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -79,7 +79,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
         cycle_steps = scene.cycle_steps or scene.n_steps
         steps = 1 + min(scene.n_steps, TRAINING_CYCLES * cycle_steps)
         if scene.reduction.reference == "paper":
-            steps = min(1 + PROBE_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
+            steps = min(1 + QUICK_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
         kept, times = steps * (2 * n + 4 * rows), 2 * min(steps, _MOST_TIMES)
         if scene.reduction.reference == "static":
             single = [load.kind for load in scene.load] == ["harmonic"]

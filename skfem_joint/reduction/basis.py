@@ -1,12 +1,8 @@
 """Reduced bases of structures: modes of its static slip path, of its own run, or scaled ones.
 
-Modes of the static path (:mod:`skfem_joint.reduction.static_path`) need no run of the full model.
-Beside them stand the static responses to the loads, fixed-interface modes with a share in the
-response that the others cannot follow, and rigid motions where friction alone holds a body and
-does not hold it.
-
-Modes of the own run are orthogonal in the inner product of energy, by default: with that of mass
-the first go to what swings most, which is seldom the joint.
+Beside modes of the static path (:mod:`skfem_joint.reduction.static_path`) stand static responses to
+the loads, fixed-interface modes with a share in the response that the others cannot follow, and
+rigid motions where friction alone holds a body and does not hold it.
 
 Scaled modes are those of the paper's reference joint, stretched over each active zone along the
 axis of its joint, zero in the grey length. They prescribe the slip along the axis; the slip across

@@ -1,20 +1,14 @@
 """Fewer friction points for reduced models, with positive weights and the total limit kept.
 
-The friction of a joint does virtual work sum_i w_i sigma(v_i) v'_i over its contact points.
 Positive weights keep every step convex, and the sum of the limits is what a joint carries when all
 of it slips. Fewer points are not only cheaper: a model with j modes cannot hold more than j points
 still; with a hundred of them it creeps where it should stick, and dissipates too much.
 
-Along a line (:func:`gauss_points`) the sum is an integral with the nodal limits as weights. The
-Gauss rule of that discrete measure with p points is exact for polynomials up to degree 2 p - 1,
-whatever the mesh, the pressure or the lumping.
-
-Elsewhere (:func:`merged_points`) points that slip alike become one that slips as their weighted
-mean and carries their limits together. Alike: histories of y / sqrt(|y|) are close, y the slip
-velocity, whose square is |y|. As the friction potential is convex, a merged point never dissipates
-more than its parts at equal velocities. Merging by the velocity itself, Gauss rules of a rectangle
-and weights fitted to the forces (ECSW: Farhat, Chapman and Avery, Int. J. Numer. Meth. Engng 102,
-2015) need more points for the same error.
+Along a line (:func:`gauss_points`) the Gauss rule of the nodal limits with p points is exact for
+polynomials up to degree 2 p - 1, whatever the mesh, the pressure or the lumping. Elsewhere
+(:func:`merged_points`) points that slip alike become one: their histories of y / sqrt(|y|) are
+close, y the slip velocity. As the friction potential is convex, a merged point never dissipates
+more than its parts at equal velocities. ``examples/reduction.md`` has what other ways leave.
 """
 
 from __future__ import annotations

@@ -1,21 +1,11 @@
 """How a structure's joints slip, found without a run of the full model: the source of its modes.
 
-Friction makes the state of a joint a matter of the forces' history, not of velocities: the
-quasi-static path (:mod:`skfem_joint.stepping.quasi_static`) under the right forces passes through
-the states of the run. The right forces are the loads less inertia and damping, which a reduced
-model can tell long before it can tell the friction energy:
-
-1.  a first path under the loads, each with its inertia as far as its own static response says it,
-    f + omega^2 M u: rising to a little more than the peak, or, where several loads or harmonics
-    act, through time;
-2.  a preliminary run of the model reduced to that path, the static responses to the loads and the
-    fixed-interface modes that take part in the response;
-3.  the path under the forces f - M a - C v of that run: rising to a little more than their peak
-    where one harmonic acts, else through the times that the run passes through.
-
-Snapshots are the states of both paths and, where they turn, their increments. The paths obey the
-system's own law, which creeps, and not Coulomb's. The forces of the run carry the share of most
-interface modes into the snapshots. ``examples/reduction.md`` has formulas and measured errors.
+The quasi-static path (:mod:`skfem_joint.stepping.quasi_static`) under the right forces passes
+through the states of the run. These are the loads less inertia and damping, which a reduced model
+can tell long before it can tell the friction energy: a first path, under the loads and the inertia
+of their static response, makes a preliminary model, whose run gives the forces of a second path.
+Snapshots are the states of both and, where they turn, their increments. ``examples/reduction.md``
+has the method with its formulas, measured.
 """
 
 from __future__ import annotations
@@ -36,10 +26,9 @@ from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
 from skfem_joint.reduction.residual import acceleration
-from skfem_joint.reduction.zones import picked
+from skfem_joint.reduction.zones import QUICK_CYCLES, picked, steps_of_a_period
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 
@@ -55,8 +44,6 @@ NO_FRICTION = (
 FIRST, SECOND, BEYOND = 6, 13, (1.12, 1.05)
 #: Levels of paths through time: in 1.25 periods, in the period at the start, in a run without any.
 PERIOD, START, WHOLE = 50, 16, 100
-#: Periods of the preliminary run at first, least steps in one and in the shortest of the loads.
-CYCLES, STEPS, STEPS_PER_PERIOD = 4, 100, 20
 #: More periods while the strain energy of the last one is so much more than before, and the most.
 GROWING, MOST_CYCLES = 1.05, 64
 #: Rounds of preliminary run and path, while so much more slips than before.
@@ -295,7 +282,7 @@ def interface_modes(
     frequency, shapes = natural_modes(K, M, min(2 * most, free.size))
     omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
     stop = loads.step * loads.n_steps
-    stop = stop if loads.period is None else min(stop, CYCLES * loads.period)
+    stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
     times = np.arange(0.0, stop * (1.0 + 1e-9), loads.step)
     driven = (shapes.T @ (system.M @ response)[free]) @ loads(times)
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
@@ -325,10 +312,8 @@ def _preliminary(
     step, steps, cycles, most = loads.step, loads.n_steps, 1, 1
     if loads.period is not None:
         most = max(1, int(step * loads.n_steps / loads.period * (1.0 + 1e-9)))
-        cycles = min(CYCLES, most)
-        least = max(STEPS_PER_PERIOD * loads.fastest / (2.0 * np.pi) * loads.period, STEPS)
-        least = max(least, loads.period / longest_step(small, cycles * loads.period))
-        steps = min(int(np.ceil(least * (1.0 - 1e-9))), round(loads.period / step))
+        cycles, whole = min(QUICK_CYCLES, most), round(loads.period / step)
+        steps = steps_of_a_period(small, loads.period, cycles, loads.fastest / (2.0 * np.pi), whole)
         step = loads.period / steps
     while True:
         save = Save(fields=True)

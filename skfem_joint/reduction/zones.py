@@ -22,8 +22,8 @@ from skfem_joint.stepping.schemes import factorised
 from skfem_joint.structure import Joint, Patch, Structure
 from skfem_joint.system import System
 
-#: Cycles and least steps a cycle of a probe, and steps in the shortest period of the loads.
-PROBE_CYCLES, PROBE_STEPS, PROBE_STEPS_PER_PERIOD = 4, 100, 20
+#: Cycles of a quick run, least steps in one and in the shortest period of the loads.
+QUICK_CYCLES, STEPS, STEPS_PER_PERIOD = 4, 100, 20
 #: Numbers of a field that a probe stores.
 _MOST_NUMBERS = 20_000_000
 #: Positions along an axis that differ by less than this share of a joint's length are the same.
@@ -232,7 +232,7 @@ def probed(
 
     Its points are the slips at the mouths. The slip beyond the active length is exactly zero, so
     that the length measured hardly depends on the threshold. Where a run is counted in cycles it
-    takes a few of them, in steps that the fastest harmonic and jumps of the loads allow.
+    takes a few of them.
     """
     rows = np.isin(np.repeat(np.arange(system.w.size), system.directions), mouths(zones))
     coulomb = replace(
@@ -241,14 +241,19 @@ def probed(
         points=tuple(f"slip {row}" for row in np.flatnonzero(rows)),
     )
     if cycle_steps is not None:
-        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, PROBE_CYCLES)
+        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, QUICK_CYCLES)
         highest = max((load.amplitude.highest_frequency or 0.0) for load in system.loads)
-        least = max(PROBE_STEPS_PER_PERIOD * highest * period, PROBE_STEPS)
-        least = max(least, period / longest_step(coulomb, cycles * period))
-        steps = min(cycle_steps, int(np.ceil(least * (1.0 - 1e-9))))
+        steps = steps_of_a_period(coulomb, period, cycles, highest, cycle_steps)
         step, n_steps = period / steps, cycles * steps
     save = Save(fields=True, fields_every=max(1, -(-n_steps * system.n // _MOST_NUMBERS)))
     return integrate(coulomb, step=step, n_steps=n_steps, save=save).finished()
+
+
+def steps_of_a_period(system: System, period: float, cycles: int, highest: float, most: int) -> int:
+    """Fewest steps (at most so many) that the highest frequency (Hz) and jumps of loads allow."""
+    least = max(STEPS_PER_PERIOD * highest * period, STEPS)
+    least = max(least, period / longest_step(system, cycles * period))
+    return min(most, int(np.ceil(least * (1.0 - 1e-9))))
 
 
 def mouths(zones: Sequence[Zone]) -> IntArray:
