@@ -217,8 +217,7 @@ def _second(
     """Path under the forces of a run: snapshots, (s, n), and how many are within its peak."""
     run = acting.run
     if loads.single:
-        work = acting.coordinates @ (response[:, 0] @ acting.shapes)
-        force = acting.at(np.array([np.argmax(np.abs(work))]))
+        force = acting.at(np.array([np.argmax(np.abs(acting.work(response[:, 0])))]))
         levels = np.append(_levels(SECOND, 1.0), [[BEYOND[1]]], axis=0)
         return path.follow(levels * force, loads.lasting * levels[:, 0]), SECOND
     rows, K = np.arange(1, len(run.u)), run.system.K
@@ -335,20 +334,19 @@ class _Acting:
     run: Run
 
     @cached_property
-    def shapes(self) -> FloatArray:
-        """Vectors that they are made of, (n, k)."""
-        M, C = self.system.M @ self.V, self.system.C @ self.V
-        return np.hstack([self.system.load_vectors(), M, C])
-
-    @cached_property
-    def coordinates(self) -> FloatArray:
-        """How much of each vector acts at the stored times, (times, k)."""
-        loads = self.system.load_amplitudes(self.run.times)
-        return np.vstack([loads, -acceleration(self.run), -self.run.v.T]).T
+    def _parts(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Amplitudes (times, k) and vectors (n, k) of the loads, of inertia and of damping."""
+        system, run = self.system, self.run
+        loads = system.load_amplitudes(run.times).T, system.load_vectors()
+        return [loads, (-acceleration(run).T, system.M @ self.V), (-run.v, system.C @ self.V)]
 
     def at(self, rows: IntArray) -> FloatArray:
         """At some of the stored times, (rows, n)."""
-        return np.asarray(self.coordinates[rows] @ self.shapes.T)
+        return np.asarray(sum(amplitude[rows] @ shape.T for amplitude, shape in self._parts))
+
+    def work(self, u: FloatArray) -> FloatArray:
+        """Virtual work on a displacement ``u`` (n,) at all stored times, (times,), J."""
+        return np.asarray(sum(amplitude @ (u @ shape) for amplitude, shape in self._parts))
 
 
 def _evenly(run: Run, K: FloatArray, rows: IntArray, count: int) -> IntArray:
