@@ -219,8 +219,4 @@ def _frame(corners: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) in the plane of triangles in space, perpendicular to each other."""
     sides = corners[:, 1:] - corners[:, :1]
     normal = np.cross(sides[:, 0], sides[:, 1]).sum(axis=0)
-    normal /= np.linalg.norm(normal)
-    first = np.eye(3)[np.argmin(np.abs(normal))]
-    first = first - (first @ normal) * normal
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first)])
+    return np.asarray(np.linalg.svd(normal[np.newaxis])[2][1:])
