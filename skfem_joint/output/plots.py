@@ -119,12 +119,11 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
 
 
 def hysteresis_figure(
-    runs: Mapping[str, Run], point: str, load: int = 0, cycle_rows: int | None = None
+    runs: Mapping[str, Run], point: str, load: int, cycle_rows: int | None
 ) -> Figure:
     """Force of a load, counted from 0, over the displacement of a point, in the last cycle.
 
-    ``cycle_rows`` are the stored rows a cycle; the whole run is drawn if it is shorter, or if they
-    are not given.
+    ``cycle_rows`` are the stored rows a cycle; the whole run is drawn where it is shorter.
     """
     _moving(runs, [point])  # refuses what is not there
     loops = []

@@ -16,8 +16,9 @@ from skfem_joint.system import System
 SNAPSHOTS = ("both", "displacement", "rates")
 #: Inner products that modes may be orthogonal in.
 INNER_PRODUCTS = ("energy", "mass", "euclidean")
-#: Singular values below this share of the largest are round-off.
-_ROUND_OFF = 1e-14
+# Singular values below this share of the largest are round-off; those of directions that depend on
+# others, not below the square root of it.
+_ROUND_OFF, _DEPENDENT = 1e-14, 3e-7
 
 
 def thinned(history: FloatArray, most: int) -> FloatArray:
@@ -131,17 +132,16 @@ def _evened(x: FloatArray) -> FloatArray:
     return np.asarray(x / np.sqrt(np.maximum(size, 1e-9 * size.max()) * size.max())[:, np.newaxis])
 
 
-def orthonormal(V: FloatArray, M: Matrix, tolerance: float = 3e-7) -> FloatArray:
+def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
     """Basis of the span of ``V`` with V^T M V = I; directions that depend on others are dropped.
 
-    Columns of ``V`` (n, j) may have any scale. Dependent are those of a relative singular value
-    below ``tolerance``, which must not be below the square root of the round-off.
+    Columns of ``V`` (n, j) may have any scale.
     """
     scale = np.sqrt(np.einsum("ij,ij->j", V, M @ V))
     V = V[:, scale > 0.0] / scale[scale > 0.0]
     gram = V.T @ (M @ V)
     values, vectors = np.linalg.eigh(gram)
-    keep = values > tolerance**2 * values[-1]
+    keep = values > _DEPENDENT**2 * values[-1]
     if np.all(keep):
         # Gram-Schmidt keeps the order and the look of the modes.
         return np.asarray(np.linalg.solve(np.linalg.cholesky(gram), V.T).T)

@@ -61,7 +61,7 @@ def reference(runs: Runs) -> ReferenceModes:
 def figures(runs: Runs, reference: ReferenceModes) -> Figures:
     return {
         "histories": plots.histories_figure(runs, ["free_end"]),
-        "hysteresis": plots.hysteresis_figure(runs, "free_end", cycle_rows=ROWS),
+        "hysteresis": plots.hysteresis_figure(runs, "free_end", 0, ROWS),
         "modes": plots.modes_figure(reference, "the paper's reference joint"),
         "values": plots.proper_values_figure(reference.proper, "the full model's own run"),
         "cycles": plots.energies_figure(runs),
@@ -142,7 +142,7 @@ def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
         work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(u))
         assert work == pytest.approx(run.cycles.input[-1].sum(), rel=1e-9)
     # A run shorter than a cycle is drawn whole.
-    figure = plots.hysteresis_figure(runs, "free_end", cycle_rows=1000)
+    figure = plots.hysteresis_figure(runs, "free_end", 0, 1000)
     assert len(figure.axes[0].get_lines()[0].get_xdata()) == 3 * ROWS + 1
 
 
@@ -222,7 +222,7 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
     ("draw", "message"),
     [
         (lambda runs: plots.histories_figure(runs, ["tip"]), "'tip'.*free_end"),
-        (lambda runs: plots.hysteresis_figure(runs, "tip"), "'tip'.*free_end"),
+        (lambda runs: plots.hysteresis_figure(runs, "tip", 0, None), "'tip'.*free_end"),
         (lambda runs: plots.histories_figure(runs, []), "no points"),
         (lambda runs: plots.histories_figure({}, ["free_end"]), "no runs"),
     ],
