@@ -116,28 +116,38 @@ def _hat_simplices(
 def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> FloatArray:
     """Integrals of pressure times hat function over segments or triangles, exactly.
 
-    ``corners`` (n, 2 or 3, dim) are in m. Gives N/m on segments, N on triangles, (n, 2 or 3). Where
-    a table has a kink, segments and triangles are cut.
+    ``corners`` (n, 2 or 3, dim) are in m. Gives N/m on segments, N on triangles, (n, 2 or 3). A
+    table is its first value and ramps that set in at its kinks.
     """
-    size = _measure(corners)
-    count = corners.shape[1]
+    size, count = _measure(corners)[:, np.newaxis], corners.shape[1]
     if not isinstance(pressure, PressureTable):
-        return np.repeat(pressure * size[:, None] / count, count, axis=1)
+        return np.repeat(pressure * size / count, count, axis=1)
     position = pressure.along(corners)
-    pieces = np.repeat(np.eye(count)[None], len(corners), axis=0)
-    parent = np.arange(len(corners))
-    for kink in pressure.positions:
-        pieces, parent = _cut(pieces, parent, position, kink)
-    values = np.interp(
-        np.einsum("nij,nj->ni", pieces, position[parent]), pressure.positions, pressure.values
-    )
-    # Products of two linear functions on a simplex.
-    products = values.sum(axis=1)[:, None] * pieces.sum(axis=1)
-    products += np.einsum("ni,nik->nk", values, pieces)
-    share = np.abs(np.linalg.det(pieces)) * size[parent] / (count * (count + 1))
-    result = np.zeros((len(corners), count))
-    np.add.at(result, parent, share[:, None] * products)
-    return result
+    slopes = np.diff(pressure.values) / np.diff(pressure.positions)
+    means = np.full(position.shape, pressure.values[0] / count)
+    for kink, change in zip(pressure.positions, np.diff([0.0, *slopes, 0.0]), strict=True):
+        means += change * _ramp(position - kink)
+    return np.asarray(size * means)
+
+
+def _ramp(f: FloatArray) -> FloatArray:
+    """Means of max(0, f) times the hats over simplices with values f at their corners, (n, 2 or 3).
+
+    Where one corner alone is positive, f is a hat on the part of the simplex at this corner. Where
+    more are, max(0, f) = f + max(0, -f).
+    """
+    n, count = f.shape
+    more = np.count_nonzero(f > 0.0, axis=1, keepdims=True) > 1
+    whole = np.where(more, f.sum(axis=1, keepdims=True) + f, 0.0)
+    g = np.where(more, -f, f)
+    rows, lone = np.arange(n), g.argmax(axis=1)
+    top = np.maximum(g[rows, lone], 0.0)[:, np.newaxis]
+    reach = top / np.where(top > g, top - g, 1.0)  # share of the edges to the others
+    reach[rows, lone] = 1.0
+    hats = reach.copy()
+    hats[rows, lone] = count + 2.0 - reach.sum(axis=1)
+    part = reach.prod(axis=1, keepdims=True) * top * hats
+    return np.asarray((whole + part) / (count * (count + 1)))
 
 
 def _measure(corners: FloatArray) -> FloatArray:
@@ -148,43 +158,6 @@ def _measure(corners: FloatArray) -> FloatArray:
     if corners.shape[2] == 2:
         return np.asarray(0.5 * np.abs(np.linalg.det(sides)))
     return np.asarray(0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1))
-
-
-def _cut(
-    pieces: FloatArray, parent: IntArray, position: FloatArray, level: float
-) -> tuple[FloatArray, IntArray]:
-    """Cut simplices where a linear function, given at their parents' corners, has a value.
-
-    ``pieces`` holds the corners of each simplex in the barycentric coordinates of its parent.
-    """
-    values = np.einsum("nij,nj->ni", pieces, position[parent])
-    crossed = (values.min(axis=1) < level) & (level < values.max(axis=1))
-    order = np.argsort(values[crossed], axis=1)
-    values = np.take_along_axis(values[crossed], order, axis=1)
-    corner = np.moveaxis(np.take_along_axis(pieces[crossed], order[..., None], axis=1), 1, 0)
-
-    def between(i: int, j: int) -> FloatArray:
-        gap = values[:, j] - values[:, i]
-        t = ((level - values[:, i]) / np.where(gap > 0.0, gap, 1.0))[:, None]
-        return np.asarray((1.0 - t) * corner[i] + t * corner[j])
-
-    if pieces.shape[1] == 2:
-        middle = between(0, 1)
-        new = [[corner[0], middle], [middle, corner[1]]]
-    else:
-        long = between(0, 2)
-        low = (level <= values[:, 1])[:, None]
-        short = np.where(low, between(0, 1), between(1, 2))
-        new = [
-            [corner[0], np.where(low, short, corner[1]), long],
-            [np.where(low, short, corner[1]), np.where(low, corner[1], short), long],
-            [np.where(low, corner[1], short), corner[2], long],
-        ]
-    stacked = np.concatenate([np.stack(piece, axis=1) for piece in new])
-    return (
-        np.concatenate([pieces[~crossed], stacked]),
-        np.concatenate([parent[~crossed], np.tile(parent[crossed], len(new))]),
-    )
 
 
 def _bolted(
