@@ -306,27 +306,25 @@ def _slip_vectors(
     Along: times the share of the axis in the point's slip directions. The directions (m, dim) of
     the slip across come third; zero for points that slip along the axis alone.
     """
-    m, first = system.w.size, system.first_row
-    directions = np.zeros((int(first[-1]), structure.dim))
-    along, across = np.zeros(len(directions)), np.zeros(len(directions))
+    m = system.w.size
+    directions, axis = np.zeros((m, 2, structure.dim)), np.zeros((m, structure.dim))
     for patch in structure.patches:
-        for which in range(patch.directions.shape[1]):
-            has = system.directions[patch.points] > which
-            rows = first[patch.points[has]] + which
-            directions[rows] = patch.directions[has, which]
-            along[rows] = directions[rows] @ axis_of(structure, patch.joint)
-    size = np.sqrt(system.by_point(along**2))
-    lone = first[:-1][(system.directions == 1) & (size <= THRESHOLD)]
-    along[lone], across[lone] = 0.0, 1.0
+        directions[patch.points, : patch.directions.shape[1]] = patch.directions
+        axis[patch.points] = axis_of(structure, patch.joint)
+    along, across = np.einsum("mkd,md->mk", directions, axis), np.zeros((m, 2))
+    size = np.linalg.norm(along, axis=1)[:, np.newaxis]
+    lone = (system.directions == 1) & (size[:, 0] <= THRESHOLD)
+    along[lone], across[lone] = 0.0, [1.0, 0.0]
     pair = system.directions == 2
-    one, some = first[:-1][pair], size[pair] > 0.0
-    across[one] = -along[one + 1] / np.where(some, size[pair], 1.0)
-    across[one + 1] = np.where(some, along[one] / np.where(some, size[pair], 1.0), 1.0)
-    place = np.arange(len(directions)), np.repeat(np.arange(m), system.directions)
-    A, C = (sparse.csr_array((x, place), shape=(len(directions), m)) for x in (along, across))
+    turned = along[:, ::-1] * [-1.0, 1.0] / np.where(size > 0.0, size, 1.0)
+    across[pair] = np.where(size > 0.0, turned, [0.0, 1.0])[pair]
+    has = system.directions[:, np.newaxis] > [0, 1]
+    place = np.arange(np.count_nonzero(has)), np.repeat(np.arange(m), system.directions)
+    A, C = (sparse.csr_array((x[has], place), shape=(len(place[0]), m)) for x in (along, across))
     C.eliminate_zeros()
     B = sparse.csr_array(system.B)
-    return sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), C.T @ directions
+    sideways = np.einsum("mk,mkd->md", across, directions)
+    return sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), sideways
 
 
 def _out_of_contact(system: System) -> sparse.csc_array:

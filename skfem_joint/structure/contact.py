@@ -72,9 +72,9 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
 def _along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
     """Rows that take the component along vectors of the displacements of ``m`` points."""
     k, dim = vectors.shape
-    rows = np.repeat(np.arange(k), dim)
-    columns = (dim * point[:, None] + np.arange(dim)).ravel()
-    picked = sparse.csr_array((unit_vectors(vectors).ravel(), (rows, columns)), shape=(k, dim * m))
+    columns = dim * point[:, None] + np.arange(dim)
+    entries = unit_vectors(vectors).ravel(), columns.ravel(), dim * np.arange(k + 1)
+    picked = sparse.csr_array(entries, shape=(k, dim * m))
     picked.eliminate_zeros()
     return picked
 
