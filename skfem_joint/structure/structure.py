@@ -367,12 +367,8 @@ class Structure(Nodes):
 
 def _interleaved(blocks: Mapping[tuple[int, int], Any], dim: int) -> sparse.csr_array:
     """Matrix on ``dim * node + component`` from blocks by component, made symmetric."""
-    parts = [(i, j, A.tocoo()) for (i, j), A in blocks.items()]
-    n = dim * parts[0][2].shape[0]
-    rows = np.concatenate([dim * A.coords[0] + i for i, _, A in parts])
-    columns = np.concatenate([dim * A.coords[1] + j for _, j, A in parts])
-    values = np.concatenate([A.data for _, _, A in parts])
-    A = sparse.csr_array((values, (rows, columns)), shape=(n, n))
+    e = np.eye(dim)
+    A = sum(sparse.kron(block, np.outer(e[i], e[j]), "csr") for (i, j), block in blocks.items())
     symmetric = sparse.csr_array(0.5 * (A + A.T))
     symmetric.eliminate_zeros()
     return symmetric
