@@ -37,7 +37,7 @@ if __name__ == "__main__":
     up = "load, N", [row[FORCE] for row in swept.values]
     results = {"computed": loss, "pseudo-static closed form": closed}
     figure = plots.sweep_maps_figure(across, up, results, "friction energy per cycle", "J")
-    plots.save_figure("sweep.png", figure)
+    plots.save_figure(Path("sweep.png"), figure)
     print(f"{len(rows)} scenes, {sum(bool(row.failure) for row in rows)} of which failed")
     print(f"friction energy per cycle: {1e3 * loss.min():.3g} to {1e3 * loss.max():.3g} mJ")
     print(f"from the closed form: {100 * away.min():+.2f} % to {100 * away.max():+.2f} %")

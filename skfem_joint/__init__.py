@@ -14,7 +14,7 @@ stepping     time integration: schemes, the steppers for what a system's matrice
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole
 analysis     a scene's models run and compared, their estimated errors, error against run time,
-             sweeps of many scenes
+             damping against amplitude, response over frequency, sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 

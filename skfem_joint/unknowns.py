@@ -122,8 +122,22 @@ class Arrangement:
 
 
 def dof_numbers(given: Any) -> IntArray:
-    """Numbers of degrees of freedom, given as such or by scikit-fem's ``get_dofs``, rising."""
-    return np.unique(np.asarray(getattr(given, "all", lambda: given)(), dtype=np.intp))
+    """Numbers of degrees of freedom, given as such or by scikit-fem's ``get_dofs``, rising.
+
+    Raises
+    ------
+    InputError
+        If they are not whole numbers, such as a mask.
+    """
+    # An array has a method of that name too, which tells something else.
+    view = not isinstance(given, np.ndarray) and hasattr(given, "all")
+    numbers = np.asarray(given.all() if view else given)
+    if numbers.size and not np.issubdtype(numbers.dtype, np.integer):
+        raise InputError(
+            f"fixed: found {numbers.dtype} values, must be numbers of degrees of freedom; of a "
+            "mask take np.flatnonzero(mask)"
+        )
+    return np.unique(numbers.astype(np.intp))
 
 
 def expanded(T: Matrix, u: FloatArray) -> FloatArray:

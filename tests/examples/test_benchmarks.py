@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import growth, plates, ready_made
+from benchmarks import growth, plates, ready_made, steady
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
@@ -20,6 +20,7 @@ from joint_scenes import lap_joint
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.history import difference, results
 from skfem_joint.analysis.reference import Reference, make_reference
+from skfem_joint.analysis.response import response
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
@@ -259,3 +260,17 @@ def test_pulled_plates_are_antisymmetric(example: dict[str, Any]) -> None:
         here, there = order[body[order] == upper], other[body[other] == lower]
         np.testing.assert_allclose(nodes[here], turned[there], atol=1e-9)
         np.testing.assert_allclose(u[here], -u[there], atol=1e-7 * np.abs(u).max())
+
+
+def test_the_published_beam_has_its_peak_where_it_is_published() -> None:
+    force, peak, omega = steady.BEAM[2]
+    around = (omega + np.array([-4.0, -1.5, 1.0])) / (2.0 * np.pi)
+    (curve,) = response(steady.beam(), around, (force,), refined=False)
+    at, size = curve.peak
+    assert 2.0 * np.pi * at == pytest.approx(omega, abs=3.0)
+    assert 1e3 * size == pytest.approx(peak, rel=0.015)
+
+
+def test_the_benchmark_of_steady_vibration_counts_periods() -> None:
+    systems = [steady.bar(2000.0, 0.03), steady.bar(1790.0, 0.3)]
+    assert 5 * steady.periods(systems, 8) < steady.periods(systems, 0)

@@ -218,3 +218,12 @@ def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for() -> 
         values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
         with pytest.raises(InputError, match=match):
             contact(basis, values.pop("on"), **values)
+
+
+def test_fixed_may_be_numbers_in_any_form_but_no_mask() -> None:
+    K = sparse.diags_array([[-1.0] * 3, [2.0] * 4, [-1.0] * 3], offsets=[-1, 0, 1])
+    M = sparse.eye_array(4)
+    for fixed in ([1, 3], (1, 3), np.array([3, 1]), np.array([1, 3], dtype=np.int32)):
+        assert System.from_matrices(M, K, fixed=fixed).expand(np.ones(2)).tolist() == [1, 0, 1, 0]
+    with pytest.raises(InputError, match="mask"):
+        System.from_matrices(M, K, fixed=np.array([False, True, False, True]))

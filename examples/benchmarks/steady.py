@@ -1,0 +1,173 @@
+"""What steady vibration costs: damping curves, responses, and a published beam.
+
+    python examples/benchmarks/steady.py [--quick]
+
+Damping curves of 20 levels of a bar with 100 contact points and a plate with 3,979; a response of
+that bar at 3, 10 and 30 % of its friction limit through its resonance, with 200 steps a period,
+beside plain iteration of its periods and plain marching; and the cantilever with a Coulomb element
+of the second example of NLstep (M. Krack and J. Gross, University of Stuttgart; see
+doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one thread.
+"""
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import argparse
+import statistics
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+from scipy.linalg import eigh
+from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
+
+import skfem_joint as sj
+from benchmarks.plates import system_of
+from skfem_joint.analysis import response
+from skfem_joint.stepping import steady
+
+MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
+#: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
+BEAM = (
+    (50.0, 0.0737, 241.0),
+    (100.0, 0.0761, 221.0),
+    (200.0, 0.0886, 207.8),
+    (400.0, 0.2021, 157.0),
+)
+
+
+def bar(frequency: float = RESONANCE, share: float = 0.1, beta: float = np.inf) -> sj.System:
+    """Bar of 100 elements in its joint, loaded by a share of the joint's friction limit."""
+    mesh = sj.build_bar([("joint", 0.2, 100), ("free", 0.5, 100)], {"fixed": 0.0, "end": 0.7})
+    structure = sj.Structure(
+        mesh,
+        sj.Material(200e9, 8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[sj.Joint("joint", 50e6, 0.7, beta=beta)],
+        stiffness_damping=2.0 * MODAL_DAMPING / (2.0 * np.pi * RESONANCE),
+    )
+    system = structure.system([sj.Load("end", sj.Harmonic(1.0, frequency))])
+    force = sj.Harmonic(share * float(system.w.sum()), frequency)
+    return replace(system, loads=(replace(system.loads[0], amplitude=force),))
+
+
+def beam() -> sj.System:
+    """Steel cantilever of 2 m with a friction element of 1.5 kN at 0.75 m, driven at its tip."""
+    length, height, width, E, density = 2.0, 0.1, 0.3, 185e9, 7830.0
+    EI, mass = E * width * height**3 / 12.0, density * width * height
+    basis = Basis(MeshLine(np.linspace(0.0, length, 9)), ElementLineHermite())
+    K = BilinearForm(lambda u, v, _: EI * u.hess[0, 0] * v.hess[0, 0]).assemble(basis)
+    M = BilinearForm(lambda u, v, _: mass * u * v).assemble(basis)
+    wall, joint, tip = basis.nodal_dofs[:, 0], basis.nodal_dofs[0, 3], basis.nodal_dofs[0, -1]
+    free = np.setdiff1d(np.arange(basis.N), [*wall, joint])
+    stuck = eigh(K[free][:, free].toarray(), M[free][:, free].toarray(), eigvals_only=True)[0]
+    return sj.System.from_matrices(
+        M,
+        K,
+        fixed=wall,
+        contact=sj.point_friction(np.bincount([joint], minlength=basis.N), 1500.0, beta=np.inf),
+        loads={"tip": (tip, sj.Harmonic(1.0, 30.0))},
+        mass_damping=2.0 * 0.05 * float(np.sqrt(stuck)),
+    )
+
+
+def backbones(quick: bool) -> None:
+    """Times of damping curves."""
+    print("| structure | contact points | 20 levels, s | by Masing's rule off by |")
+    print("| --- | --- | --- | --- |")
+    plate = (24, 12, 0.25) if quick else (432, 22, 0.05)
+    for name, system in (("bar", bar()), ("plate", system_of(*plate, False))):
+        times = []
+        for _ in range(2):  # the second one is warm
+            begin = time.perf_counter()
+            (found,) = sj.backbone(system)
+            times.append(time.perf_counter() - begin)
+        error = "-" if found.masing_error is None else f"{100 * found.masing_error:.2g} %"
+        print(f"| {name} | {system.contact_points} | {times[1]:.3g} | {error} |", flush=True)
+
+
+def periods(systems: list[sj.System], memory: int) -> int:
+    """Periods that steady states take from rest with so many states mixed."""
+    kept, steady.MEMORY = steady.MEMORY, memory
+    try:
+        runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
+    finally:
+        steady.MEMORY = kept
+    return sum(run.steady.periods for run in runs if run.steady)
+
+
+def responses(quick: bool) -> None:
+    """Time of a frequency, periods beside plain iteration, and what marching gives."""
+    system, points = bar(share=1.0), 7 if quick else 31
+    frequencies = np.linspace(1700.0, 2600.0, points)
+    sj.integrate(system, until="steady", steps_per_cycle=STEPS)  # compiles
+    times: list[float] = []
+    curves = []
+    for level in (0.03, 0.1, 0.3):
+        state, found = None, []
+        for frequency in frequencies.tolist():
+            begin = time.perf_counter()
+            one = response.steady_point(system, frequency, level, STEPS, None, state)
+            times.append(time.perf_counter() - begin)
+            state = one.state
+            found.append(one)
+        curves.append(response.Curve(level, tuple(found)))
+    used = sum(int(curve.column("periods").sum()) for curve in curves)
+    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
+          f"frequency, {used} periods in all.")  # fmt: skip
+    cases = [
+        bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies[:: 3 if quick else 2].tolist()
+    ]
+    mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
+    print(f"From rest {mixed} periods; plain iteration to the same change {plain}: "
+          f"{plain / mixed:.1f} times as many.")  # fmt: skip
+    for share, frequency in ((0.03, 2270.0), (0.1, 2050.0), (0.3, 1790.0)):
+        case = bar(frequency, share)
+        run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
+        marched = sj.integrate(case, cycles=300 if quick else 3000, steps_per_cycle=STEPS)
+        last = marched.point("end")[-STEPS - 1 :]
+        apart = np.ptp(run.point("end")) / np.ptp(last) - 1.0
+        energy = run.cycles.friction[-1] / marched.cycles.friction[-1] - 1.0
+        print(
+            f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
+            f"periods, amplitude {100 * apart:+.2g} %, friction energy {100 * energy:+.2g} %."
+        )
+
+
+def published(quick: bool) -> None:
+    """The beam's peaks at four forces."""
+    system = beam()
+    print("\n| force, N | peak, mm | published | at, rad/s | published |")
+    print("| --- | --- | --- | --- | --- |")
+    for force, peak, omega in BEAM[1:3] if quick else BEAM:
+        around = (omega + np.linspace(-9.0, 9.0, 4 if quick else 7)) / (2.0 * np.pi)
+        (curve,) = sj.response(system, around, (force,), steps_per_cycle=STEPS)
+        at, size = curve.peak
+        print(f"| {force:g} | {1e3 * size:.4f} | {peak} | {2.0 * np.pi * at:.1f} | {omega} |")
+
+
+def main(arguments: list[str]) -> int:
+    """Print all of it."""
+    parser = argparse.ArgumentParser(
+        description="Steady vibration: times, periods, a published beam."
+    )
+    parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
+    quick = parser.parse_args(arguments).quick
+    backbones(quick)
+    responses(quick)
+    published(quick)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
