@@ -184,8 +184,9 @@ def _curve(
     travelled = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
     work = 4.0 * slip @ system.w
     masing = bool(np.all(travelled @ system.w <= TURNED * (slip @ system.w)))
-    around = np.unique(np.linspace(0, level.size - 1, CHECKED).round().astype(int))
-    around = np.arange(level.size) if not masing else around[work[around] > 0.0]
+    count = CHECKED if masing else level.size
+    around = np.unique(np.linspace(0, level.size - 1, count).round().astype(int))
+    around = around[work[around] > 0.0]
     loops = np.array([_loop(system, path, level[k] * force, states[k]) for k in around])
     ratio = loops / work[around]
     if around.size:  # between them
@@ -245,8 +246,8 @@ def _slips_at(
     if np.isfinite(limit):
         return min(limit, nominal)
 
-    u, level, sticks = np.zeros_like(force), nominal * (1.0 + WITHIN), 1.0
-    before = 0.0 * force
+    level, sticks = nominal * (1.0 + WITHIN), 1.0
+    u = before = 0.0 * force
     for _ in range(TRIALS):
         u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
