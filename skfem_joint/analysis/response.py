@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import sparse
@@ -23,7 +23,7 @@ from skfem_joint.analysis.asked import TO_STEADY, options_of
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
+from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.basis import Basis, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
@@ -86,12 +86,8 @@ class Curve:
     def peak(self) -> tuple[float, float]:
         """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest."""
         f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
-        k = int(np.nanargmax(A))
-        if not 0 < k < f.size - 1 or not np.isfinite(A[k - 1 : k + 2]).all():
-            return float(f[k]), float(A[k])
-        top = _vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
-        parabola = np.polyfit(f[k - 1 : k + 2] - f[k], A[k - 1 : k + 2], 2)
-        return top, float(np.polyval(parabola, top - f[k]))
+        known = np.isfinite(A)
+        return _top(f[known], A[known])
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -103,7 +99,8 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
         If a load is not made of harmonics, or the frequency is not positive.
     """
     period = common_period(load.amplitude for load in system.loads)
-    if period is None or frequency <= 0.0:
+    harmonic = all(load.amplitude.harmonics for load in system.loads)
+    if period is None or frequency <= 0.0 or not harmonic:
         raise InputError(
             f"response: found frequency {frequency}, must be > 0, of loads that are harmonic"
         )
@@ -114,18 +111,12 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=loads)
 
 
-def _parts(amplitude: object) -> tuple[Harmonic, ...]:
-    if isinstance(amplitude, Harmonic):
-        return (amplitude,)
-    if isinstance(amplitude, MultiHarmonic):
-        return amplitude.components
-    raise InputError("response: needs loads of kind 'harmonic' or 'multi_harmonic'")
-
-
-def _scaled(amplitude: object, faster: float, level: float) -> MultiHarmonic:
-    parts = _parts(amplitude)
+def _scaled(amplitude: Amplitude, faster: float, level: float) -> MultiHarmonic:
     return MultiHarmonic(
-        tuple(Harmonic(level * p.amplitude, faster * p.frequency, p.phase) for p in parts)
+        tuple(
+            Harmonic(level * one.amplitude, faster * one.frequency, one.phase)
+            for one in amplitude.harmonics
+        )
     )
 
 
@@ -163,6 +154,8 @@ def response(
     ------
     InputError
         If there is nothing to vibrate steadily, or a frequency or level is not positive.
+    ConvergenceError
+        If no frequency of a level has a steady vibration.
     """
     frequencies = np.asarray(frequencies, dtype=float)
     if frequencies.size == 0 or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
@@ -200,6 +193,10 @@ def _curve(
     last = None
     for frequency in frequencies.tolist():
         last = add(frequency, last)
+    if all(point.failure is not None for point in points):
+        raise ConvergenceError(
+            f"response: level {level:g}, at every frequency: {points[0].failure}"
+        )
     if refined:
         for _ in range(4 * AROUND):
             wanted = next(_wanted(Curve(level, tuple(points))), None)
@@ -223,19 +220,20 @@ def _wanted(curve: Curve) -> Iterator[float]:
     )
     for k in steep:
         yield float(0.5 * (f[k] + f[k + 1]))
-    top_row = int(A.argmax())
-    if 0 < top_row < f.size - 1:
-        three = slice(top_row - 1, top_row + 2)
-        top = _vertex(f[three], A[three])
-        if np.abs(f - top).min() > CLOSE * top:
-            yield top
+    top, _ = _top(f, A)
+    if np.abs(f - top).min() > CLOSE * top:
+        yield top
 
 
-def _vertex(f: FloatArray, A: FloatArray) -> float:
-    """Frequency of the top of a parabola through three points, the middle one the highest."""
-    a, b, _ = np.polyfit(f - f[1], A / A[1], 2)
-    top = f[1] - 0.5 * b / a if a < 0.0 else f[1]
-    return float(np.clip(top, f[0], f[2]))
+def _top(f: FloatArray, A: FloatArray) -> tuple[float, float]:
+    """Top of a parabola through the highest point and its neighbours; that point at an end."""
+    k = int(A.argmax())
+    if 0 < k < f.size - 1:
+        parabola = np.polyfit(f[k - 1 : k + 2] - f[k], A[k - 1 : k + 2], 2)
+        if parabola[0] < 0.0:
+            shift = -0.5 * parabola[1] / parabola[0]
+            return float(f[k] + shift), float(np.polyval(parabola, shift))
+    return float(f[k]), float(A[k])
 
 
 def steady_point(
@@ -248,9 +246,10 @@ def steady_point(
 ) -> SteadyPoint:
     """Steady vibration at one frequency (Hz); one that is not found says so."""
     loaded = at_frequency(system, frequency, level)
-    how = {"steps_per_cycle": steps_per_cycle, "scheme": scheme, "initial": start}
     try:
-        run = integrate(loaded, until="steady", **how)  # type: ignore[arg-type]
+        run = integrate(
+            loaded, until="steady", steps_per_cycle=steps_per_cycle, scheme=scheme, initial=start
+        )
     except ConvergenceError as error:
         nothing = np.full(len(system.points), np.nan)
         harmonics = np.full((nothing.size, HARMONICS), np.nan + 0j)
@@ -299,12 +298,14 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     found = []
     for frequency in frequencies.tolist():
         motion = np.zeros((len(system.points), SAMPLES))
-        loads = at_frequency(inner, frequency).loads
-        for k, load in enumerate(loads):
-            for part in _parts(load.amplitude):
+        solvers: dict[float, Any] = {}
+        for force, load in zip(F.T, at_frequency(inner, frequency).loads, strict=True):
+            for part in load.amplitude.harmonics:
                 omega = 2.0 * np.pi * part.frequency
-                H = sparse.csc_array(K + 1j * omega * C - omega**2 * M)
-                u = P @ splu(H).solve(F[:, k].astype(complex)) * part.amplitude
+                if omega not in solvers:
+                    H = K + 1j * omega * C - omega**2 * M
+                    solvers[omega] = splu(sparse.csc_array(H)).solve
+                u = P @ solvers[omega](force.astype(complex)) * part.amplitude
                 phase = turn * part.frequency / frequency + part.phase
                 motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
         found.append(0.5 * np.ptp(motion, axis=1))
@@ -412,8 +413,16 @@ def _reduced(
 ) -> tuple[Basis, System]:
     """Basis and reduced system for steady vibration under the loads."""
     options, steps = options_of(scene), scene.time.steps_per_cycle
-    how = {"step": step, "n_steps": TO_STEADY * steps, "cycle_steps": steps, "scheme": scheme}
-    basis = make_basis(scene.structure(), loaded, options, warn=warn, **how)  # type: ignore[arg-type]
+    basis = make_basis(
+        scene.structure(),
+        loaded,
+        options,
+        step=step,
+        n_steps=TO_STEADY * steps,
+        cycle_steps=steps,
+        scheme=scheme,
+        warn=warn,
+    )
     small, _ = reduced_system(
         loaded,
         basis,
@@ -436,10 +445,16 @@ def _errors(
 ) -> Estimate:
     """Estimated errors at the peak of a curve."""
     at = curve.peak[0]
-    how = {"step": 1.0 / at / steps, "n_steps": steps, "scheme": scheme, "save": Save(),
-           "cycle_steps": steps, "until": "steady"}  # fmt: skip
+    how: dict[str, Any] = {
+        "step": 1.0 / at / steps,
+        "n_steps": steps,
+        "scheme": scheme,
+        "save": Save(),
+        "cycle_steps": steps,
+        "until": "steady",
+    }
     full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
-    run = integrate(own, **how)  # type: ignore[arg-type]
+    run = integrate(own, **how)
     if basis is None:
         return estimate.of_full(full, run, how)
     return estimate.of_reduced(full, basis, own, how, run)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.files import replacing, safe_name
+from skfem_joint.analysis.response import HARMONICS
+from skfem_joint.files import safe_name
 from skfem_joint.output.folder import SUMMARY
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
-from skfem_joint.output.report import write_json
+from skfem_joint.output.report import write_csv, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -108,7 +108,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
     header += [f"offset_{n}_m" for n in names]
-    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(5)]
+    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
     header += ["friction_energy_J", "input_energy_J"]
     header += ["largest_slip_m", "slipping_share", "periods", "residual"]
     rows = [
@@ -194,10 +194,7 @@ def _plain_ticks(axis: Any) -> None:
 
 
 def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows([_plain(value) for value in row] for row in rows)
+    write_csv(path, [header, *([_plain(value) for value in row] for row in rows)])
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
 from skfem_joint.output import plots
+from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
 from skfem_joint.scene.sweep_table import Range
@@ -76,12 +76,7 @@ def write(swept: Swept, rows: Iterable[Row], folder: Path) -> list[Path]:
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
     files = [folder / TABLE]
-    with (
-        replacing(files[0]) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as file,
-    ):
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([list(cells), *zip(*cells.values(), strict=True)])
+    write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
     if find_spec("pyarrow"):
         from pyarrow import parquet, table as arrow  # isort: skip
 

@@ -329,7 +329,7 @@ class _Driver:
                 energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
             return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
 
-        start, periods, change = periodic_state(self.system, copied(self.stepper.now), period)
+        start, periods, change = periodic_state(self.system, self.stepper.now, period)
         start = copied(start)
         period(copied(start), save)
         if cycle_steps is not None:

@@ -72,7 +72,6 @@ def periodic_state(
     system: System,
     start: State,
     period: Callable[[State], tuple[State, float, float]],
-    most: int = PERIODS,
 ) -> tuple[State, int, float]:
     """State at the start of a period that ends as it began.
 
@@ -83,8 +82,6 @@ def periodic_state(
     period : callable
         From the state at the start of a period, that at its end, the largest energy (J) in it, and
         the energy put in (J).
-    most : int
-        Periods.
 
     Returns
     -------
@@ -100,10 +97,11 @@ def periodic_state(
     mixing = Anderson(system)
     x = plain = np.concatenate(start)
     least, left = np.inf, np.inf
-    for count in range(1, most + 1):
-        state, energy, work = period(copied(State(*np.split(x, ends))))
+    for count in range(1, PERIODS + 1):
+        before = State(*np.split(x, ends))
+        state, energy, work = period(copied(before))
         after = np.concatenate(state)
-        gained = system.stored_energy(*state[:2]) - system.stored_energy(*np.split(x, ends)[:2])
+        gained = system.stored_energy(*state[:2]) - system.stored_energy(*before[:2])
         size, scale = mixing.add(after, after - x), np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         if left <= CHANGE and abs(gained) <= ENERGY * work:
@@ -115,9 +113,9 @@ def periodic_state(
             least, plain = size, after
         x = mixing.mixed()
     raise ConvergenceError(
-        f"no steady vibration was found in {most} periods: the state still changes by {left:.2g} "
-        "of its size over a period. Is there damping that every motion feels? Try rho_infinity "
-        "below 1, or follow the transient by cycles"
+        f"no steady vibration was found in {PERIODS} periods: the state still changes by "
+        f"{left:.2g} of its size over a period. Is there damping that every motion feels? Try "
+        "rho_infinity below 1, or follow the transient by cycles"
     )
 
 

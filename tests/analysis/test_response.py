@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skfem_joint import Harmonic, Joint, Load, Material, Structure
+from skfem_joint import HalfSine, Harmonic, Joint, Load, Material, Structure
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.backbone import backbone, ring_down
 from skfem_joint.analysis.response import at_frequency, linear_response, response
@@ -91,6 +91,8 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch: pytest.Mo
     point = module.steady_point(bar(), 2000.0)
     assert point.failure is not None
     assert np.isnan(point.amplitude).all()
+    with pytest.raises(ConvergenceError, match="at every frequency"):
+        response(bar(), np.array([2000.0, 2100.0]))
 
 
 @pytest.mark.parametrize(
@@ -108,3 +110,10 @@ def test_loads_at_another_frequency_keep_their_shape() -> None:
     moved = at_frequency(bar(), 500.0, 3.0).loads[0].amplitude
     times = np.linspace(0.0, 2e-3, 9)
     assert moved(times) == pytest.approx(3.0 * np.sin(2.0 * np.pi * 500.0 * times))
+
+
+def test_a_pulse_beside_a_harmonic_is_refused() -> None:
+    system = bar()
+    pulse = replace(system.loads[0], amplitude=HalfSine(1.0, 1e-3))
+    with pytest.raises(InputError, match="harmonic"):
+        at_frequency(replace(system, loads=(*system.loads, pulse)), 500.0)
