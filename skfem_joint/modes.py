@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.factors import factorised
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that
@@ -27,9 +28,7 @@ def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatAr
         values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
     else:
         K, M = sparse.csc_array(K), sparse.csc_array(M)
-        how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
-        solve = splu(K, **how, options={"SymmetricMode": True}).solve
-        inverse = LinearOperator((n, n), matvec=solve, dtype=float)
+        inverse = LinearOperator((n, n), matvec=factorised(K), dtype=float)
         values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n), OPinv=inverse)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
 

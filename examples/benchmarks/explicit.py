@@ -18,8 +18,9 @@ from scipy.sparse.linalg import eigsh
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.factors import factorised
 from skfem_joint.stepping.recording import Recorder, Run, Save
-from skfem_joint.stepping.schemes import State, factorised
+from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
 #: Velocity beyond which a run counts as unstable, m/s.

@@ -35,6 +35,9 @@ from skfem_joint.analysis import response
 from skfem_joint.stepping import steady
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
+#: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
+#: mode, whose frequency in time steps is 1.5 % too low with 200 and 0.4 % with 400.
+BEAM_STEPS = 400
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
 BEAM = (
     (50.0, 0.0737, 241.0),
@@ -151,7 +154,7 @@ def published(quick: bool) -> None:
     print("| --- | --- | --- | --- | --- |")
     for force, peak, omega in BEAM[1:3] if quick else BEAM:
         around = (omega + np.linspace(-9.0, 9.0, 4 if quick else 7)) / (2.0 * np.pi)
-        (curve,) = sj.response(system, around, (force,), steps_per_cycle=STEPS)
+        (curve,) = sj.response(system, around, (force,), steps_per_cycle=BEAM_STEPS)
         at, size = curve.peak
         print(f"| {force:g} | {1e3 * size:.4f} | {peak} | {2.0 * np.pi * at:.1f} | {omega} |")
 

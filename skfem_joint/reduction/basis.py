@@ -23,6 +23,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.factors import factorised
 from skfem_joint.friction import norms
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -53,7 +54,7 @@ from skfem_joint.reduction.zones import (
 )
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme, factorised
+from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.structure import Structure
 from skfem_joint.system import System
 

@@ -18,9 +18,9 @@ from scipy import linalg, sparse
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray
+from skfem_joint.factors import factorised
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.schemes import factorised
 from skfem_joint.system import System
 
 #: Instants of a run at which its residual is looked at.

@@ -13,12 +13,12 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.factors import factorised
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.stepping.schemes import factorised
 from skfem_joint.structure import Joint, Patch, Structure
 from skfem_joint.system import System
 

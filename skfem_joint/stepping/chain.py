@@ -17,6 +17,7 @@ from scipy.linalg import lapack
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray
+from skfem_joint.factors import factorised
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
 from skfem_joint.stepping.compiled import (
@@ -30,7 +31,7 @@ from skfem_joint.stepping.compiled import (
     solve,
 )
 from skfem_joint.stepping.recording import compressed
-from skfem_joint.stepping.schemes import Coefficients, State, factorised
+from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction

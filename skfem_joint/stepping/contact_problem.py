@@ -30,13 +30,12 @@ from math import hypot, inf, pi
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.factors import BlockFactors
 from skfem_joint.friction import potential
 from skfem_joint.stepping.compiled import Full, arctangent, compiled, compiled_for, resolvent
 from skfem_joint.stepping.recording import Compressed, compressed
-from skfem_joint.stepping.schemes import factorised, inverse
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
@@ -292,6 +291,7 @@ class ContactProblem:
         self.limited[self.first] = self.w > 0.0
         self.limited[j] = self.limited[i]
         self.points = self.first, self.second
+        self.factors = BlockFactors(A, *self.points)
         self.laws = *self.points, self.w, self.beta
 
     def compile(self) -> None:
@@ -400,31 +400,12 @@ class ContactProblem:
         """Keep the factor of A + tangent on the unknowns that are not held."""
         self.factorizations += 1
         self.kept = tangents.copy(), held.copy()
-        first, second = self.points
-        both = second >= 0
-        i, j = first[both], second[both]
-        moving = np.flatnonzero(~held)
-        rows, columns = np.concatenate([first, j, i, j]), np.concatenate([first, j, j, i])
-        values = np.concatenate([tangents[:, 0], tangents[both, 2], *2 * [tangents[both, 1]]])
-        if isinstance(self.A, np.ndarray):
-            T = self.A.copy()
-            T[rows, columns] += values
-        else:
-            T = self.A + sparse.csr_array((values, (rows, columns)), shape=self.A.shape)
-        if moving.size < held.size:
-            T = T[moving][:, moving]
-        solve = inverse(T).__matmul__ if isinstance(T, np.ndarray) else factorised(T)
+        self.factor = self.factors.factorised(tangents, held)
         self.added = np.full(held.size, np.inf)
-        self.added[first] = tangents[:, 0]
-        self.added[j] = tangents[both, 2]
+        self.added[self.first] = tangents[:, 0]
+        both = self.second >= 0
+        self.added[self.second[both]] = tangents[both, 2]
         self.added[held] = np.inf
-
-        def factor(x: FloatArray) -> FloatArray:
-            y = np.zeros_like(x)
-            y[moving] = solve(x[moving])
-            return y
-
-        self.factor = factor if moving.size < held.size else solve
 
     def _conjugate_gradients(
         self, r: FloatArray, tangents: FloatArray, held: BoolArray, most: int

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.factors import factorised
 from skfem_joint.stepping.compiled import (
     Found,
     Full,
@@ -33,7 +34,7 @@ from skfem_joint.stepping.compiled import (
     solve,
     sums_in_any_order,
 )
-from skfem_joint.stepping.schemes import Coefficients, State, factorised
+from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import CompiledStepper, Saved
 
 ITERATIONS = 200

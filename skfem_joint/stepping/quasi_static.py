@@ -23,11 +23,11 @@ from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.factors import factorised
 from skfem_joint.stepping.arrangement import arranged, picks_unknowns
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.schemes import factorised
 from skfem_joint.stepping.steppers import contact_unknowns
 from skfem_joint.system import System
 
@@ -113,7 +113,7 @@ class QuasiStatic:
         ConvergenceError
             If a level does not converge.
         """
-        self.last = u = f = np.zeros(self.K.shape[0])
+        u = f = np.zeros(self.K.shape[0])
         if start is not None:
             u, f = self.to.inner(start[0]), self.to.force(start[1])
         path = np.empty((len(forces), u.size))
@@ -157,15 +157,19 @@ class QuasiStatic:
         return u + found.v
 
     def _solve(self, right: FloatArray) -> Solution:
-        """Increment, from the last one where that is better than none."""
+        """Increment, from a multiple of the last one: that which is best under Coulomb's law."""
         self.solves += 1
         if self._fronts is not None and np.isinf(self.problem.beta[self._limited]).all():
             found = self._fronts.solve(right, self.tolerance)
             if found is not None:
                 return found
-        better = self.problem.objective(self.last, right) < 0.0
-        start = self.last if better else np.zeros_like(right)
-        return self.problem.solve(right, start, self.tolerance)
+        problem, work = self.problem, float(right @ self.last)
+        stored = float(self.last @ (problem.A @ self.last))
+        lost = problem.objective(self.last, right) - 0.5 * stored + work
+        start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
+        if problem.objective(start, right) >= 0.0:
+            start = np.zeros_like(right)
+        return problem.solve(right, start, self.tolerance)
 
     def _carried(self, found: Solution, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""

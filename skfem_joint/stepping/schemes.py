@@ -12,15 +12,10 @@ With rho_infinity = 1 this is the average acceleration (trapezoidal) method.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, sparse
-from scipy.linalg import lapack
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
@@ -28,10 +23,6 @@ from skfem_joint.system import System
 
 #: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
 FOLLOWED = 0.3
-#: Rows of a band up to which its factor is faster than one that is made for any pattern: 20,000
-#: unknowns of a plate with 92 take 0.03 s, and 2 ms a solution, instead of 0.09 s and 4 ms; with
-#: 280 solutions take longer.
-BAND = 128
 
 
 class Coefficients(NamedTuple):
@@ -178,63 +169,3 @@ def end_of_step(
     a = c.a_v * (velocity - state.v) + c.a_a * state.a
     d = c.d_a * a + c.d_a0 * state.a + c.d_d0 * state.d
     return State(predictor + c.c_K * velocity, velocity, a, d, sigma)
-
-
-def factorised(A: Any) -> Any:
-    """Solver of A x = b for a symmetric positive definite A, factorised once.
-
-    Raises
-    ------
-    InputError
-        If a dense A is not positive definite.
-    """
-    if isinstance(A, np.ndarray):
-        try:
-            factor = linalg.cho_factor(A)
-        except linalg.LinAlgError as error:
-            raise InputError(
-                "the mass or step matrix is not positive definite: modes that depend on each "
-                "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
-            ) from error
-        return lambda right: linalg.cho_solve(factor, right)
-    banded = _banded(sparse.csr_array(A))
-    if banded is not None:
-        return banded
-    # Symmetric positive definite: order A + A^T, take the pivots from the diagonal.
-    return splu(
-        sparse.csc_array(A),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    ).solve
-
-
-def _banded(A: sparse.csr_array) -> Callable[[FloatArray], FloatArray] | None:
-    """Solver by Cholesky's method along a narrow band, if there is one and round-off lets it."""
-    if A.nnz == 0:
-        return None
-    order = reverse_cuthill_mckee(sparse.csr_matrix(A), symmetric_mode=True)
-    place, entries = np.argsort(order), A.tocoo(copy=False)
-    row, column = place[entries.row], place[entries.col]
-    lower = row >= column
-    below, column = row[lower] - column[lower], column[lower]
-    height = int(below.max()) + 1
-    if height > BAND:
-        return None
-    size = height * A.shape[0]
-    diagonals = np.bincount(column * height + below, entries.data[lower], size)
-    factor, failed = lapack.dpbtrf(diagonals.reshape(-1, height).T, lower=1, overwrite_ab=1)
-    if failed:
-        return None
-    return lambda right: lapack.dpbtrs(factor, right[order], lower=1, overwrite_b=1)[0][place]
-
-
-def inverse(A: FloatArray) -> FloatArray:
-    """Inverse of a symmetric positive definite matrix: a product is faster than two solves."""
-    factor, failed = lapack.dpotrf(A, lower=1)
-    if not failed:
-        inverse, failed = lapack.dpotri(factor, lower=1)
-    if failed:
-        raise InputError("the condensed step matrix is not positive definite: is the step tiny?")
-    lower = np.tril(inverse)
-    return np.asarray(lower + np.tril(lower, -1).T)

@@ -22,6 +22,7 @@ from scipy import sparse
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.factors import factorised
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import (
     Coefficients,
@@ -29,7 +30,6 @@ from skfem_joint.stepping.schemes import (
     Start,
     State,
     end_of_step,
-    factorised,
     prediction,
 )
 from skfem_joint.system import System

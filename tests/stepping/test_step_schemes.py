@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import sparse
 from stepping_systems import LapJoint, order_of, oscillator
 
 from skfem_joint.errors import InputError
@@ -12,11 +11,9 @@ from skfem_joint.loads import Harmonic
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import (
-    BAND,
     Coefficients,
     Scheme,
     backward_euler,
-    factorised,
     generalized_alpha,
 )
 
@@ -128,27 +125,3 @@ def test_schemes_are_of_second_order_with_smooth_friction(scheme: Scheme, quanti
 def test_parameters_outside_their_range_are_refused(rho: float) -> None:
     with pytest.raises(InputError, match=r"must be from 0 to 1"):
         generalized_alpha(rho)
-
-
-@pytest.mark.parametrize("shape", [(1,), (200,), (60, 7), (6, 6, 5), (14, 14, 14)])
-def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(
-    shape: tuple[int, ...],
-) -> None:
-    """Of grids of one to three dimensions, numbered at random; the last is wider than a band."""
-    A = sparse.eye_array(1)
-    for m in shape:
-        line = sparse.diags_array([2.1, -1.0, -1.0], offsets=[0, 1, -1], shape=(m, m))
-        n = A.shape[0]
-        A = sparse.kron(A, sparse.eye_array(m)) + sparse.kron(sparse.eye_array(n), line)
-    order = np.random.default_rng(5).permutation(A.shape[0])
-    A = sparse.csr_array(A)[order][:, order]
-    assert (min(shape) ** (len(shape) - 1) > BAND) == (len(shape) == 3 and shape[0] == 14)
-    X = np.random.default_rng(6).normal(size=(A.shape[0], 3))
-    solve = factorised(A)
-    np.testing.assert_allclose(solve(A @ X), X, atol=1e-11)
-    np.testing.assert_allclose(solve(A @ X[:, 0]), X[:, 0], atol=1e-11)
-
-
-def test_a_factor_solves_a_matrix_that_is_not_definite() -> None:
-    A = sparse.csr_array([[1.0, 2.0], [2.0, 1.0]])
-    np.testing.assert_allclose(factorised(A)(np.array([5.0, 4.0])), [1.0, 2.0], rtol=1e-14)

@@ -1,0 +1,152 @@
+"""Factors of symmetric positive definite matrices: dense, along a narrow band, of any pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.errors import InputError
+
+#: Rows of a band up to which its factor is faster than one that is made for any pattern: 20,000
+#: unknowns of a plate with 92 take 0.03 s, and 2 ms a solution, instead of 0.09 s and 4 ms; with
+#: 280 solutions take longer.
+BAND = 128
+
+
+def factorised(A: Any) -> Any:
+    """Solver of A x = b for a symmetric positive definite A, factorised once.
+
+    Raises
+    ------
+    InputError
+        If a dense A is not positive definite.
+    """
+    if isinstance(A, np.ndarray):
+        try:
+            factor = linalg.cho_factor(A)
+        except linalg.LinAlgError as error:
+            raise InputError(
+                "the mass or step matrix is not positive definite: modes that depend on each "
+                "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
+            ) from error
+        return lambda right: linalg.cho_solve(factor, right)
+    entries = A.tocoo(copy=False)
+    banded = Band(entries.row, entries.col, A.shape[0]).factorised(entries.data)
+    return _of_any_pattern(A) if banded is None else banded
+
+
+def _of_any_pattern(A: Any) -> Any:
+    """Order A + A^T, take the pivots from the diagonal."""
+    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+    return splu(sparse.csc_array(A), **how, options={"SymmetricMode": True}).solve
+
+
+def inverse(A: FloatArray) -> FloatArray:
+    """Inverse of a symmetric positive definite matrix: a product is faster than two solves."""
+    factor, failed = lapack.dpotrf(A, lower=1)
+    if not failed:
+        inverse, failed = lapack.dpotri(factor, lower=1)
+    if failed:
+        raise InputError("the condensed step matrix is not positive definite: is the step tiny?")
+    lower = np.tril(inverse)
+    return np.asarray(lower + np.tril(lower, -1).T)
+
+
+class Band:
+    """Places of the entries of symmetric matrices of order ``n`` along a band.
+
+    An entry may come more than once: its values are added up.
+    """
+
+    def __init__(self, rows: IntArray, columns: IntArray, n: int) -> None:
+        self.height = BAND + 1
+        if not rows.size:
+            return
+        ones = np.ones(rows.size)
+        pattern = sparse.csr_matrix((ones, (rows, columns)), shape=(n, n))
+        self.order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
+        place = np.argsort(self.order)
+        row, column = place[rows], place[columns]
+        self._lower = np.flatnonzero(row >= column)
+        self._row, self._column = row[self._lower], column[self._lower]
+        self.height = int((self._row - self._column).max()) + 1
+
+    def factorised(
+        self, values: FloatArray, among: BoolArray | None = None
+    ) -> Callable[[FloatArray], FloatArray] | None:
+        """Solver by Cholesky's method, of the matrix of the unknowns ``among``, in their order.
+
+        None where the band is wide, or round-off leaves it not positive definite.
+        """
+        if self.height > BAND:
+            return None
+        row, column, values = self._row, self._column, values[self._lower]
+        order, height = self.order, self.height
+        if among is not None:
+            inside = among[order]
+            both = inside[row] & inside[column]
+            number = np.cumsum(inside) - 1
+            row, column, values = number[row[both]], number[column[both]], values[both]
+            order = (np.cumsum(among) - 1)[order[inside]]
+            height = int((row - column).max(initial=0)) + 1
+        place = np.argsort(order)
+        entries = np.bincount(column * height + (row - column), values, height * order.size)
+        factor, failed = lapack.dpbtrf(entries.reshape(-1, height).T, lower=1, overwrite_ab=1)
+        if failed:
+            return None
+        return lambda right: lapack.dpbtrs(factor, right[order], lower=1, overwrite_b=1)[0][place]
+
+
+class BlockFactors:
+    """Factors of one matrix with blocks added at its points, on unknowns that are not held.
+
+    Parameters
+    ----------
+    A : csr_array or ndarray, shape (n, n)
+    first, second : ndarray of int, shape (m,)
+        Unknowns of each point; ``second`` is -1 where there is but one.
+    """
+
+    def __init__(self, A: Any, first: IntArray, second: IntArray) -> None:
+        self.A, self.both = A, second >= 0
+        i, j = first[self.both], second[self.both]
+        self.rows, self.columns = np.concatenate([first, j, i, j]), np.concatenate([first, j, j, i])
+        self.band: Band | None = None
+
+    def factorised(self, blocks: FloatArray, held: BoolArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver with symmetric blocks (m, 3), stored as (11, 12, 22), added; zero where held."""
+        values = np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
+        if not held.any():
+            return self._solver(values, None)  # type: ignore[no-any-return]
+        solve, moving = self._solver(values, ~held), np.flatnonzero(~held)
+
+        def factor(x: FloatArray) -> FloatArray:
+            y = np.zeros_like(x)
+            y[moving] = solve(x[moving])
+            return y
+
+        return factor
+
+    def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
+        if isinstance(self.A, np.ndarray):
+            T = self.A.copy()
+            T[self.rows, self.columns] += values
+            return inverse(T if among is None else T[among][:, among]).__matmul__
+        entries, n = self.A.tocoo(copy=False), self.A.shape[0]
+        values = np.concatenate([entries.data, values])
+        if self.band is None:
+            self.rows = np.concatenate([entries.row, self.rows])
+            self.columns = np.concatenate([entries.col, self.columns])
+            self.band = Band(self.rows, self.columns, n)
+        banded = self.band.factorised(values, among)
+        if banded is not None:
+            return banded
+        T = sparse.csr_array((values, (self.rows, self.columns)), shape=(n, n))
+        return _of_any_pattern(T if among is None else T[among][:, among])

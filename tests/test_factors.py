@@ -1,0 +1,64 @@
+"""Factors solve what they were made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from skfem_joint.factors import BAND, BlockFactors, factorised
+
+
+def grid(shape: tuple[int, ...]) -> sparse.csr_array:
+    """Laplacian of a grid of one to three dimensions, numbered at random."""
+    A = sparse.eye_array(1)
+    for m in shape:
+        line = sparse.diags_array([2.1, -1.0, -1.0], offsets=[0, 1, -1], shape=(m, m))
+        n = A.shape[0]
+        A = sparse.kron(A, sparse.eye_array(m)) + sparse.kron(sparse.eye_array(n), line)
+    order = np.random.default_rng(5).permutation(A.shape[0])
+    return sparse.csr_array(A)[order][:, order]
+
+
+@pytest.mark.parametrize("shape", [(1,), (200,), (60, 7), (6, 6, 5), (14, 14, 14)])
+def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(
+    shape: tuple[int, ...],
+) -> None:
+    """The last is wider than a band."""
+    A = grid(shape)
+    assert (min(shape) ** (len(shape) - 1) > BAND) == (len(shape) == 3 and shape[0] == 14)
+    X = np.random.default_rng(6).normal(size=(A.shape[0], 3))
+    solve = factorised(A)
+    np.testing.assert_allclose(solve(A @ X), X, atol=1e-11)
+    np.testing.assert_allclose(solve(A @ X[:, 0]), X[:, 0], atol=1e-11)
+
+
+def test_a_factor_solves_a_matrix_that_is_not_definite() -> None:
+    A = sparse.csr_array([[1.0, 2.0], [2.0, 1.0]])
+    np.testing.assert_allclose(factorised(A)(np.array([5.0, 4.0])), [1.0, 2.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("hold", [False, True])
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("shape", [(40,), (14, 14, 14)])
+def test_a_factor_with_blocks_added_solves_for_what_is_not_held(
+    shape: tuple[int, ...], dense: bool, hold: bool
+) -> None:
+    """Points of one and of two unknowns, one matrix for two sets of blocks."""
+    A = grid(shape)
+    first, second = np.array([3, 7, 11]), np.array([5, -1, 2])
+    held = np.isin(np.arange(A.shape[0]), [7, 11, 2, 20] if hold else [])
+    factors = BlockFactors(A.toarray() if dense else A, first, second)
+    for blocks in ([[2.0, 1.0, 4.0], [3.0, 0.0, 0.0], [1.0, -0.5, 2.0]], np.zeros((3, 3))):
+        values = np.array(blocks)
+        values[held[first]] = 0.0
+        T = A.toarray()
+        for i, j, (along, between, across) in zip(first, second, values, strict=True):
+            T[i, i] += along
+            if j >= 0:
+                T[j, j] += across
+                T[i, j] += between
+                T[j, i] += between
+        x = np.where(held, 0.0, np.sin(1.0 + np.arange(A.shape[0])))
+        right = np.where(held, 1e9, T @ x)
+        np.testing.assert_allclose(factors.factorised(values, held)(right), x, atol=1e-11)
