@@ -22,6 +22,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
@@ -148,10 +149,10 @@ class FirstOrder:
         fill = self._filled(np.zeros((0, self.size)), 1.0 / self._matrices[0].diagonal())
         return lambda t, y, out: fill(t, y, y, out)
 
-    def initial_rate(self) -> FloatArray:
-        """Rates at the start, from rest, with any mass."""
+    def initial_rate(self, y: FloatArray) -> FloatArray:
+        """Rates at the start, from y, with any mass."""
         force, rest = np.zeros((2, self.size))
-        self.residual()(0.0, rest, rest, force)
+        self.residual()(0.0, y, rest, force)
         return np.asarray(spsolve(self._matrices[0].tocsc(), force))
 
     def residual_jacobian(self) -> Callable[[FloatArray, float, FloatArray], None]:
@@ -169,6 +170,12 @@ class FirstOrder:
         G, none = packed(sparse.diags_array(scale) @ self._matrices[1]), np.zeros((0, self.size))
         w = w * scale[1::2]
         return lambda y, out: compiled(G, none, 0.0, w, beta, y, square, out)
+
+
+def slip_work(system: System, u: FloatArray, v: FloatArray) -> float:
+    """Friction energy (J) between samples of all unknowns, (samples, n), trapezoidal rule."""
+    force, slip = (system.w * friction.force((system.B @ v.T).T, system.beta)), system.B @ u.T
+    return float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(slip.T, axis=0)))
 
 
 def band_entries(size: int) -> tuple[IntArray, IntArray]:

@@ -79,7 +79,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Task:
-    """What an integrator is to do from rest."""
+    """What an integrator is to do."""
 
     form: Form
     model: FirstOrder  # with the mass that the form asks for
@@ -87,6 +87,8 @@ class Task:
     tolerance: float
     absolute: FloatArray  # tolerances of y, m and m/s
     bound: float  # longest run, s
+    start: FloatArray  # y at the first time
+    order: int = 5  # highest of SUNDIALS's
 
 
 def solve(task: Task) -> Solution | str:
@@ -107,7 +109,8 @@ def solve(task: Task) -> Solution | str:
 
 def _options(task: Task) -> dict[str, Any]:
     band = {"linsolver": "band", "lband": LOWER, "uband": UPPER}
-    return {"rtol": task.tolerance, "atol": task.absolute, "max_num_steps": MOST_STEPS, **band}
+    most = {"max_num_steps": MOST_STEPS, "max_order": task.order}
+    return {"rtol": task.tolerance, "atol": task.absolute, **most, **band}
 
 
 def _checked(found: Any) -> Any:
@@ -131,7 +134,7 @@ def _ida(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
         jacobian(y, c, J)
 
     solver = IDA(equations, jacfn=matrix, **_options(task))
-    found = solver.solve(task.times, np.zeros(model.size), model.initial_rate())
+    found = solver.solve(task.times, task.start, model.initial_rate(task.start))
     return _checked(found), {"Jacobians": int(found.njev)}
 
 
@@ -148,13 +151,13 @@ def _cvode(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
         jacobian(y, J)
 
     solver = CVODE(equations, jacfn=matrix, **_options(task))
-    found = solver.solve(task.times, np.zeros(task.model.size))
+    found = solver.solve(task.times, task.start)
     return _checked(found), {"Jacobians": int(found.njev)}
 
 
 def _scipy(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
     model, rates, jacobian = task.model, task.model.rates(), task.model.rate_jacobian(square=False)
-    rest, tolerances = np.zeros(model.size), {"rtol": task.tolerance, "atol": task.absolute}
+    tolerances = {"rtol": task.tolerance, "atol": task.absolute}
     row, column = band_entries(model.size)
     start = np.searchsorted(column, np.arange(model.size + 1))
 
@@ -176,12 +179,12 @@ def _scipy(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
     if task.form.name == "LSODA":
         form: Any = {"Dfun": bands, "ml": LOWER, "mu": UPPER, "tfirst": True}
         form |= {"mxstep": MOST_STEPS, "full_output": True}
-        y, work = integrate.odeint(equations, rest, task.times, **tolerances, **form)
+        y, work = integrate.odeint(equations, task.start, task.times, **tolerances, **form)
         if "successful" not in work["message"]:
             raise ArithmeticError(work["message"])
         return y, {"steps": int(work["nst"][-1]), "Jacobians": int(work["nje"][-1])}
     span, times, name = (task.times[0], task.times[-1]), task.times, task.form.name
     found = integrate.solve_ivp(
-        equations, span, rest, method=name, t_eval=times, jac=matrix, **tolerances
+        equations, span, task.start, method=name, t_eval=times, jac=matrix, **tolerances
     )
     return _checked(found).T, {"Jacobians": int(found.nlu)}

@@ -26,9 +26,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 
 from benchmarks.explicit import runge_kutta, stable_step
-from benchmarks.first_order import FirstOrder, lumped
+from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
-from skfem_joint import friction
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome, Point
 from skfem_joint.analysis.history import Results, results
@@ -57,7 +56,6 @@ def sampled(reference: Reference, u: FloatArray, v: FloatArray) -> Results:
     """Results from samples of all unknowns, shape (samples, n), by the trapezoidal rule."""
     cycles, system = reference.grid.cycles, reference.system
     first = 0 if cycles is None else (cycles - 1) * PER_CYCLE * SAMPLES
-    force = system.w * friction.force((system.B @ v[first:].T).T, system.beta)
     du = np.diff(u[first:], axis=0)
     load = system.load_amplitudes(sample_times(reference)[first:])
     point_u = np.asarray((system.P @ u.T).T)
@@ -65,7 +63,7 @@ def sampled(reference: Reference, u: FloatArray, v: FloatArray) -> Results:
         system.points,
         point_u[::SAMPLES],
         float(np.abs(point_u[first:]).max(initial=0.0)),
-        float(np.sum(0.5 * (force[1:] + force[:-1]) * (system.B @ du.T).T)),
+        slip_work(system, u[first:], v[first:]),
         float(np.sum(0.5 * (load[:, 1:] + load[:, :-1]) * (system.load_vectors().T @ du.T))),
     )
 
@@ -99,7 +97,8 @@ def ready_made_jobs(
         tries: dict[float, bool] = {}
         for tolerance in form.tolerances:
             absolute = ABSOLUTE * tolerance * largest
-            task = Task(form, models[form.is_lumped], times, tolerance, absolute, bound)
+            rest = np.zeros_like(absolute)
+            task = Task(form, models[form.is_lumped], times, tolerance, absolute, bound, rest)
             run = partial(_attempt, task, reference, tries)
             if form.name in ("IDA", "CVODE") and not installed:
                 missing = "not installed: pip install 'skfem-joint[bench]'"

@@ -4,8 +4,9 @@
 
 Damping curves of 20 levels of a bar with 100 contact points and a plate with 3,979; a response of
 that bar at 3, 10 and 30 % of its friction limit through its resonance, with 200 steps a period,
-beside plain iteration of its periods and plain marching; and the cantilever with a Coulomb element
-of the second example of NLstep (M. Krack and J. Gross, University of Stuttgart; see
+beside plain iteration of its periods and plain marching; its steady states beside the arctan law
+marched by SUNDIALS, and beside a harmonic balance (extra ``bench``); and the cantilever with a
+Coulomb element of the second example of NLstep (M. Krack and J. Gross, University of Stuttgart; see
 doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one thread.
 """
 
@@ -17,6 +18,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 
 import argparse
+import importlib.util
 import statistics
 import sys
 import time
@@ -30,14 +32,25 @@ from scipy.linalg import eigh
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
 import skfem_joint as sj
+from benchmarks.first_order import FirstOrder, slip_work
+from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
+from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping import steady
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
 #: mode, whose frequency in time steps is 1.5 % too low with 200 and 0.4 % with 400.
 BEAM_STEPS = 400
+#: Share of the friction limit, frequency (Hz), periods that SUNDIALS marches.
+CASES = ((0.03, 2270.0, 10), (0.1, 2050.0, 10), (0.3, 1790.0, 20))
+#: Steepness (s/m) of the law for it, samples of its periods; finer steps of ours; how far off
+#: another start of ours is.
+STEEP, SAMPLES, FINE, OFF = 1e7, 400, 1600, 0.02
+#: Steepness (s/m) of the law for the harmonic balance.
+GENTLE = 10.0
+NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
 BEAM = (
     (50.0, 0.0737, 241.0),
@@ -47,9 +60,12 @@ BEAM = (
 )
 
 
-def bar(frequency: float = RESONANCE, share: float = 0.1, beta: float = np.inf) -> sj.System:
-    """Bar of 100 elements in its joint, loaded by a share of the joint's friction limit."""
-    mesh = sj.build_bar([("joint", 0.2, 100), ("free", 0.5, 100)], {"fixed": 0.0, "end": 0.7})
+def bar(
+    frequency: float = RESONANCE, share: float = 0.1, beta: float = np.inf, elements: int = 100
+) -> sj.System:
+    """Bar of so many elements in its joint, loaded by a share of the joint's friction limit."""
+    parts = [("joint", 0.2, elements), ("free", 0.5, elements)]
+    mesh = sj.build_bar(parts, {"fixed": 0.0, "end": 0.7})
     structure = sj.Structure(
         mesh,
         sj.Material(200e9, 8000.0),
@@ -134,7 +150,7 @@ def responses(quick: bool) -> None:
     mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
     print(f"From rest {mixed} periods; plain iteration to the same change {plain}: "
           f"{plain / mixed:.1f} times as many.")  # fmt: skip
-    for share, frequency in ((0.03, 2270.0), (0.1, 2050.0), (0.3, 1790.0)):
+    for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
         marched = sj.integrate(case, cycles=300 if quick else 3000, steps_per_cycle=STEPS)
@@ -145,6 +161,84 @@ def responses(quick: bool) -> None:
             f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
             f"periods, amplitude {100 * apart:+.2g} %, friction energy {100 * energy:+.2g} %."
         )
+
+
+def marched(system: sj.System, start: tuple[FloatArray, FloatArray], cycles: int) -> FloatArray:
+    """Half of peak to peak (m) of the end and friction energy (J) of each period, by SUNDIALS.
+
+    IDA of the second order, tolerances far below the width of the law's step: looser ones and
+    higher orders take many times as long. Shape (2, cycles).
+    """
+    model, period = FirstOrder(system), 1.0 / system.loads[0].amplitude.frequency
+    times = np.linspace(0.0, cycles * period, cycles * SAMPLES + 1)
+    absolute = np.tile([1e-5, 1e-2], system.n) / STEEP
+    y = np.column_stack(start).ravel()
+    found = solve(Task(Form("IDA", ()), model, times, 1e-6, absolute, np.inf, y, order=2))
+    if isinstance(found, str):
+        raise sj.ConvergenceError(f"SUNDIALS {found}")
+    u, v = found.y[:, ::2], found.y[:, 1::2]
+    rows = [slice(k * SAMPLES, (k + 1) * SAMPLES + 1) for k in range(cycles)]
+    end = u @ system.loads[0].vector
+    return np.transpose([(0.5 * np.ptp(end[k]), slip_work(system, u[k], v[k])) for k in rows])
+
+
+def sundials(quick: bool, elements: int = 100) -> None:
+    """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
+    cases, fine = (CASES[:1], 2 * STEPS) if quick else (CASES, FINE)
+    print(f"\n| share, frequency | SUNDIALS | {STEPS} steps: amplitude, friction energy apart "
+          f"| {fine} steps: the same | both drifted by | a start 2 % off keeps |\n"
+          "| --- | --- | --- | --- | --- | --- |")  # fmt: skip
+    if importlib.util.find_spec("sksundae") is None:
+        print(f"SUNDIALS: {NOT_INSTALLED}")
+        return
+    for share, frequency, periods in cases:
+        case, cycles = bar(frequency, share, elements=elements), 2 if quick else periods
+        coarse, run = (sj.integrate(case, until="steady", steps_per_cycle=n) for n in (STEPS, fine))
+        start = tuple((1.0 - OFF) * part for part in coarse.final)
+        other = sj.integrate(case, cycles=cycles, steps_per_cycle=STEPS, initial=start)
+        kept = abs(np.ptp(other.point("end")[-STEPS - 1 :]) / np.ptp(coarse.point("end")) - 1.0)
+        begin = time.perf_counter()
+        theirs = marched(bar(frequency, share, STEEP, elements), run.final, cycles)
+        wall = time.perf_counter() - begin
+        apart = [
+            (0.5 * np.ptp(one.point("end")), one.cycles.friction[-1]) / theirs[:, -1] - 1.0
+            for one in (coarse, run)
+        ]
+        columns = [*apart, theirs[:, -1] / theirs[:, 0] - 1.0]
+        texts = ["{:+.2g}, {:+.2g} %".format(*100.0 * pair) for pair in columns]
+        print(f"| {100 * share:g} %, {frequency:g} Hz | {cycles} periods, {wall:.0f} s | "
+              f"{' | '.join(texts)} | {100 * kept / OFF:.2g} % |", flush=True)  # fmt: skip
+
+
+def first_harmonic(run: sj.Run) -> float:
+    """Its amplitude (m) at the end, from a run of one period."""
+    u = run.point("end")[1:]
+    return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))
+
+
+def balances(quick: bool) -> None:
+    """Harmonic balance beside ours at one frequency, with the same arctan law."""
+    print("\n| harmonics | pyHarm, s | ours, s | first harmonic of ours apart |")
+    print("| --- | --- | --- | --- |")
+    if importlib.util.find_spec("pyHarm") is None:
+        print(f"pyHarm: {NOT_INSTALLED}")
+        return
+    from benchmarks.balance import balanced
+
+    share, frequency, _ = CASES[1]
+    case = bar(frequency, share, GENTLE, 10 if quick else 100)
+    balanced(case, [1])  # compiles
+    for _ in range(2):  # the second one is warm
+        begin = time.perf_counter()
+        run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
+        own = time.perf_counter() - begin
+    ours = first_harmonic(run)
+    for last in (1, 3) if quick else (1, 3, 5, 7, 9):
+        begin = time.perf_counter()
+        theirs = balanced(case, list(range(1, last + 1, 2)))
+        wall = time.perf_counter() - begin
+        print(f"| 1 to {last}, odd | {wall:.2g} | {own:.2g} | {100 * (ours / theirs - 1):+.2g} % |",
+              flush=True)  # fmt: skip
 
 
 def published(quick: bool) -> None:
@@ -168,6 +262,8 @@ def main(arguments: list[str]) -> int:
     quick = parser.parse_args(arguments).quick
     backbones(quick)
     responses(quick)
+    sundials(quick)
+    balances(quick)
     published(quick)
     return 0
 

@@ -24,6 +24,7 @@ from skfem_joint.analysis.response import response
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.integrate import integrate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
@@ -54,7 +55,7 @@ def test_ready_made_integrators_solve_the_same_equations(form: Form, truth: Refe
     model = FirstOrder(lumped(truth.system) if form.is_lumped else truth.system)
     times = ready_made.sample_times(truth)
     absolute = ready_made.ABSOLUTE * tolerance * np.tile([1e-4, 0.5], truth.system.n)
-    found = solve(Task(form, model, times, tolerance, absolute, bound=30.0))
+    found = solve(Task(form, model, times, tolerance, absolute, 30.0, np.zeros_like(absolute)))
     assert isinstance(found, Solution), found
     ours = truth.grid.integrate(model.system, 256).point_u
     theirs = found.y[:: ready_made.SAMPLES, ::2] @ model.system.P.T
@@ -274,3 +275,21 @@ def test_the_published_beam_has_its_peak_where_it_is_published() -> None:
 def test_the_benchmark_of_steady_vibration_counts_periods() -> None:
     systems = [steady.bar(2000.0, 0.03), steady.bar(1790.0, 0.3)]
     assert 5 * steady.periods(systems, 8) < steady.periods(systems, 0)
+
+
+def test_sundials_marches_steady_vibration_to_what_it_was() -> None:
+    where, elements = (2270.0, 0.03), 20
+    run = integrate(steady.bar(*where, elements=elements), until="steady", steps_per_cycle=800)
+    steep = steady.bar(*where, steady.STEEP, elements)
+    size, energy = steady.marched(steep, run.final, 2)[:, -1]
+    assert np.ptp(run.point("end")) == pytest.approx(2.0 * size, rel=1e-3)
+    assert run.cycles.friction[-1] == pytest.approx(energy, rel=1e-3)
+
+
+def test_harmonic_balance_converges_to_our_steady_vibration() -> None:
+    balanced = pytest.importorskip("benchmarks.balance").balanced
+    bar = steady.bar(2050.0, 0.1, 1.0, 10)
+    ours = steady.first_harmonic(integrate(bar, until="steady", steps_per_cycle=400))
+    errors = [abs(balanced(bar, most) / ours - 1.0) for most in ([1], [1, 3], [1, 3, 5])]
+    assert errors[2] < 5e-5
+    assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]

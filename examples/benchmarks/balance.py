@@ -1,0 +1,125 @@
+"""Steady vibration by harmonic balance: pyHarm (Safran, ``pyharm-os``), for systems of arctan law.
+
+pyHarm has neither our law nor slip rows: all friction is one element of it here, alternating
+between frequency and time with pyHarm's own operators. Its Newton method takes all unknowns: faster
+here than with its condensation on the joint, or with SciPy's hybrid method.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import block_diag
+
+# Where its settings are, instead of the folder one happens to be in.
+os.environ.setdefault("PYHARM_CONTEXT_FILE", str(Path.home() / ".pyHarm" / "context.json"))
+import pyHarm
+from pyHarm.Elements.ABCElement import ABCElement
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.system import System
+
+#: Times of a period; residual over the load and change (m) at which Newton's method ends.
+SAMPLES, RESIDUAL, CHANGE = 128, 1e-6, 1e-9
+
+
+class Arctan(ABCElement):
+    """Friction ``w * 2/pi * atan(beta v)`` between nodes and the ground."""
+
+    factory_keyword = "arctan"
+
+    def __init_data__(self, name: str, data: dict[str, Any], CS: Any) -> None:
+        self.name, self.nodes = name, data["nodes"]
+        self.w, self.beta = data["w"][:, np.newaxis], data["beta"][:, np.newaxis]
+
+    def __flag_update__(self) -> None:
+        self.flag_nonlinear = self.flag_AFT = True
+
+    def __str__(self) -> str:
+        return str(self.name)
+
+    def adim(self, lc: float, wc: float) -> None:
+        """Other units of length and angular frequency."""
+        self.beta = self.beta * lc * wc
+
+    def generateIndices(self, expl_dofs: Any) -> None:
+        """Find the unknowns of each node: cosine and sine of each harmonic."""
+        self.indices = np.concatenate(
+            [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
+        )
+
+    def _rate(self, x: FloatArray) -> FloatArray:
+        """Velocity over angular frequency, (nodes, times)."""
+        q = x[self.indices].reshape(len(self.nodes), -1)
+        return np.asarray(q @ self.nabla.T @ self.D["ft"])
+
+    def evalResidual(self, x: FloatArray, om: float) -> FloatArray:
+        """Harmonics of the friction."""
+        force = self.w * (2.0 / math.pi) * np.arctan(self.beta * om * self._rate(x))
+        return np.asarray(force @ self.D["tf"]).ravel()
+
+    def evalJacobian(self, x: FloatArray, om: float) -> tuple[FloatArray, FloatArray]:
+        """Their derivatives by the unknowns and by angular frequency."""
+        rate = self._rate(x)
+        slope = self.w * self.beta * (2.0 / math.pi) / (1.0 + (self.beta * om * rate) ** 2)
+        there, back = self.D["tf"].T, om * self.D["ft"].T @ self.nabla
+        blocks = [(there * one) @ back for one in slope]
+        return block_diag(*blocks), np.asarray((slope * rate) @ self.D["tf"]).ravel()
+
+
+pyHarm.pyHarm_plugin(Arctan)
+
+
+def balanced(system: System, harmonics: list[int]) -> float:
+    """Amplitude (m) of the first harmonic at the node that a sine pulls.
+
+    ``system`` is one whose slip rows pick one unknown each.
+
+    Raises
+    ------
+    ConvergenceError
+        If Newton's method does not converge.
+    """
+    (load,) = system.loads
+    force, omega = load.amplitude.amplitude, 2.0 * math.pi * load.amplitude.frequency
+    end = int(np.flatnonzero(load.vector)[0])
+    nodes = sparse.csr_array(system.B).indices
+    newton = {"tol_residual": RESIDUAL * force, "tol_delta_x": CHANGE, "max_iter": 100}
+    pull = {"type": "SinusForcing", "connect": {"bar": [end]}, "dirs": [0], "amp": force}
+    law = {"type": "arctan", "nodes": nodes, "w": system.w, "beta": system.beta}
+    matrices = {name: getattr(system, name).toarray() for name in "MCK"}
+    task = {
+        "system": {"type": "Base", "nh": harmonics, "nti": SAMPLES},
+        "substructures": {"bar": {"ndofs": 1, "matrix": matrices}},
+        "connectors": {"pull": pull, "friction": law},
+        "analysis": {
+            "one": {
+                "study": "frf",
+                "solver": "NewtonRaphson",
+                "solver_options": newton,
+                "puls_inf": omega,
+                "puls_sup": omega,
+            }
+        },
+    }
+    logging.disable(logging.INFO)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its compiled loops, about speed
+            peer = pyHarm.Maestro(task)
+            peer.nls["one"].initialise()  # the first frequency; further ones would follow a curve
+    finally:
+        logging.disable(logging.NOTSET)
+    (found,) = peer.nls["one"].SolList
+    if not found.flag_accepted:
+        raise ConvergenceError("pyHarm: Newton's method did not converge")
+    dofs = peer.system.expl_dofs
+    return float(np.hypot(*found.x[dofs.index[(dofs.node_num == end) & (dofs.harm == 1)]]))
