@@ -142,14 +142,11 @@ def responses(quick: bool) -> None:
             found.append(one)
         curves.append(response.Curve(level, tuple(found)))
     used = sum(int(curve.column("periods").sum()) for curve in curves)
-    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
-          f"frequency, {used} periods in all.")  # fmt: skip
-    cases = [
-        bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies[:: 3 if quick else 2].tolist()
-    ]
+    cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
-    print(f"From rest {mixed} periods; plain iteration to the same change {plain}: "
-          f"{plain / mixed:.1f} times as many.")  # fmt: skip
+    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
+          f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
+          f"same change {plain}: {plain / used:.1f} times as many.")  # fmt: skip
     for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
