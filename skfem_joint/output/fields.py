@@ -23,6 +23,22 @@ if TYPE_CHECKING:
 
 States = NDArray[np.int8]
 
+#: Arrays of a series and their units, the same for every dimension; vectors and tensors in space.
+POINT_ARRAYS = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "slip": "m, of the body of the block against what it touches",
+    "friction_traction": "Pa, on the body of the block",
+    "slip_state": "-1 no contact, 0 stick, 1 slip",
+    "pressure": "Pa, clamping",
+    "friction_work_density": "J/m^2, since the start",
+}
+CELL_ARRAYS = {
+    "contact_state": "as slip_state, of the cell",
+    "stress": "Pa, elastic, mean of the element: XX, YY, ZZ, XY, YZ, XZ",
+    "von_mises": "Pa, of the stress",
+}
+
 
 @dataclass(frozen=True)
 class Field:
@@ -31,6 +47,7 @@ class Field:
     name: str  #: of the model's blocks, e.g. "full"
     displacement: FloatArray  #: (frames, N, dim), m
     velocity: FloatArray  #: (frames, N, dim), m/s
+    slip: FloatArray  #: (frames, N, dim), of the pressed body, m; 0 off its contact
     friction_traction: FloatArray  #: (frames, N, dim), on the pressed body, Pa; 0 off its contact
     slip_state: States  #: (frames, N), -1 no contact, 0 stick, 1 slip
     friction_work_density: FloatArray  #: (frames, N), since the start, J/m2; 0 off the contact
@@ -84,23 +101,29 @@ class Frames:
         return sparse.csr_array((weight, (row, cells[row, column])), shape=(len(cells), n))
 
     def arrays(self, field: Field, frame: int) -> dict[str, NDArray[Any]]:
-        """Values of one frame on all nodes by their names in a series; vectors in space.
+        """Values of one frame on all nodes, or linear sub-cells, by their names in a series.
 
-        The body that is not pressed gets the reaction. "contact_state" is that of the linear
-        sub-cells: -1 unless the cell may touch and half of it does, 1 if half of that slips.
+        The body that is not pressed gets the reaction. "contact_state" is -1 unless the cell may
+        touch and half of it does, 1 if half of that slips.
         """
         reaction, in_space = self._reaction, self.structure.in_space
         own, traction = field.slip_state[frame], field.friction_traction[frame]
-        work = field.friction_work_density[frame]
+        work, slip = field.friction_work_density[frame], field.slip[frame]
+        stress = self.structure.stress(field.displacement[frame])[self.structure.cell_element]
+        (xx, yy, zz), shear = stress[:, :3].T, stress[:, 3:]
+        distortion = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
         state = np.maximum(own, _mean_state(reaction, own))
         return {
             "displacement": in_space(field.displacement[frame]),
             "velocity": in_space(field.velocity[frame]),
+            "slip": in_space(slip - reaction @ slip),
             "friction_traction": in_space(traction - reaction @ traction),
             "slip_state": state,
             "pressure": self.pressure + reaction @ self.pressure,
             "friction_work_density": work + reaction @ work,
             "contact_state": _mean_state(self._cell_means, state),
+            "stress": stress,
+            "von_mises": np.sqrt(distortion + 3.0 * np.sum(shear**2, axis=1)),
         }
 
 
@@ -149,11 +172,12 @@ def _field_of(study: Study, model: Model) -> Field:
     u, v = (structure.unpacked(part) for part in model.fields())
     sigma = model.normalised_friction(system)
     steepest = model.run.system.beta.max(initial=0.0)
-    speed = system.slip_norm(model.slips(system)[1])
+    slips, rates = model.slips(system)
+    speed = system.slip_norm(rates)
     grey = GREY_SHARE if model.basis is None else GREY_SHARE_REDUCED
     state = slip_state(speed, np.minimum(system.beta, steepest), grey)
     work, share = friction_work(study, model), shared_work(study).tocsr()
-    traction = np.zeros(u.shape)
+    slip, traction = np.zeros((2, *u.shape))
     density = np.zeros(u.shape[:2])
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
@@ -161,9 +185,11 @@ def _field_of(study: Study, model: Model) -> Field:
         limit = patch.joint.friction * patch.normal_force / patch.area
         for k in range(patch.directions.shape[1]):
             free = system.directions[points] > k
-            size = -limit[free] * sigma[:, system.first_row[points[free]] + k]
-            traction[:, nodes[free]] += size[..., np.newaxis] * patch.directions[free, k]
+            row, along = system.first_row[points[free]] + k, patch.directions[free, k]
+            size = -limit[free] * sigma[:, row]
+            traction[:, nodes[free]] += size[..., np.newaxis] * along
+            slip[:, nodes[free]] += slips[:, row, np.newaxis] * along
         states[:, nodes] = state[:, points]
         own = share[[number]].toarray()[0, points]
         density[:, nodes] += work[:, points] * own / patch.area
-    return Field(model.name, u, v, traction, states, density)
+    return Field(model.name, u, v, slip, traction, states, density)

@@ -1,4 +1,4 @@
-"""Time series for ParaView: bodies as grids, a VTK file a block and frame, and a ``.pvd`` index.
+"""Time series for ParaView: bodies as grids, a VTK file a block and frame, and their indices.
 
 VTK's own writer writes the files, appended and compressed by LZ4, the fastest that ParaView reads.
 pyvista's ``save`` is not used: it ends the process on a full disk where VTK's writer says that it
@@ -21,25 +21,13 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
-from skfem_joint.output.fields import Frames
+from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
 
 if TYPE_CHECKING:
     from skfem_joint.structure import Structure
 
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
 GAP = 0.5
-
-#: What the arrays of a series mean.
-UNITS = (
-    "displacement: m",
-    "velocity: m/s",
-    "friction_traction: Pa, on the body of the block",
-    "slip_state: -1 no contact, 0 stick, 1 slip",
-    "contact_state: as slip_state, of the cell",
-    "pressure: Pa, clamping",
-    "friction_work_density: J/m^2, since the start",
-    "thickness: m",
-)
 
 # Linear cells by dimension and corners: name in VTK, corners beside the first one, and corners of
 # one that is inside out.
@@ -67,7 +55,7 @@ class Block:
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
         """Give the grid the values of one frame, from :meth:`Frames.arrays`; returns it."""
         for name, array in arrays.items():
-            if name == "contact_state":
+            if name in CELL_ARRAYS:
                 self.grid.cell_data[name] = array[self.cells]
             else:
                 self.grid.point_data[name] = array[self.nodes]
@@ -84,6 +72,7 @@ def blocks_of(structure: Structure) -> list[Block]:
     corners, directions, section = _corners(structure), _directions(structure), _section(structure)
     shift = _heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
     of_cell = mesh.body[structure.cell_element]
+    meanings = (POINT_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
     blocks = []
     for number, label in enumerate(_labels(structure)):
         cells = np.flatnonzero(of_cell == number)
@@ -107,7 +96,7 @@ def blocks_of(structure: Structure) -> list[Block]:
         grid.cell_data["body"] = np.full(cells.size, number, dtype=np.int32)
         if len(directions):
             grid.cell_data["thickness"] = section[elements, -1]
-        _add_texts(grid, "units", UNITS)
+        _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
         _add_texts(grid, "region_names", names)
         blocks.append(Block(label, grid, nodes, cells))
     return blocks
@@ -201,18 +190,17 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one are
     moved apart: the pressed one lies above the other, with half of its thickness as a gap.
 
-    Points carry ``displacement`` (m), ``velocity`` (m/s), ``friction_traction`` (Pa),
-    ``slip_state``, ``pressure`` (Pa) and ``friction_work_density`` (J/m2). The body that is not
-    pressed carries the reaction, and the other values as means over what lies on it: traction times
-    nodal contact area adds up to the same force with the opposite sign. Cells carry
-    ``contact_state`` (see :meth:`Frames.arrays`), ``region`` (position in the field array
-    ``region_names``, -1 without one; of overlapping regions the one with fewest elements), ``body``
-    and ``thickness`` (m, not of solids). The field array ``units`` says this in each file. Elements
-    of second order come as linear cells on their nodes.
+    Points carry `POINT_ARRAYS`. The body that is not pressed carries the reaction, and the other
+    values as means over what lies on it: traction times nodal contact area adds up to the same
+    force with the opposite sign. Cells carry `CELL_ARRAYS` (see :meth:`Frames.arrays`), ``region``
+    (position in the field array ``region_names``, -1 without one; of overlapping regions the one
+    with fewest elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units``
+    says this in each file. Elements of second order come as linear cells on their nodes.
 
-    ``NAME.pvd`` is the index of ``NAME/BLOCK_0000.vtu`` and so on; folders are made. Every file
-    takes its place only when it is whole, the index last: whatever ends the writing leaves one of
-    the frames done. InputError for names that lead to one file, a path that cannot be written, and
+    ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
+    ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes
+    its place only when it is whole, the index last: whatever ends the writing leaves one of the
+    frames done. InputError for names that lead to one file, a path that cannot be written, and
     without pyvista.
     """
     index, names = Path(path), _names(frames)
@@ -228,17 +216,22 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     done = 0
     try:
         for k, time in enumerate(frames.times):
-            targets = iter(files[k])
+            frame, *targets = files[k]
+            blocks_left = iter(targets)
             for field in frames.fields:
                 arrays = frames.arrays(field, k)
                 for block in blocks:
                     grid = block.fill(arrays)
                     grid.field_data["TimeValue"] = [time]
-                    _write_grid(next(targets), grid)
+                    _write_grid(next(blocks_left), grid)
+            rows = zip(names, targets, strict=True)
+            _write_index(frame, "vtkMultiBlockDataSet", [(f, {"name": n}) for n, f in rows])
             done = k + 1
     finally:
         if done:
-            _write_index(index, frames.times, names, files[:done])
+            rows = zip(files[:done], frames.times, strict=False)
+            times = [(row[0], {"timestep": repr(float(time)), "part": "0"}) for row, time in rows]
+            _write_index(index, "Collection", times)
     return [index, *itertools.chain(*files)]
 
 
@@ -250,10 +243,11 @@ def _names(frames: Frames) -> list[str]:
 
 
 def series_files(index: Path, frames: Frames) -> list[list[Path]]:
-    """Files of a series but for its index: those of the blocks of each frame."""
-    names, count = [safe_name(name) for name in _names(frames)], len(frames.times)
+    """Files of a series but for its index: of each frame its list of blocks, then the blocks."""
+    names, count = [f"{safe_name(name)}_{{}}.vtu" for name in _names(frames)], len(frames.times)
     digits, folder = max(4, len(str(count - 1))), index.with_suffix("")
-    return [[folder / f"{name}_{k:0{digits}d}.vtu" for name in names] for k in range(count)]
+    numbers = [f"{k:0{digits}d}" for k in range(count)]
+    return [[folder / name.format(k) for name in ("frame_{}.vtm", *names)] for k in numbers]
 
 
 def _write_grid(file: Path, grid: Any) -> None:
@@ -270,22 +264,15 @@ def _write_grid(file: Path, grid: Any) -> None:
             raise OSError("VTK could not write it; is the disk full?")
 
 
-def _write_index(
-    index: Path, times: FloatArray, names: Sequence[str], files: Sequence[Sequence[Path]]
-) -> None:
-    """Write the index of the frames that are done."""
-    root = ET.Element("VTKFile", type="Collection", version="0.1")
-    collection = ET.SubElement(root, "Collection")
-    for time, row in zip(times, files, strict=False):
-        for part, (name, file) in enumerate(zip(names, row, strict=True)):
-            place = file.relative_to(index.parent).as_posix()
-            # ParaView shows the name, pyvista the group.
-            ET.SubElement(
-                collection, "DataSet", timestep=repr(float(time)), part=str(part), name=name,
-                group=name, file=place,
-            )  # fmt: skip
+def _write_index(path: Path, kind: str, files: Sequence[tuple[Path, dict[str, str]]]) -> None:
+    """Write an index of VTK's: files with what it says of each."""
+    root = ET.Element("VTKFile", type=kind, version="1.0")
+    listed = ET.SubElement(root, kind)
+    for number, (file, what) in enumerate(files):
+        place = file.relative_to(path.parent).as_posix()
+        ET.SubElement(listed, "DataSet", index=str(number), file=place, **what)
     ET.indent(root)
-    with replacing(index) as temporary:
+    with replacing(path) as temporary:
         ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
 
 

@@ -278,6 +278,28 @@ class Structure(Nodes):
         )
         return sparse.csr_array(asm(form, self.basis, weight=weight))
 
+    @cached_property
+    def _mean_gradients(self) -> FloatArray:
+        """Means of the shape functions' gradients over the elements, (functions, dim, elements)."""
+        dx = self.basis.dx / self.basis.dx.sum(axis=1, keepdims=True)
+        return np.array([np.sum(one.grad * dx, axis=2) for (one,) in self.basis.basis])
+
+    def stress(self, displacement: FloatArray) -> FloatArray:
+        """Elastic stress in space from the displacement of all nodes, (N, dim).
+
+        Mean of each element: XX, YY, ZZ, XY, YZ and XZ in the columns, (elements, 6), Pa.
+        """
+        u = displacement[self.basis.element_dofs]
+        gradient = np.einsum("aek,ale->ekl", u, self._mean_gradients)
+        first, second = self._lame()
+        volume = first * np.trace(gradient, axis1=1, axis2=2)
+        shear = second[:, None, None] * (gradient + gradient.transpose(0, 2, 1))
+        inside = volume[:, None, None] * np.eye(self.dim) + shear
+        tensor = self.axes.T @ inside @ self.axes
+        if self.dim == 2 and self.plane == "strain":
+            tensor[:, 2, 2] = volume
+        return tensor[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+
     def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
         """System of equations, sparse; every row of ``B`` picks one unknown.
 

@@ -121,6 +121,7 @@ def random_field(structure: Structure, name: str, frames: int = 3, seed: int = 0
         name,
         1e-4 * draw.normal(size=(frames, n, dim)),
         draw.normal(size=(frames, n, dim)),
+        1e-5 * draw.normal(size=(frames, n, dim)) * pressed[:, None],
         35e6 * draw.normal(size=(frames, n, dim)) * pressed[:, None],
         np.where(pressed, draw.integers(0, 2, (frames, n)), -1).astype(np.int8),
         draw.uniform(size=(frames, n)) * pressed,
@@ -151,6 +152,7 @@ def pulled(structure: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     traction, work = np.zeros_like(u), np.zeros(u.shape[:2])
     traction[:, nodes, 0] = -35e6 * np.sign(amplitude)
     work[:, nodes] = np.cumsum(state[:, nodes] == 1, axis=0) * 7.0
-    fields = [Field(name, u, 2 * np.pi * 250 * u, traction, state, work) for name in names]
+    slip = np.where(state[..., None] >= 0, u, 0.0)
+    fields = [Field(name, u, 2 * np.pi * 250 * u, slip, traction, state, work) for name in names]
     force = {"end": 60e3 * np.sin(2 * np.pi * 250 * load_times)}
     return Frames(structure, times, fields, load_times, force)

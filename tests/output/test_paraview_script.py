@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from pictured import bar, bars, blocks, lap, pulled
 
-from skfem_joint.output.fields import Frames
+from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
 from skfem_joint.output.pictures import STATES
 from skfem_joint.output.series import write_load, write_series
 
@@ -98,6 +98,7 @@ def test_paraview_reads_blocks_times_and_arrays(series: Series, tmp_path: Path) 
     assert found["blocks"] == names
     points = {name: np.array(ranges) for name, ranges in found["points"].items()}
     field, in_space = frames.fields[0], frames.structure.in_space
+    assert {*POINT_ARRAYS} == set(points)
     for name in ("displacement", "velocity"):
         values = in_space(getattr(field, name))
         np.testing.assert_allclose(points[name][..., 0], values.min(axis=1), atol=1e-12)
@@ -109,7 +110,7 @@ def test_paraview_reads_blocks_times_and_arrays(series: Series, tmp_path: Path) 
     work = field.friction_work_density.max(axis=1)
     np.testing.assert_allclose(points["friction_work_density"][:, 0, 1], work)
     np.testing.assert_array_equal(points["slip_state"][-1], [[-1, field.slip_state[-1].max()]])
-    assert set(found["cells"]) >= {"contact_state", "body", "region"}
+    assert set(found["cells"]) >= {*CELL_ARRAYS, "body", "region"}
     assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
 
 
