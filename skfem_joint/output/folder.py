@@ -30,9 +30,9 @@ _OURS = re.compile(
 )
 # What proper orthogonal modes come from, by the scene's `reduction.reference`.
 _WHOSE = {
-    "static": "the static slip path",
-    "self": "the full model's own run",
-    "paper": "the paper's reference joint",
+    "static": "the static slip path of",
+    "self": "the full model's own run with",
+    "paper": "the paper's reference joint, scaled to",
 }
 # Files of a run that did not end, and hidden ones.
 _PASSED = re.compile(r"checkpoint_.*\.npz|\..*")
@@ -101,7 +101,7 @@ def write(study: Study, folder: Path) -> list[Path]:
     however this one ends. InputError if a file cannot be written.
     """
     remove_old(folder)
-    plan, names = _curves(study), []
+    plan, names = curves(study), []
     output = study.scene.output
     if output.plots or output.vtk:
         frames = frames_of(study)
@@ -120,7 +120,7 @@ def write(study: Study, folder: Path) -> list[Path]:
     return [folder / name for name in (SUMMARY, *plan)]
 
 
-def _curves(study: Study) -> dict[str, Writer]:
+def curves(study: Study) -> dict[str, Writer]:
     """Histories and pictures of curves that a scene asks for, each with what writes it."""
     scene, system = study.scene, study.system
     runs = {name: model.run for name, model in study.models.items()}
@@ -135,15 +135,19 @@ def _curves(study: Study) -> dict[str, Writer]:
 
     add("histories.png", plots.histories_figure, runs, system.points)
     if scene.cycle_steps is not None:  # a loop only where there is one
-        if any(run.cycles.friction.size for run in runs.values()):
+        works = any(run.cycles.input.any() for run in runs.values())
+        if works:
             add("energies.png", plots.energies_figure, runs)
-        whole = scene.cycle_steps % scene.output.every == 0
-        rows = scene.cycle_steps // scene.output.every if whole else None
-        for k, load in enumerate(system.loads):
+        rows = max(1, scene.cycle_steps // scene.output.every)
+        works &= min(run.times.size for run in runs.values()) > rows
+        for k, load in enumerate(system.loads if works else ()):
             name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
-            add(name, plots.hysteresis_figure, runs, load.on, k, rows)
+            if plots.is_loop(runs, load.on, k, rows):
+                add(name, plots.hysteresis_figure, runs, load.on, k, rows)
     if "reduced" in study.models and (basis := study.models["reduced"].basis):
-        whose = _WHOSE[scene.reduction.reference]
+        joints = [patch.joint.name for patch in study.structure.patches]
+        count = joints[0] if len(joints) == 1 else f"{len(joints)} joints"
+        whose = f"{_WHOSE[scene.reduction.reference]} {count}"
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
         if basis.reference is not None:
             add("proper_orthogonal_modes.png", plots.modes_figure, basis.reference, whose)
@@ -152,7 +156,7 @@ def _curves(study: Study) -> dict[str, Writer]:
     peak = model.run.slip_peak if model.basis is None else model.basis.slip_peak
     active = slips(study.structure, system, peak, study.period)
     for k, patch in enumerate(study.structure.patches):
-        if patch.points.size:
+        if peak[patch.points].any():
             name = f"active_region_{safe_name(patch.joint.name)}.png"
             slip = (peak[patch.points], active[patch.points])
             add(name, plots.active_region_figure, study.structure, k, *slip)

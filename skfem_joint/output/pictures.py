@@ -22,7 +22,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.output.plots import prefixed_unit
+from skfem_joint.output.plots import envelope, prefixed_unit
 from skfem_joint.output.series import Block, blocks_of
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
@@ -116,13 +116,18 @@ def warp_factor(frames: Frames) -> float:
 
 
 def telling_frame(frames: Frames) -> tuple[int, str]:
-    """Frame with most slip in the second half of the run, else of largest displacement, and why."""
+    """Frame with most slip, else of largest displacement, and why it was taken.
+
+    That of the second half of the run, which has settled, unless less than half as much slips
+    there.
+    """
     first, count = frames.fields[0], len(frames.times)
-    slipping = np.count_nonzero(first.slip_state[count // 2 : count] == 1, axis=1)
+    slipping = np.count_nonzero(first.slip_state[:count] == 1, axis=1)
     if slipping.any():
-        return count // 2 + int(slipping.argmax()), "most slip"
+        late = count // 2 if 2 * slipping[count // 2 :].max() >= slipping.max() else 0
+        return late + int(slipping[late:].argmax()), "most slip"
     moves = np.abs(first.displacement[:count]).max(axis=(1, 2))
-    return int(moves.argmax()), "largest displacement"
+    return int(moves.argmax()), "largest displacement" if moves.any() else "nothing moves"
 
 
 def still(path: str | Path, frames: Frames) -> None:
@@ -208,12 +213,14 @@ class _Picture:
             shift = np.array([place[0], place[1] / _PLANE[1, 1], 0.0])
             for block in blocks if k == 0 else blocks_of(structure):
                 mapper = self._add_body(one, block, shift)
-        bottom = 100 if self.frames.forces else 30
+        if not structure.patches:
+            return
+        bottom = 100 if self.frames.forces else 40
         self.plotter.add_scalar_bar(
-            title="contact\n ", mapper=mapper, color="black", n_labels=0, title_font_size=22,
-            vertical=False, width=0.24, height=120 / self.size[1], position_x=0.74,
-            position_y=bottom / self.size[1],
+            title="", mapper=mapper, color="black", n_labels=0, vertical=False, width=0.24,
+            height=60 / self.size[1], position_x=0.74, position_y=bottom / self.size[1],
         )  # fmt: skip
+        self._write("contact", (0.74 * _WIDTH, bottom + 26.0), 10, "contact")
         for k, name in enumerate(STATES):
             x = (0.74 + 0.08 * (k + 0.5)) * _WIDTH
             self._write(name, (x, bottom - 26.0), 10, name).prop.justification_horizontal = "center"
@@ -263,6 +270,7 @@ class _Picture:
         camera.position = centre + 10.0 * (np.ptp([low, high], axis=0).sum() + abs(high[1])) * _VIEW
         camera.up = _PLANE[:, 1]
         camera.parallel_scale = 0.5 * self.size[1] * pixel
+        self.pixel = pixel
 
     def _add_loads(self) -> list[tuple[Any, FloatArray]]:
         """Curves of the loads with a mark each; returns the marks and the forces in their unit."""
@@ -270,17 +278,24 @@ class _Picture:
 
         forces, marks = self.frames.forces, []
         unit, scale = prefixed_unit("N", forces.values())
-        chart = pyvista.Chart2D(size=(0.7, (_PANEL - 15) / self.size[1]), loc=(0.01, 0.005))
+        chart = pyvista.Chart2D(size=(0.7, (_PANEL - 35) / self.size[1]), loc=(0.01, 0.005))
         for (on, force), colour in zip(forces.items(), cycle(_LOADS), strict=False):
             times, values = self.frames.load_times / self.time_scale, np.asarray(force) / scale
-            chart.line(times, values, color=colour, width=2.0, label=on)
+            if (band := envelope(times, values)) is None:
+                chart.line(times, values, color=colour, width=2.0, label=on)
+            else:
+                chart.area(*band, color=pyvista.Color(colour, opacity=0.4), label=on)
             mark = chart.scatter([0.0], [0.0], color="#d11f1f", size=16, style="o")
             marks.append((mark, values))
         one = f" on {next(iter(forces))}" if len(forces) == 1 else ""
-        chart.x_label, chart.y_label = f"time, {self.time_unit}", f"force{one}, {unit}"
+        chart.x_label, chart.y_label = f"time, {self.time_unit}", ""
+        self._write(f"force{one}, {unit}", (0.02 * _WIDTH, _PANEL - 38.0), 10, "force")
         chart.legend_visible = len(forces) > 1
-        largest = max(float(np.abs(values).max(initial=0.0)) for _, values in marks) or 1.0
-        chart.y_range = (-1.15 * largest, 1.15 * largest)
+        chart.GetLegend().SetLabelSize(18)
+        low = min(0.0, *(float(values.min(initial=0.0)) for _, values in marks))
+        high = max(0.0, *(float(values.max(initial=0.0)) for _, values in marks))
+        room = 0.15 * (high - low) or 1.0
+        chart.y_range = (low - room, high + (1 + 3 * (len(forces) > 1)) * room)  # for the legend
         chart.background_color = chart.border_color = (1.0, 1.0, 1.0, 0.0)
         for axis in (chart.x_axis, chart.y_axis):
             axis.label_size, axis.tick_label_size, axis.grid = 20, 18, True
@@ -302,15 +317,20 @@ class _Picture:
                     continue
                 grid, surface = body.block.fill(arrays), body.surface
                 points = body.shift + grid.points + self.factor * np.asarray(grid["displacement"])
-                for part in (surface, body.edges):
-                    part.points = points[np.asarray(part.point_data["point"])]
+                # Nearer to the eye, edges are not lost in the surface that they lie on.
+                for part, nearer in ((surface, 0.0), (body.edges, 2.0 * self.pixel)):
+                    at = np.asarray(part.point_data["point"])
+                    part.points = points[at] + nearer * _VIEW
                 state = np.asarray(grid.cell_data["contact_state"])[surface.cell_data["cell"]]
                 surface.cell_data["state"] = state.astype(float)
         time = self.frames.times[frame]
+        now = [float(np.interp(time, self.frames.load_times, force)) for _, force in self.marks]
+        largest = [np.abs(force).max(initial=0.0) for _, force in self.marks]
+        if why and self.marks and max(map(abs, now)) <= 1e-3 * max(largest):
+            why += ", no load then"
         text = f"t = {time / self.time_scale:.3f} {self.time_unit}{f' ({why})' if why else ''}"
         text += f"      displacement × {self.factor:g}"
         self._write(text, (0.03 * _WIDTH, self.size[1] - 48.0), 14, "frame")
-        for mark, force in self.marks:
-            now = float(np.interp(time, self.frames.load_times, force))
-            mark.update([time / self.time_scale], [now])
+        for (mark, _), force in zip(self.marks, now, strict=True):
+            mark.update([time / self.time_scale], [force])
         self.plotter.reset_camera_clipping_range()

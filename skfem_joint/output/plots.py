@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.history import hysteresis_loop
+from skfem_joint.analysis.history import hysteresis_loop, steady_state
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 AT_REST = 1e-9
 #: Dots per inch of the written pictures.
 DPI = 150
-#: Modes in a picture of modes, and values in a picture of values.
-MODES, VALUES = 5, 20
+#: Modes in a picture of modes, values in a picture of values, and most marks on a curve.
+MODES, VALUES, MARKS = 5, 20, 50
+#: A history that crosses its mean more often is drawn as a band, of at most so many parts.
+CROSSINGS, PARTS = 300, 400
 
 # The full model is broad, pale and solid; the others go over it thin, dark and broken, so that
 # curves on top of each other stay apart, in grey too. One that is alone needs none of that.
@@ -88,20 +90,49 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
 
     A point at rest beside the others, such as a component that is zero by symmetry, has no panel,
     nor has one that moves as one before it. ``runs`` go by the name in the legend; beside others,
-    the one called "full" is drawn solid.
+    the one called "full" is drawn solid. Long histories are drawn as an `envelope`.
     """
     moving = _moving(runs, points)
     figure, panels = _panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
     time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
     for panel, point in zip(panels, moving, strict=True):
         unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
+        title, filled = point, True
         for (name, run), style in zip(runs.items(), _styles(runs), strict=True):
-            panel.plot(run.times / time_scale, run.point(point) / scale, label=name, **style)
+            times, u = run.times / time_scale, run.point(point) / scale
+            if (band := envelope(times, u)) is None:
+                panel.plot(times, u, label=name, **style)
+            else:
+                face = (style["color"], 0.3) if filled else "none"
+                panel.fill_between(*band, label=name, **style, facecolor=face)
+                part, size = prefixed_unit("s", [np.diff(band[0][:2]) * time_scale])
+                each = f"{(band[0][1] - band[0][0]) * time_scale / size:.3g} {part}"
+                title, filled = f"{point}: least and largest in each {each}", False
         panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
-        panel.set_title(point, loc="left")
+        panel.set_title(title, loc="left")
     panels[-1].set_xlabel(f"time, {time_unit}")
     _legend_above(figure, panels[0])
     return figure
+
+
+def envelope(
+    times: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Ends of parts of a history of very many cycles, and its least and largest value there.
+
+    Parts hold two cycles or more. None for a history whose cycles can be told apart: one that
+    crosses its mean no more than `CROSSINGS` times; what is near the mean does not count.
+    """
+    away = values - 0.5 * (values.max(initial=-np.inf) + values.min(initial=np.inf))
+    far = away[np.abs(away) > 0.01 * np.abs(away).max(initial=0.0)]
+    crossings = int(np.count_nonzero(np.diff(np.sign(far))))
+    if crossings <= CROSSINGS:
+        return None
+    starts = np.linspace(0, values.size, min(PARTS, crossings // 4), endpoint=False).astype(int)
+    low, high = (part.reduceat(values, starts) for part in (np.minimum, np.maximum))
+    # From the first to the last time, each part's values at its end.
+    ends = times[np.append(starts, values.size - 1)]
+    return ends, np.append(low[0], low), np.append(high[0], high)
 
 
 def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
@@ -118,18 +149,15 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
     return list(drawn)
 
 
-def hysteresis_figure(
-    runs: Mapping[str, Run], point: str, load: int, cycle_rows: int | None
-) -> Figure:
+def hysteresis_figure(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> Figure:
     """Force of a load, counted from 0, over the displacement of a point, in the last cycle.
 
-    ``cycle_rows`` are the stored rows a cycle; the whole run is drawn where it is shorter.
+    ``cycle_rows`` are the stored rows a cycle. The title says where the cycle is not steady.
     """
     _moving(runs, [point])  # refuses what is not there
-    loops = []
-    for run in runs.values():
-        whole = cycle_rows is None or run.times.size <= cycle_rows
-        loops.append(hysteresis_loop(run, point, load, None if whole else cycle_rows))
+    loops = [hysteresis_loop(run, point, load, cycle_rows) for run in runs.values()]
+    states = [run.steady or steady_state(run) for run in runs.values()]
+    transient = any(state is None or not getattr(state, "reached", True) for state in states)
     unit, scale = prefixed_unit("m", (u for u, _ in loops))
     force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
     figure, (panel,) = _panels(6.0, 5.0)
@@ -138,8 +166,15 @@ def hysteresis_figure(
     loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
     where = f" on {' and '.join(loaded)}" if loaded else ""
     panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
+    panel.set_title("last cycle" + ", not steady yet" * transient, loc="left")
     _legend_above(figure, panel)
     return figure
+
+
+def is_loop(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> bool:
+    """Whether each run's last cycle ends where it began, to a twentieth of its size."""
+    loops = [hysteresis_loop(run, point, load, cycle_rows)[0] for run in runs.values()]
+    return all(abs(u[-1] - u[0]) <= 0.05 * np.ptp(u) != 0.0 for u in loops)
 
 
 def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
@@ -154,13 +189,13 @@ def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
         largest = mode[np.argmax(np.abs(mode))]
         look: dict[str, Any] = {"color": _SHADES[k], "linestyle": _LINES[k], "linewidth": 1.8}
         panel.plot(xi, mode / (largest or 1.0), label=f"{k + 1}: {value:.3g} %", **look)
-    panel.set_title(f"proper orthogonal modes of {whose}", loc="left")
+    panel.set_title(f"proper orthogonal modes of\n{whose}", loc="left")
     panel.set(
         xlabel="position on the active length, ξ (1 = loaded end)",
         ylabel="mode, relative to its largest value",
         xmargin=0.0,
     )
-    figure.legend(loc="outside right upper", title="mode: proper value", alignment="left")
+    figure.legend(loc="outside right center", title="mode: proper value", alignment="left")
     return figure
 
 
@@ -196,7 +231,8 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
         unit, scale = prefixed_unit("J", works[title])
         for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
             number = np.arange(1, work.size + 1)
-            panel.plot(number, work / scale, label=name, marker="o", markersize=4, **style)
+            marks = {"marker": "o", "markersize": 4} if work.size <= MARKS else {}
+            panel.plot(number, work / scale, label=name, **marks, **style)
         panel.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
         panel.set_title(title, loc="left")
         panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
@@ -324,8 +360,8 @@ def active_region_figure(
         _line(panel, place[:, axes[0]], slip, active, label)
     else:
         wide, tall = np.ptp(place[:, axes], axis=0)
-        height = float(np.clip(2.4 + 6.8 * tall / wide, 3.0, 9.0))
-        figure = new_figure(8.0, height, "compressed")
+        height = float(np.clip(2.4 + 6.8 * tall / wide, 2.7, 9.0))
+        figure = new_figure(float(np.clip(2.6 + 7.0 * wide / tall, 4.5, 8.0)), height, "compressed")
         panel = figure.subplots()
         number = np.full(len(structure.nodes), -1, dtype=np.intp)
         number[nodes] = np.arange(nodes.size)
@@ -367,4 +403,6 @@ def _area(
     panel.use_sticky_edges = False
     panel.margins(0.02)
     panel.set_title("outlined; the rest is faded", fontsize="small")
-    panel.figure.colorbar(drawn, ax=panel, label=label, location="bottom", aspect=40)
+    wide, tall = np.ptp(place, axis=0)
+    side = "bottom" if wide > tall else "right"
+    panel.figure.colorbar(drawn, ax=panel, label=label, location=side, aspect=40)

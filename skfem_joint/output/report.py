@@ -78,8 +78,8 @@ def estimate_table(content: Mapping[str, Any]) -> str:
 def summary_table(content: Mapping[str, Any]) -> str:
     """Table of the models of a summary.
 
-    How much faster a model runs than the full one stands beside the same with its off-line time;
-    neither does where one of the two was interrupted.
+    How much faster a model runs than the full one stands beside the same with its off-line time,
+    if that is faster too, and neither was interrupted.
     """
     models: dict[str, dict[str, Any]] = content["models"]
     full = models.get("full")
@@ -101,10 +101,12 @@ def summary_table(content: Mapping[str, Any]) -> str:
             add(label.format(name), form, at(key, name), scale)
 
     def faster(model: dict[str, Any], offline: bool) -> float | None:
-        """How often a model runs while the full one runs once."""
+        """How often a model runs while the full one runs once; None if it does not pay."""
         if full is None or model is full or full["interrupted"] or model["interrupted"]:
             return None
-        return float(full["wall_s"] / (model["wall_s"] + offline * model["offline_s"]))
+        total = model["wall_s"] + model["offline_s"]
+        pays = full["wall_s"] > total
+        return float(full["wall_s"] / (total if offline else model["wall_s"])) if pays else None
 
     cycles = any(value is not None for value in at("friction_energy_per_cycle_J"))
     steps = zip(at("newton_iterations"), at("steps"), strict=True)

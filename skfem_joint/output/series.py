@@ -216,22 +216,20 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     done = 0
     try:
         for k, time in enumerate(frames.times):
-            frame, *targets = files[k]
-            blocks_left = iter(targets)
+            targets = iter(files[k][1:])
             for field in frames.fields:
                 arrays = frames.arrays(field, k)
                 for block in blocks:
                     grid = block.fill(arrays)
                     grid.field_data["TimeValue"] = [time]
-                    _write_grid(next(blocks_left), grid)
-            rows = zip(names, targets, strict=True)
-            _write_index(frame, "vtkMultiBlockDataSet", [(f, {"name": n}) for n, f in rows])
+                    _write_grid(next(targets), grid)
+            _write_index(files[k][0], "vtkMultiBlockDataSet", files[k][1:], "name", names)
             done = k + 1
     finally:
         if done:
-            rows = zip(files[:done], frames.times, strict=False)
-            times = [(row[0], {"timestep": repr(float(time)), "part": "0"}) for row, time in rows]
-            _write_index(index, "Collection", times)
+            times = [repr(float(time)) for time in frames.times[:done]]
+            firsts = [row[0] for row in files[:done]]
+            _write_index(index, "Collection", firsts, "timestep", times)
     return [index, *itertools.chain(*files)]
 
 
@@ -264,13 +262,16 @@ def _write_grid(file: Path, grid: Any) -> None:
             raise OSError("VTK could not write it; is the disk full?")
 
 
-def _write_index(path: Path, kind: str, files: Sequence[tuple[Path, dict[str, str]]]) -> None:
-    """Write an index of VTK's: files with what it says of each."""
+def _write_index(
+    path: Path, kind: str, files: Sequence[Path], name: str, values: Sequence[str]
+) -> None:
+    """Write an index of VTK's: files, each with the value of an attribute."""
     root = ET.Element("VTKFile", type=kind, version="1.0")
     listed = ET.SubElement(root, kind)
-    for number, (file, what) in enumerate(files):
+    for number, (file, value) in enumerate(zip(files, values, strict=True)):
         place = file.relative_to(path.parent).as_posix()
-        ET.SubElement(listed, "DataSet", index=str(number), file=place, **what)
+        what = {"index": str(number), "file": place, name: value}
+        ET.SubElement(listed, "DataSet", what)
     ET.indent(root)
     with replacing(path) as temporary:
         ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)

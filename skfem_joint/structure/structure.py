@@ -298,7 +298,7 @@ class Structure(Nodes):
         tensor = self.axes.T @ inside @ self.axes
         if self.dim == 2 and self.plane == "strain":
             tensor[:, 2, 2] = volume
-        return tensor[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        return np.asarray(tensor[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]])
 
     def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
         """System of equations, sparse; every row of ``B`` picks one unknown.

@@ -72,8 +72,23 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken() -> None:
     state[:, nodes] = 0
     assert pictures.telling_frame(frames) == (2, "largest displacement")
     state[0, nodes] = 1  # before the run has settled
-    state[7, nodes[:2]] = 1
+    state[7, nodes[: nodes.size // 2 + 1]] = 1
     assert pictures.telling_frame(frames) == (7, "most slip")
+    state[7, nodes[1:]] = 0  # after a pulse
+    assert pictures.telling_frame(frames) == (0, "most slip")
+    state[:, nodes] = 0
+    frames.fields[0].displacement[:] = 0.0
+    assert pictures.telling_frame(frames) == (0, "nothing moves")
+
+
+@draws
+def test_a_moment_without_load_is_told_as_one(tmp_path: Path) -> None:
+    with pictures._picture(tmp_path / "a.png", pulled(lap())) as (_, picture):
+        told = []
+        for frame in (2, 0):  # at the largest load, and at none
+            picture.show(frame, "most slip")
+            told.append(picture.plotter.actors["frame"].input)
+    assert ["no load" in text for text in told] == [False, True]
 
 
 @draws

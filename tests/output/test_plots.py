@@ -141,9 +141,38 @@ def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
         u, force = 1e-6 * np.asarray(line.get_xdata()), 1e3 * np.asarray(line.get_ydata())
         work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(u))
         assert work == pytest.approx(run.cycles.input[-1].sum(), rel=1e-9)
-    # A run shorter than a cycle is drawn whole.
-    figure = plots.hysteresis_figure(runs, "free_end", 0, 1000)
-    assert len(figure.axes[0].get_lines()[0].get_xdata()) == 3 * ROWS + 1
+    assert plots.is_loop(runs, "free_end", 0, ROWS)
+    assert not plots.is_loop(runs, "free_end", 0, ROWS // 2)  # ends on the other side
+
+
+def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats() -> None:
+    t, base = np.linspace(0.0, 1.0, 80_001), 0.3
+    u = base + np.sin(2 * np.pi * 1000 * t) * np.cos(2 * np.pi * t)
+    band = plots.envelope(t, u)
+    assert band is not None
+    ends, low, high = band
+    assert (ends[0], ends[-1], low.min(), high.max()) == (0.0, 1.0, u.min(), u.max())
+    assert 300 < ends.size <= plots.PARTS + 1
+    # A part holds cycles enough to reach the beat's amplitude somewhere in it.
+    reached = np.abs(np.cos(2 * np.pi * (ends[1:] - 0.5 * np.diff(ends))))
+    slope = 2 * np.pi * np.diff(ends).max()
+    np.testing.assert_allclose(high[1:], base + reached, atol=slope)
+    np.testing.assert_allclose(low[1:], base - reached, atol=slope)
+    # Few cycles, or none but round-off after them, are drawn as they are.
+    assert plots.envelope(t, np.sin(2 * np.pi * 100 * t)) is None
+    rest = np.exp(-50.0 * t) * np.sin(2 * np.pi * 30 * t)
+    assert plots.envelope(t, rest + 1e-9 * (-1.0) ** np.arange(t.size)) is None
+    assert plots.envelope(t, np.zeros(t.size)) is None
+
+
+def test_many_cycles_are_drawn_as_a_band_that_names_its_parts() -> None:
+    run = integrate(system(2), step=STEP, n_steps=400 * ROWS, cycle_steps=ROWS)
+    panel = plots.histories_figure({"full": run}, ["free_end"]).axes[0]
+    assert not panel.lines
+    (band,) = panel.collections
+    largest = np.abs(band.get_paths()[0].vertices[:, 1]).max()
+    assert largest == pytest.approx(1e6 * np.abs(run.point("free_end")).max())
+    assert panel.get_title(loc="left") == "free_end: least and largest in each 2 ms"
 
 
 def test_five_modes_with_largest_value_one_their_proper_values_and_whose_they_are(
@@ -160,7 +189,7 @@ def test_five_modes_with_largest_value_one_their_proper_values_and_whose_they_ar
         assert abs(overlap) == pytest.approx(1.0)
         assert line.get_label() == f"{k + 1}: {reference.proper.proper_values[k]:.3g} %"
     assert len({str(line.get_linestyle()) + str(line.get_color()) for line in lines}) == 5
-    assert panel.get_title(loc="left").endswith("of the paper's reference joint")
+    assert panel.get_title(loc="left").endswith("\nthe paper's reference joint")
 
 
 def test_proper_values_are_bars_and_their_sums_a_line(

@@ -1,0 +1,145 @@
+"""The pictures of the gallery, made anew from what the examples give.
+
+    python examples/make_pictures.py                     all but those of LONG, some ten minutes
+    python examples/make_pictures.py NAME ... --out DIR  some of them, elsewhere
+
+Those of LONG come from benchmarks and are made where they are named.
+"""
+
+# %% What is drawn
+from __future__ import annotations
+
+import argparse
+import runpy
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from skfem_joint import load_scene, run_scene
+from skfem_joint.analysis.study import Study
+from skfem_joint.files import replacing
+from skfem_joint.output import folder, pictures, plots, series
+from skfem_joint.output.fields import frames_of
+from skfem_joint.reduction.active_length import slips
+
+HERE = Path(__file__).resolve().parent
+#: Bytes above which a picture is brought to few colours.
+LARGEST = 200_000
+#: Pictures that running a scene writes: the scene, and the picture's name there.
+SCENES = {
+    "plate_bolts": ("plate_bolts", "joint"),
+    "lap_joint_loop": ("lap_joint_reference", "hysteresis_free_end"),
+    "scaled_modes": ("lap_joint_case_I", "proper_orthogonal_modes"),
+    "histories": ("structure_harmonic", "histories"),
+    "impulse": ("structure_impulse", "histories"),
+    "plate_slip": ("plate_reference", "active_region_joint"),
+    "two_plates_held": ("two_plates", "joint"),
+}
+#: Pictures that take long: a script with its arguments, and the picture's name.
+READY_MADE = ("benchmarks/ready_made.py", str(HERE / "lap_joint_reference.toml"))
+LONG = {
+    "error_time": (READY_MADE, "error-time"),
+    "total_time": (READY_MADE, "total-time"),
+    "stability": (("stability/run.py",), "stability"),
+}
+
+
+def lap_joint(found: dict[str, Any]) -> Any:
+    return plots.proper_values_figure(found["proper"], "the lap joint's three periods")
+
+
+def reduced_structure(found: dict[str, Any]) -> Any:
+    runs = {"full": found["full"], "reduced": found["reduced"]}
+    return plots.hysteresis_figure(runs, "free_end", 0, found["timing"]["steps_per_cycle"])
+
+
+def own_basis(found: dict[str, Any]) -> Any:
+    runs = {f"friction limit {limit:g} N": run for limit, run in found["runs"].items()}
+    return plots.histories_figure(runs, ["tip"])
+
+
+def bolted_plates(found: dict[str, Any]) -> Any:
+    structure, system, peak = found["structure"], found["system"], found["run"].slip_peak
+    active = slips(structure, system, peak, period=1.0 / 500.0)
+    points = structure.patches[0].points
+    return plots.active_region_figure(structure, 0, peak[points], active[points])
+
+
+#: Pictures of the literate examples of the same name, from what is found in them.
+FIGURES: dict[str, Callable[[dict[str, Any]], Any]] = {
+    one.__name__: one for one in (lap_joint, reduced_structure, own_basis, bolted_plates)
+}
+FIGURES |= dict.fromkeys(("damping", "sweep"), lambda found: found["figure"])
+
+
+# %% How
+@cache
+def study(scene: str) -> Study:
+    """Results of a scene, without estimated errors."""
+    return run_scene(load_scene(HERE / f"{scene}.toml").changed(accuracy={"estimate": False}))
+
+
+def command(*words: str | Path) -> None:
+    subprocess.run([str(word) for word in words], check=True)
+
+
+def drawn(name: str, out: Path) -> Path:
+    """Draw a picture; returns its file below ``out``."""
+    picture = out / f"{name}.png"
+    if name in LONG:
+        (script, *arguments), file = LONG[name]
+        command(sys.executable, HERE / script, *arguments, "--out", out / name)
+        return out / name / f"{file}.png"
+    if name in SCENES:
+        scene, file = SCENES[name]
+        if file == "joint":
+            pictures.still(picture, frames_of(study(scene)))
+        else:
+            folder.curves(study(scene))[f"{file}.png"](picture)
+    elif name == "two_plates":
+        runpy.run_path(str(HERE / "two_plates.py"))["main"](out)
+    elif name == "paraview":
+        frames, index = frames_of(study("plate_bolts")), out / "fields.pvd"
+        series.write_series(index, frames)
+        series.write_load(out / "fields_load.csv", frames)
+        server = ("xvfb-run", "-a", "-s", "-noreset", "pvpython")
+        command(*server, HERE / "paraview_joint.py", index, picture)
+    else:
+        run_name = "__main__" if name == "sweep" else "example"
+        found = runpy.run_path(str(HERE / f"{name}.py"), run_name=run_name)
+        plots.save_figure(picture, FIGURES[name](found))
+    return picture
+
+
+SHORT = (*SCENES, *FIGURES, "two_plates", "paraview")
+
+
+def main(arguments: list[str]) -> None:
+    from PIL import Image
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*SHORT, *LONG]))
+    parser.add_argument("--out", type=Path, default=HERE / "pictures")
+    given = parser.parse_args(arguments)
+    if unknown := set(given.names) - {*SHORT, *LONG}:
+        parser.error(f"no picture is called {', '.join(sorted(unknown))}")
+    given.out.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as temporary:
+        for name in given.names or SHORT:
+            with Image.open(drawn(name, Path(temporary))) as picture:
+                small = picture.convert("RGB")
+                small.save(source := Path(temporary) / "small.png", optimize=True)
+            if source.stat().st_size > LARGEST:  # curves do with few colours
+                small.quantize(64, dither=Image.Dither.NONE).save(source, optimize=True)
+            target = given.out / f"{name}.png"
+            with replacing(target) as file:
+                file.write_bytes(source.read_bytes())
+            print(f"{target}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
