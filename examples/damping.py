@@ -49,7 +49,7 @@ for panel in (left, right):
     panel.grid(alpha=0.3)
 
 if __name__ == "__main__":
-    figure.savefig(HERE / "pictures" / "damping.png", dpi=150)
+    figure.savefig("damping.png", dpi=150)
     print(f"stuck frequency {curve.stuck_frequency:.1f} Hz, {curve.warnings[-1]}")
     for one in swept:
         peak, amplitude = one.peak

@@ -14,6 +14,7 @@ import runpy
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,7 +28,7 @@ from skfem_joint.output.fields import frames_of
 from skfem_joint.reduction.active_length import slips
 
 HERE = Path(__file__).resolve().parent
-#: Bytes above which a picture is brought to few colours.
+#: Bytes above which a picture is brought to 256 colours.
 LARGEST = 200_000
 #: Pictures that running a scene writes: the scene, and the picture's name there.
 SCENES = {
@@ -45,6 +46,7 @@ LONG = {
     "error_time": (READY_MADE, "error-time"),
     "total_time": (READY_MADE, "total-time"),
     "stability": (("stability/run.py",), "stability"),
+    "paper": (("paper/reproduce.py", "fig19"), "pictures/fig19"),
 }
 
 
@@ -107,10 +109,11 @@ def drawn(name: str, out: Path) -> Path:
         series.write_series(index, frames)
         series.write_load(out / "fields_load.csv", frames)
         server = ("xvfb-run", "-a", "-s", "-noreset", "pvpython")
-        command(*server, HERE / "paraview_joint.py", index, picture)
+        command(*server, HERE / "paraview_joint.py", index, picture, "--time", "4.5e-3")
     else:
         run_name = "__main__" if name == "sweep" else "example"
-        found = runpy.run_path(str(HERE / f"{name}.py"), run_name=run_name)
+        with chdir(out):  # it writes its picture where it is called
+            found = runpy.run_path(str(HERE / f"{name}.py"), run_name=run_name)
         plots.save_figure(picture, FIGURES[name](found))
     return picture
 
@@ -133,8 +136,9 @@ def main(arguments: list[str]) -> None:
             with Image.open(drawn(name, Path(temporary))) as picture:
                 small = picture.convert("RGB")
                 small.save(source := Path(temporary) / "small.png", optimize=True)
-            if source.stat().st_size > LARGEST:  # curves do with few colours
-                small.quantize(64, dither=Image.Dither.NONE).save(source, optimize=True)
+            if source.stat().st_size > LARGEST:
+                few = {"method": Image.Quantize.MAXCOVERAGE, "dither": Image.Dither.NONE}
+                small.quantize(256, **few).save(source, optimize=True)
             target = given.out / f"{name}.png"
             with replacing(target) as file:
                 file.write_bytes(source.read_bytes())

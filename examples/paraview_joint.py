@@ -226,7 +226,9 @@ def show_load(path, times, view):
 
     view.HideTimeMarker = 1
     view.BottomAxisTitle = "time, ms"
-    view.LeftAxisTitle = names[0] if len(names) == 1 else f"force, {short}"
+    view.LeftAxisTitle, view.ChartTitleAlignment = "", "Left"
+    view.ChartTitle = names[0] if len(names) == 1 else f"force, {short}"
+    view.ChartTitleFontFamily, view.ChartTitleFontSize = "Courier", 18
     view.ShowLegend = int(len(names) > 1)
     if largest > 0.0:
         view.LeftAxisUseCustomRange = 1

@@ -28,7 +28,10 @@ def test_literate_examples_are_short(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LITERATE)
-def test_literate_examples_run_as_scripts(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_literate_examples_run_as_scripts(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     run(name, "__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
 

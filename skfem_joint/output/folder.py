@@ -146,7 +146,7 @@ def curves(study: Study) -> dict[str, Writer]:
                 add(name, plots.hysteresis_figure, runs, load.on, k, rows)
     if "reduced" in study.models and (basis := study.models["reduced"].basis):
         joints = [patch.joint.name for patch in study.structure.patches]
-        count = joints[0] if len(joints) == 1 else f"{len(joints)} joints"
+        count = repr(joints[0]) if len(joints) == 1 else f"{len(joints)} joints"
         whose = f"{_WHOSE[scene.reduction.reference]} {count}"
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
         if basis.reference is not None:

@@ -393,7 +393,7 @@ def _area(
     cells = cells[np.all(cells >= 0, axis=1)]
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
     grid = Triangulation(place[:, 0], place[:, 1], triangles)
-    drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis")
+    drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis", vmin=0.0)
     if not active.all():
         panel.tricontourf(grid, active, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
     for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
