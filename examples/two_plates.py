@@ -278,21 +278,28 @@ def draw(path: Path, slow_runs: dict[str, tuple[Model, Run]], results: dict[str,
     panels = (figure := Figure(figsize=(11.0, 8.0), layout="constrained")).subplots(2, 2).ravel()
     struts, plates = ["(b) strut", "(a) struts", "(a) one half, in series"], ["plan", "side"]
     names = [*struts, *(f"(a) plates, {view}" for view in plates)]
-    for name, style in zip(names, ("r--", "c-", "k:", "b-.", "g-"), strict=True):
+    colours = ("#9c1c00", "#7fb2e5", "#1a1a1a", "#1f3d7a", "#2e7d32")
+    looks = zip(names, colours, ("--", "-", ":", "-.", "-"), (1.5, 4.0, 1.5, 1.5, 1.2), strict=True)
+    for name, colour, line, width in looks:
+        style = {"color": colour, "linestyle": line, "linewidth": width}
         model, harmonic, coulomb, pulse = results[name]
         for panel, run in zip(panels, (harmonic, pulse), strict=False):
-            panel.plot(1e3 * run.times, 1e6 * model.end(run), style, label=name)
+            panel.plot(1e3 * run.times, 1e6 * model.end(run), **style, label=name)
         if name in slow_runs:
             run = slow_runs[name][1]
             edge, load = run.point("edge")[-201:], run.amplitudes[-201:, 0]
-            panels[2].plot(1e6 * edge, 1e-3 * load, style)
+            panels[2].plot(1e6 * edge, 1e-3 * load, **style)
         x, slip = slip_along(model, coulomb)
-        panels[3].plot(1e3 * x, 1e6 * slip, style)
+        share = 2.0 if "series" in name else 1.0  # its unknown is half of the slip
+        panels[3].plot(1e3 * x, 1e6 * share * slip, **style)
     end = "displacement of the loaded end, µm"
     panels[0].set(xlabel="time, ms", ylabel=end, title="87.5 kN at 500 Hz")
     panels[1].set(xlabel="time, ms", ylabel=end, title="impulse of 87.5 kN")
     panels[2].set(xlabel="joint's edge against its middle, µm", ylabel="load, kN", title="5 Hz")
     panels[3].set(xlabel="distance from the loaded edge, mm", ylabel="largest slip, µm")
+    panels[3].set_title("87.5 kN at 500 Hz, Coulomb")
+    for panel in panels:
+        panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     figure.savefig(path, dpi=120)
 

@@ -17,12 +17,16 @@ TO_STEADY = 100
 
 def save_of(scene: Scene) -> Save:
     """Store only what a picture, a file or a comparison of this scene needs."""
-    output = scene.output
+    output, cycle = scene.output, scene.cycle_steps
+    stride = max(1, -(-scene.n_steps // output.frames))
+    if cycle is not None and stride >= cycle:
+        # Less than a frame a cycle: each a twentieth of a cycle on, lest all are of one phase.
+        stride = -(-stride // cycle) * cycle + max(1, cycle // 20)
     return Save(
         every=output.every,
         points=output.history or output.plots or len(scene.models.run) > 1,
         fields=output.vtk or output.plots,
-        fields_every=max(1, -(-scene.n_steps // output.frames)),
+        fields_every=stride,
     )
 
 

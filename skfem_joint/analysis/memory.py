@@ -72,7 +72,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
 
     frames = scene.n_steps // fields_every + 1 if save.fields else 0
     # Stored, and written or drawn.
-    frame = models * (2 * n + 6 * rows + (3 * dim + 3) * nodes)
+    frame = models * (2 * n + 6 * rows + (4 * dim + 3) * nodes)
 
     training = 0
     if reduced:

@@ -23,6 +23,7 @@ from joint_scenes import (
 )
 
 from skfem_joint.analysis import study as study_module
+from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.history import Errors
 from skfem_joint.analysis.study import (
     Study,
@@ -448,3 +449,10 @@ def test_a_solid_is_run_by_the_same_functions() -> None:
         assert energy == pytest.approx(model.run.friction_work.sum(), rel=1e-9)
     assert 0.0 < results.models["full"].active_area_fraction["front"] <= 1.0
     assert results.models["full"].active_length == {}
+
+
+def test_frames_of_a_long_run_go_through_all_phases_of_the_load() -> None:
+    time, output = {"cycles": 300, "steps_per_cycle": 40}, {"plots": True, "frames": 100}
+    stride = save_of(bar_scene(time=time, output=output)).strides[1]
+    assert 300 * 40 // 100 < stride <= 300 * 40 // 100 + 40
+    assert {stride * k % 40 for k in range(20)} == set(range(0, 40, 2))
