@@ -80,9 +80,9 @@ def assert_only_whole_files(folder: Path) -> int:
                 picture.load()
         elif path.suffix == ".csv":
             assert np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
-        elif path.suffix == ".pvd":
+        elif path.suffix in (".pvd", ".vtm"):
             for data in ET.parse(path).getroot().findall(".//DataSet"):
-                assert (folder / str(data.get("file"))).is_file()
+                assert (path.parent / str(data.get("file"))).is_file()
         elif path.suffix == ".vtu":
             import pyvista
 
