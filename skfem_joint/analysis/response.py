@@ -21,19 +21,20 @@ from scipy.sparse.linalg import splu
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import TO_STEADY, options_of
 from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.basis import Basis, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.reduction.zones import picked
+from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save, Steady
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -290,10 +291,9 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     The limits of small and of large loads; from the exact complex stiffness.
     """
     inner = arranged(system).system
-    rows = np.flatnonzero(inner.on_rows(inner.w) > 0.0)
-    free = np.setdiff1d(np.arange(inner.n), picked(inner)[rows] if stuck else [])
-    M, C, K = (_part(A, free) for A in (inner.M, inner.C, inner.K))
-    P, F = _part(inner.P, free, columns_only=True), inner.load_vectors()[free]
+    V = motions_without_slip(inner, True) if stuck else sparse.eye_array(inner.n, format="csc")
+    M, C, K = (sparse.csr_array(congruent(A, V)) for A in (inner.M, inner.C, inner.K))
+    P, F = inner.P @ V, V.T @ inner.load_vectors()
     turn = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
     found = []
     for frequency in frequencies.tolist():
@@ -310,11 +310,6 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
                 motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
         found.append(0.5 * np.ptp(motion, axis=1))
     return np.array(found)
-
-
-def _part(A: Matrix, unknowns: object, columns_only: bool = False) -> sparse.csr_array:
-    rows = sparse.csr_array(A)[:, unknowns]
-    return sparse.csr_array(rows if columns_only else rows[unknowns])
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ from skfem_joint.reduction.zones import (
     Zone,
     active_zones,
     axis_of,
+    motions_without_slip,
     mouths,
-    picked,
     probed,
     zone_lengths,
 )
@@ -57,6 +57,7 @@ from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.structure import Structure
 from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
 
 #: Cycles of a run that modes come from.
 TRAINING_CYCLES = 3
@@ -213,7 +214,7 @@ def own_basis(
             f"reduction.modes: found {modes}, must be from 1 to {proper.modes.shape[1]}, which "
             "the snapshots of the run can make"
         )
-    V, F = proper.modes[:, :modes], _out_of_contact(system)
+    V, F = proper.modes[:, :modes], motions_without_slip(system)
     if not isinstance(interface_modes, str) and interface_modes > 0 and F.shape[1]:
         V = np.hstack([V, F @ natural_modes(*_within(system, F), interface_modes)[1]])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
@@ -250,6 +251,25 @@ def static_basis(
     return replace(basis, resolved=_RESOLVED)
 
 
+def stuck_basis(
+    system: System, stuck: FloatArray, u: FloatArray, v: FloatArray, modes: int, frequency: float
+) -> Basis:
+    """Modes (n, k) with the contact stuck, and proper orthogonal ones of what slips beside them.
+
+    ``u`` are states, ``v`` increments (levels, n), m; each counts as much as the others, however
+    far it slips. What is merged slips alike in them, at most at a ``frequency`` (Hz).
+    """
+    slips = np.vstack([u, v])
+    slips = slips - (slips @ (system.M @ stuck)) @ stuck.T
+    size = np.sqrt(np.maximum(np.einsum("ij,ij->i", slips, (system.K @ slips.T).T), 0.0))
+    slips = slips[size > _TOLD * size.max()] / size[size > _TOLD * size.max(), np.newaxis]
+    proper = proper_modes(slips, energy(system))
+    V = np.hstack([stuck, proper.modes[:, :modes]])
+    slip_peak = system.slip_norm((system.B @ u.T).T).max(axis=0)
+    velocity = 2.0 * np.pi * frequency * float(slip_peak.max())
+    return _basis(system, V, modes, proper, system.w > 0.0, u, slips, slip_peak, velocity)
+
+
 def scaled_basis(
     structure: Structure,
     system: System,
@@ -283,7 +303,7 @@ def scaled_basis(
         inside = distance < length
         active[points[inside]] = True
         stretches.append((points[inside], distance[inside]))
-    F = _out_of_contact(system)
+    F = motions_without_slip(system)
     turning = across[:, active & (np.diff(across.indptr) > 0)]
     wide = sparse.csc_array(sparse.hstack([F, turning]))
     parts = [_following(system, wide, np.hstack(pulled))]
@@ -328,15 +348,9 @@ def _slip_vectors(
     return sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), sideways
 
 
-def _out_of_contact(system: System) -> sparse.csc_array:
-    """Unit vectors of the unknowns that no slip row picks, in columns."""
-    free = np.setdiff1d(np.arange(system.n), picked(system))
-    return sparse.eye_array(system.n, format="csc")[:, free]
-
-
 def _within(system: System, F: sparse.csc_array) -> tuple[sparse.csc_array, sparse.csc_array]:
     """Stiffness and mass of motions in the columns of F."""
-    K, M = (sparse.csc_array(F.T @ sparse.csr_array(A) @ F) for A in (system.K, system.M))
+    K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
     return K, M
 
 

@@ -26,11 +26,12 @@ from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import orthonormal, proper_modes
 from skfem_joint.reduction.residual import acceleration
-from skfem_joint.reduction.zones import QUICK_CYCLES, picked, steps_of_a_period
+from skfem_joint.reduction.zones import QUICK_CYCLES, motions_without_slip, steps_of_a_period
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
 
 if TYPE_CHECKING:
     from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -273,17 +274,16 @@ def interface_modes(
     Each is an oscillator that the inertia of the static ``response`` (n, loads) drives; its share
     is its largest strain energy over that of the response, as a root.
     """
-    free = np.setdiff1d(np.arange(system.n), picked(system))
-    if free.size == 0 or most == 0:
+    F = motions_without_slip(system)
+    if F.shape[1] == 0 or most == 0:
         return np.zeros((system.n, 0)), np.zeros(0)
-    K, M, C = (sparse.csc_array(sparse.csr_array(A)[free][:, free])
-               for A in (system.K, system.M, system.C))  # fmt: skip
-    frequency, shapes = natural_modes(K, M, min(2 * most, free.size))
+    K, M, C = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M, system.C))
+    frequency, shapes = natural_modes(K, M, min(2 * most, F.shape[1]))
     omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
     stop = loads.step * loads.n_steps
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
     times = np.arange(0.0, stop * (1.0 + 1e-9), loads.step)
-    driven = (shapes.T @ (system.M @ response)[free]) @ loads(times)
+    driven = (shapes.T @ (F.T @ (system.M @ response))) @ loads(times)
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     share = np.zeros(omega.size)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
@@ -291,10 +291,8 @@ def interface_modes(
         oscillator = ([[0.0, w], [-w, -c]], [[0.0], [w]], [[1.0, c / w]], [[0.0]])
         share[k] = w * np.abs(lsim(oscillator, driven[k], times)[1] - driven[k]).max()
     order = np.argsort(-share, kind="stable")[:most]
-    V = np.zeros((system.n, order.size))
-    V[free] = shapes[:, order]
     strain = float(np.sqrt(np.einsum("ij,ij->", response, system.K @ response)))
-    return V, share[order] / strain if strain > 0.0 else 0.0 * share[order]
+    return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
 
 
 def _preliminary(

@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
@@ -16,6 +17,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
+from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
@@ -28,6 +30,8 @@ QUICK_CYCLES, STEPS, STEPS_PER_PERIOD = 4, 100, 20
 _MOST_NUMBERS = 20_000_000
 #: Positions along an axis that differ by less than this share of a joint's length are the same.
 _SAME = 1e-7
+#: Slip below this share of the largest in dense systems is none.
+_NO_SLIP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -210,6 +214,19 @@ def _is_open(structure: Structure, patch: Patch, zone: Zone, outwards: FloatArra
 def picked(system: System) -> IntArray:
     """Unknown that each row of the slip operator picks."""
     return np.asarray(sparse.csr_array(system.B).indices, dtype=np.intp)
+
+
+def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_array:
+    """Motions (n, k) in which no contact point slips, or none ``carrying`` friction, in columns.
+
+    Unit vectors where each slip row picks an unknown, else orthonormal ones.
+    """
+    rows = np.arange(system.B.shape[0])
+    B = sparse.csr_array(system.B)[rows[system.on_rows(system.w) > 0.0] if carrying else rows]
+    if picks_unknowns(B):
+        free = np.setdiff1d(np.arange(system.n), B.indices)
+        return sparse.eye_array(system.n, format="csc")[:, free]
+    return sparse.csc_array(null_space(B.toarray(), rcond=_NO_SLIP))
 
 
 def measured_lengths(structure: Structure, slip_peak: FloatArray) -> dict[str, float]:

@@ -343,13 +343,20 @@ def minimum(problem, memory, right, v, tolerance):
     return Found(converged, iteration, 0, 0, searches, evaluations, largest, 0)
 
 
+@compiled
+def found_alone(problem, memory, right, v, tolerance):
+    """`minimum`, called from Python."""
+    return solve(problem, memory, right, v, tolerance)
+
+
 @compiled_for(slips, Dense)
 def _slips_of_dense(problem, x, room):
     _slip(problem.contact.B, x, room)
     return room
 
 
-def _dense(A: Any) -> FloatArray:
+def as_dense(A: Any) -> FloatArray:
+    """Array of a matrix, its rows side by side."""
     return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
 
 
@@ -373,9 +380,9 @@ class DenseStepper(CompiledStepper):
                 "point, which a reduced or dense system has not; use System.with_beta with a "
                 "finite beta"
             )
-        self.dynamics = (Full(_dense(s.M)), Full(_dense(s.C)), Full(_dense(s.K)))
+        self.dynamics = (Full(as_dense(s.M)), Full(as_dense(s.C)), Full(as_dense(s.K)))
         beta = np.where(s.w > 0.0, s.beta, 1.0)
-        self.contact, self.places = contact_of(_dense(s.B), s.first_row, s.w, beta)
+        self.contact, self.places = contact_of(as_dense(s.B), s.first_row, s.w, beta)
         self.limits = self.contact.w
         rows = self.limits.size
         self.memory, self.room = make_memory(s.n, rows, s.w.size), make_room(s.n, rows, s.w.size)

@@ -6,7 +6,9 @@ From the state before, each increment d of the displacement solves
 
 the problem of a time step with K in place of the step's matrix and the increment in place of the
 velocity. Points that stick do so exactly, reversals and histories of loads come by themselves. Each
-increment goes straight: slips that turn within one are not resolved.
+increment goes straight: slips that turn within one are not resolved. Dense systems, as reduction
+makes them, have more contact points than unknowns, which cannot all stick: there Coulomb's law is
+the limit of steeper and steeper ones.
 
 Bodies that friction alone holds have no stiffness of their own: there K gets a little of M, and
 forces that make everything slip are scaled back to just below what friction holds. That load is
@@ -24,10 +26,12 @@ from scipy.sparse.linalg import splu
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised
-from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+from skfem_joint.stepping.dense import Dense, as_dense, contact_of, found_alone
+from skfem_joint.stepping.dense import make_memory as make_dense_memory
 from skfem_joint.stepping.steppers import contact_unknowns
 from skfem_joint.system import System
 
@@ -39,6 +43,9 @@ HALVINGS = 6
 _SHIFTED, _SHIFT = 1e-3, 1e-9
 #: Pivots below this share of the largest are zero; iterations for the friction limit.
 _SINGULAR, _ITERATIONS = 1e-11, 20
+#: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
+#: their stiffness, over the least of all, beyond which round-off hides that one.
+_STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
 
 
 class QuasiStatic:
@@ -47,37 +54,40 @@ class QuasiStatic:
     Parameters
     ----------
     system : System
-        Its limits ``w`` count, its law and masses do not. Sparse.
+        Its limits ``w`` count, its law and masses do not.
     tolerance : float
         Largest force residual relative to the largest force.
 
     Raises
     ------
     InputError
-        If no point carries friction, or slip rows depend on each other, as in dense systems.
+        If no point carries friction, or slip rows of a large sparse system depend on each other.
     """
 
     def __init__(self, system: System, tolerance: float = 1e-8) -> None:
         self.to = arranged(system)
         inner = self.to.system
         acting = inner.w > 0.0
-        if inner.is_dense or not (acting.any() and picks_unknowns(inner.B)):
-            raise InputError(
-                "quasi-static slip: needs friction in a sparse system whose slip rows do not "
-                "depend on each other; take modes of an own run instead: reference = 'self' in a "
-                "scene, run=... in `reduce`"
-            )
+        if not acting.any():
+            raise InputError("quasi-static slip: needs friction, no contact point carries any")
         self.tolerance = tolerance
-        self.K, self.M = (sparse.csr_array(A) for A in (inner.K, inner.M))
+        dense = self.to.kind == "dense"
+        self.K, self.M = (as_dense(A) if dense else sparse.csr_array(A) for A in (inner.K, inner.M))
         self.shift = 0.0
         if is_singular(self.K):
             self.shift = _SHIFT * inner.mean_square_frequency
-        A = sparse.csr_array(self.K + self.shift * self.M)
-        first, second = (unknown[acting] for unknown in contact_unknowns(inner))
+        A = self.K + self.shift * self.M
         self.beta = inner.beta[acting]
-        self.problem = ContactProblem(A, first, second, inner.w[acting], self.beta)
-        self._fronts = _Fronts(A, inner) if self.to.kind == "chain" else None
-        self._limited = np.searchsorted(self.problem.first, first)
+        self.problem: ContactProblem | _Dense
+        if dense:
+            self.problem, self._limited = _Dense(A, inner), np.flatnonzero(acting)
+        else:
+            first, second = (unknown[acting] for unknown in contact_unknowns(inner))
+            self.problem = ContactProblem(
+                sparse.csr_array(A), first, second, inner.w[acting], self.beta
+            )
+            self._limited = np.searchsorted(self.problem.first, first)
+        self._fronts = _Fronts(self.problem.A, inner) if self.to.kind == "chain" else None
         self.last = np.zeros(A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
@@ -195,6 +205,44 @@ class QuasiStatic:
                 return limit
             limit, multiple = lower, 1.01 * lower
         return limit
+
+
+class _Dense:
+    """Increments of a dense system: `ContactProblem` for points that cannot all stick."""
+
+    factorizations = 0
+
+    def __init__(self, A: FloatArray, system: System) -> None:
+        self.A, self.B, self.system = A, as_dense(system.B), system
+        self.beta = np.ones(system.w.size)
+        self.contact, places = contact_of(self.B, system.first_row, system.w, self.beta)
+        self.places = places.point
+        sticking = (self.B.T * system.on_rows(system.w)) @ self.B
+        unit = np.trace(A) / np.trace(sticking)
+        softest = np.linalg.eigvalsh(A + unit * sticking)[0]
+        self.steepest = _STIFFEST * unit * softest / np.trace(A)
+        self.memory = make_dense_memory(system.n, self.contact.w.size, system.w.size)
+        self.free = factorised(A)
+
+    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
+        """Increment; Coulomb's law is as steep, at last, as the largest slip found asks for."""
+        memory, coulomb = self.memory, np.isinf(self.beta)
+        memory.velocity[:] = start if start.any() else self.free(g)
+        for steepness in _STEEPER:
+            slip = self.system.slip_norm(self.B @ memory.velocity).max()
+            steep = min(steepness / slip, self.steepest) if slip > 0.0 else self.steepest
+            self.contact.beta[self.places] = np.where(coulomb, steep, self.beta)
+            memory.old_velocity[:] = v = memory.velocity.copy()
+            found = found_alone(Dense(self.A, self.contact), memory, g, v, tolerance)
+            if not (found.converged and coulomb.any()):
+                break
+        counts = {"newton_iterations": found.newton_iterations}
+        v, sigma = memory.velocity.copy(), memory.force.copy()
+        return Solution(v, sigma, found.converged, counts, found.residual, found.unknown)
+
+    def objective(self, v: FloatArray, g: FloatArray) -> float:
+        """1/2 v A v - g v + sum w |v_p|."""
+        return float(v @ (0.5 * self.A @ v - g) + self.system.w @ self.system.slip_norm(self.B @ v))
 
 
 class _Fronts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -80,7 +81,20 @@ def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left() -> None:
     assert path.factorizations <= 40
 
 
-def test_dense_systems_are_refused() -> None:
-    system = bar().project(np.eye(bar().n)[:, :3])
-    with pytest.raises(InputError, match="slip rows do not depend"):
-        QuasiStatic(system)
+@pytest.mark.parametrize("held", [True, False])
+def test_a_dense_system_slips_as_the_sparse_one_does(held: bool) -> None:
+    system = bar(10, held)
+    dense = system.project(np.eye(system.n))
+    # Points that depend on each other: each is cut into three of a third of its limit.
+    thirds = {"w": np.repeat(system.w / 3.0, 3), "beta": np.repeat(system.beta, 3)}
+    thirds |= {"B": np.repeat(dense.B, 3, axis=0), "directions": np.ones(3 * system.w.size, int)}
+    history = np.array([0.3, 0.6, 0.9, 0.2, -0.5, -0.9, 0.9])[:, np.newaxis] * system.w.sum()
+    forces = history * system.loads[0].vector
+    exact = QuasiStatic(system).follow(forces)
+    found = QuasiStatic(replace(dense, **thirds)).follow(forces)
+    assert found == pytest.approx(exact, abs=1e-4 * np.abs(exact).max())
+
+
+def test_systems_without_friction_are_refused() -> None:
+    with pytest.raises(InputError, match="needs friction"):
+        QuasiStatic(replace(bar(), w=np.zeros(bar().w.size)))
