@@ -54,4 +54,6 @@ if __name__ == "__main__":
     for one in swept:
         peak, amplitude = one.peak
         print(f"level {one.level}: peak {1e3 * amplitude:.4f} mm at {peak:.1f} Hz")
-    print(f"ring-down lost {down.friction_work.sum():.1f} of {down.energy:.1f} J in the joint")
+    print(
+        f"ring-down lost {down.friction_work[-1].sum():.1f} of {down.energy[0]:.1f} J in the joint"
+    )

@@ -302,12 +302,14 @@ def _backbone(options: argparse.Namespace) -> int:
         found = backbone.scene_backbone(scene)
         remove_old(options.out)
         files = damping.write_backbone(options.out, found)
-    for curve in found.curves:
-        print(
-            f"Mode {curve.mode}: {curve.frequency[0]:.6g} to {curve.frequency[-1]:.6g} Hz (stuck "
-            f"{curve.stuck_frequency:.6g} Hz), damping {100 * curve.damping_ratio[0]:.3g} to "
-            f"{100 * curve.damping_ratio[-1]:.3g} %, {curve.state[0]} to {curve.state[-1]} slip."
-        )
+    for model in found.models:
+        for curve in model.curves:
+            f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
+            print(
+                f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
+                f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
+                f"{state[0]} to {state[-1]} slip."
+            )
     return _told(found.warnings, options.out, files)
 
 

@@ -19,23 +19,29 @@ near an odd multiple of the mode's, friction excites it and the true damping is 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import butter, find_peaks, sosfiltfilt
 
+from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import InputError
 from skfem_joint.modes import natural_modes
-from skfem_joint.reduction.zones import measured_lengths, picked
+from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.basis import stuck_basis
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.dense import as_dense
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
@@ -52,8 +58,8 @@ TOLERANCE, NONE = 1e-6, 1e-9
 NEAR, MULTIPLES = 0.07, (3, 5, 7)
 #: Fewest points that must slip for friction to be resolved.
 FEWEST = 5
-#: Cycles at the end of a ring-down that are left out.
-ENDS = 2
+#: Modes of what slips that a reduced model has, and stuck ones beyond the mode's own.
+MODES, BESIDE = 24, 2
 #: A joint slips as a whole where so much of its friction limit does. That is tried just above the
 #: level at which the forces on the stuck joint add up to its limit, and in so many steps upwards.
 WHOLE, WITHIN, RAISED, TRIALS = 0.99, 0.01, 1.3, 20
@@ -73,7 +79,8 @@ class Backbone:
     friction_damping: FloatArray  #: damping ratio by friction
     viscous_damping: FloatArray  #: damping ratio by C
     displacement: FloatArray  #: (levels, points) of the named points, m
-    displaced: FloatArray  #: (n,) at the highest level, m
+    states: FloatArray  #: (levels, n), m
+    loops: FloatArray  #: (increments, n) of the loops gone round, m
     slip: FloatArray  #: (levels, m) of each contact point, m
     share: FloatArray  #: of the friction limits that slips
     state: tuple[str, ...]  #: "stick", "partial", or "gross": a joint slips as a whole
@@ -94,18 +101,16 @@ def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
     InputError
         If everything is in contact, so that nothing is left to vibrate.
     """
-    rows = np.flatnonzero(system.on_rows(system.w) > 0.0)
-    free = np.setdiff1d(np.arange(system.n), picked(system)[rows])
-    if free.size == 0:
+    F = motions_without_slip(system, carrying=True)
+    if F.shape[1] == 0:
         raise InputError(
             "backbone: every unknown is in contact, so that no mode is left when it sticks; "
-            "leave a part of the structure out of the joints, or look at response"
+            "leave a part of the structure out of the joints, keep interface_modes in a reduced "
+            "model, or look at response"
         )
-    K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
-    frequency, shapes = natural_modes(K, M, min(count, free.size))
-    modes = np.zeros((system.n, frequency.size))
-    modes[free] = shapes
-    return frequency, modes
+    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.K, system.M))
+    frequency, shapes = natural_modes(K, M, min(count, F.shape[1]))
+    return frequency, F @ shapes
 
 
 def backbone(
@@ -114,28 +119,33 @@ def backbone(
     levels: int = 20,
     up_to: float = 0.7,
     joints: Mapping[str, IntArray] | None = None,
+    slips_at: float | None = None,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
 
     Parameters
     ----------
     system : System
-        Sparse; its friction acts as Coulomb's, its loads do not.
+        Full or reduced; its friction acts as Coulomb's, its loads do not.
     modes : sequence of int
-        Numbers of the modes with the contact stuck, from 1.
+        Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
+        basis has fixed-interface modes.
     levels : int
         Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty.
     up_to : float
         The highest, as a share of the level at which the first joint slips as a whole.
     joints : mapping, optional
         Contact points of each joint by its name; all are one joint if not given.
+    slips_at : float, optional
+        That level, m/s² kg^1/2, as in the `Backbone` of the full model; found if not given.
 
     Raises
     ------
     InputError
-        If there is no friction, no such mode, or it is a motion as a rigid body.
+        If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
+        whole at the first level, or friction alone holds the structure and cannot at the last.
     ConvergenceError
-        If a level is not found, as where everything slips at the first one.
+        If a level is not found.
     """
     if levels < 1 or not 0.0 < up_to < np.inf:
         raise InputError(f"backbone: found {levels} levels up to {up_to}, both must be positive")
@@ -156,7 +166,8 @@ def backbone(
     groups = [points for points in groups if points.size]
     shares = np.geomspace(LOWEST, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
     return [
-        _curve(to, path, k, frequency, shapes[:, k - 1], shares, groups) for k in numbers.tolist()
+        _curve(to, path, k, frequency, shapes[:, k - 1], shares, groups, slips_at)
+        for k in numbers.tolist()
     ]
 
 
@@ -168,6 +179,7 @@ def _curve(
     shape: FloatArray,
     shares: FloatArray,
     groups: Sequence[IntArray],
+    slips_at: float | None,
 ) -> Backbone:
     system, stuck = to.system, float(frequencies[number - 1])
     if (2.0 * np.pi * stuck) ** 2 < 1e-9 * system.mean_square_frequency:
@@ -176,8 +188,16 @@ def _curve(
             "a higher mode"
         )
     force = system.M @ shape
-    slips_at = _slips_at(system, path, force, shape / (2.0 * np.pi * stuck) ** 2, groups)
+    limit = path.limit(force)
+    if slips_at is None:
+        static = shape / (2.0 * np.pi * stuck) ** 2
+        slips_at = min(limit, _slips_at(path, force, static, groups, np.isinf(limit)))
     level = shares * slips_at
+    if level[-1] >= limit:
+        raise InputError(
+            f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
+            f"mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
+        )
     states = path.follow(np.outer(level, force), held=np.inf)
     rows = (system.B @ states.T).T
     slip = system.slip_norm(rows)
@@ -187,15 +207,22 @@ def _curve(
     count = CHECKED if masing else level.size
     around = np.unique(np.linspace(0, level.size - 1, count).round().astype(int))
     around = around[work[around] > 0.0]
-    loops = np.array([_loop(system, path, level[k] * force, states[k]) for k in around])
-    ratio = loops / work[around]
+    parts = [_loop(path, level[k] * force, states[k]) for k in around]
+    loops = np.reshape(parts, (-1, system.n))
+    rubbed = system.slip_norm((system.B @ loops.T).T) @ system.w
+    ratio = 2.0 * rubbed.reshape(-1, INCREMENTS).sum(axis=1) / work[around]
     if around.size:  # between them
         work *= np.interp(np.log(level), np.log(level[around]), ratio)
     q = states @ force
     omega = np.sqrt(level / q)
-    slipping = slip > NONE * slip.max()
-    stuck_share = [[_sticking(system, one, group) for group in groups] for one in slip]
+    slipping = slip > _none(path) * slip.max()
+    stuck_share = [[_sticking(path, one, group) for group in groups] for one in slip]
     gross = np.min(stuck_share, axis=1) <= 1.0 - WHOLE
+    if gross[0]:
+        raise InputError(
+            f"backbone: mode {number}: a joint slips as a whole at the first level already, "
+            f"{shares[0]:.3g} of that at which the first one does; set up_to below 1"
+        )
     state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
     return Backbone(
         mode=number,
@@ -208,7 +235,8 @@ def _curve(
         friction_damping=work / (2.0 * np.pi * level * q),
         viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
-        displaced=to.outer(states[-1]),
+        states=to.outer(states),
+        loops=to.outer(loops),
         slip=slip,
         share=slipping @ system.w / system.w.sum(),
         state=tuple(state.tolist()),
@@ -217,41 +245,42 @@ def _curve(
     )
 
 
-def _loop(system: System, path: QuasiStatic, force: FloatArray, state: FloatArray) -> float:
-    """Work of friction (J) in a cycle from a state to its mirror image and back: twice one way."""
+def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray:
+    """Increments (INCREMENTS, n), m, from a state to its mirror image: half of a cycle."""
     turn = np.linspace(1.0, -1.0, INCREMENTS + 1)[1:]
     states = path.follow(np.outer(turn, force), held=np.inf, start=(state, force))
-    slips = np.diff((system.B @ np.vstack([state, states]).T).T, axis=0)
-    return 2.0 * float((system.slip_norm(slips) @ system.w).sum())
+    return np.diff(np.vstack([state, states]), axis=0)
 
 
 def _slips_at(
-    system: System,
     path: QuasiStatic,
     force: FloatArray,
     static: FloatArray,
     groups: Sequence[IntArray],
+    raised: bool,
 ) -> float:
     """Level at which the first joint slips as a whole.
 
     Where joints alone carry the load it is that at which the forces on a joint that sticks add up
-    to its limit, or what they hold together; else the load is raised until one slips.
+    to its limit; else the load is ``raised`` until one slips. A dense system, whose basis may not
+    slip so far, takes the first of these with the smallest forces that hold it.
     """
-    forces = system.slip_norm(system.B @ (force - system.K @ static))
+    system, held, dense = path.to.system, force - path.K @ static, path.to.kind == "dense"
+    rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
+    forces = system.slip_norm(np.asarray(rows, dtype=float))
     loaded = [group for group in groups if forces[group].sum() > 0.0]
     if not loaded:
         raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
     nominal = min(float(system.w[group].sum() / forces[group].sum()) for group in loaded)
-    limit = path.limit(force)
-    if np.isfinite(limit):
-        return min(limit, nominal)
+    if not raised:
+        return nominal
 
     level, sticks = nominal * (1.0 + WITHIN), 1.0
     u = before = 0.0 * force
     for _ in range(TRIALS):
         u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
-        last, sticks = sticks, min(_sticking(system, slip, group) for group in loaded)
+        last, sticks = sticks, min(_sticking(path, slip, group) for group in loaded)
         if sticks <= 1.0 - WHOLE:
             over = (1.0 - WHOLE - sticks) / (last - sticks)
             return float(level * RAISED**-over) if last < 1.0 else nominal
@@ -260,10 +289,15 @@ def _slips_at(
     return nominal
 
 
-def _sticking(system: System, slip: FloatArray, group: IntArray) -> float:
+def _none(path: QuasiStatic) -> float:
+    """Share of the largest slip that is none: points of dense systems cannot all stick."""
+    return THRESHOLD if path.to.kind == "dense" else NONE
+
+
+def _sticking(path: QuasiStatic, slip: FloatArray, group: IntArray) -> float:
     """Share of a joint's friction limit that does not slip."""
-    sticks = slip[group] <= NONE * slip.max()
-    return float(system.w[group][sticks].sum() / system.w[group].sum())
+    limits = path.to.system.w[group]
+    return float(limits[slip[group] <= _none(path) * slip.max()].sum() / limits.sum())
 
 
 def _doubts(
@@ -294,90 +328,27 @@ def _doubts(
 
 
 @dataclass(frozen=True)
-class RingDown:
-    """Free vibration of a mode: an entry for each cycle, at rising times."""
+class ModelBackbone:
+    """Curves of one model of a scene, and what their modes ring down like where it asks."""
 
-    time: FloatArray  #: of the peak that a cycle begins with, s
-    amplitude: FloatArray  #: modal, mean over the cycle, m kg^1/2
-    frequency: FloatArray  #: without damping, Hz
-    damping_ratio: FloatArray  #: by the logarithmic decrement
-    friction_work: FloatArray  #: (joints,) of each joint over all of it, J
-    energy: float  #: that it began with, J
-
-
-def ring_down(
-    system: System,
-    curve: Backbone,
-    cycles: int,
-    steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
-    joints: Mapping[str, IntArray] | None = None,
-) -> RingDown:
-    """Free vibration released at rest from the highest level of a mode's curve.
-
-    The system's own law acts. What higher modes add to the modal amplitude, above twice the mode's
-    frequency, is filtered out, forwards and backwards so that peaks stay where they are.
-
-    Raises
-    ------
-    InputError
-        If too few cycles are asked for.
-    ConvergenceError
-        If a step does not converge, or no cycle is left to measure.
-    """
-    if cycles < 2 * ENDS:
-        raise InputError(f"backbone.ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
-    modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
-    alone = replace(system, loads=(), P=modal, points=("modal",))
-    step = 1.0 / curve.stuck_frequency / steps_per_cycle
-    start = curve.displaced, np.zeros(system.n)
-    run = integrate(
-        alone, step=step, n_steps=cycles * steps_per_cycle, scheme=scheme, initial=start
-    ).finished()
-    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
-    q = sosfiltfilt(low, run.point("modal"))
-    tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
-    bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]
-    count = min(tops.size - 1, bottoms.size) - ENDS  # which the filter does not see whole
-    if count < 1:
-        raise ConvergenceError("backbone.ring_down: no cycle is left to measure; ask for more")
-    top, at = _extremes(q, tops)
-    decrement = np.log(top[:-1] / top[1:])[:count]
-    whole = np.hypot(2.0 * np.pi, decrement)  # angle of a cycle, had it no damping
-    joints = {"joint": np.arange(system.w.size)} if joints is None else joints
-    return RingDown(
-        time=at[:count] * step,
-        amplitude=0.5 * (0.5 * (top[:-1] + top[1:])[:count] - _extremes(q, bottoms)[0][:count]),
-        frequency=whole / (2.0 * np.pi * np.diff(at)[:count] * step),
-        damping_ratio=decrement / whole,
-        friction_work=np.array([run.friction_work[points].sum() for points in joints.values()]),
-        energy=run.stored_energy[0],
-    )
-
-
-def _extremes(q: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Values and places (rows) of extremes, by parabolas through three samples."""
-    a, b, c = q[rows - 1], q[rows], q[rows + 1]
-    shift = 0.5 * (a - c) / (a - 2.0 * b + c)
-    return b - 0.25 * (a - c) * shift, rows + shift
+    name: str
+    curves: list[Backbone]
+    ring_downs: list[RingDown]  #: of each curve; none where none is asked for
 
 
 @dataclass
 class SceneBackbone:
-    """Curves of the modes that a scene asks for, and what they ring down like where it asks."""
+    """Curves of the modes that a scene asks for."""
 
     scene: Scene
-    curves: list[Backbone]
-    ring_downs: list[RingDown | None]
-    warnings: list[str]
-
-    def active_lengths(self, slip: FloatArray) -> dict[str, float]:
-        """Active length (m) of each joint whose axis is known, from slips (m,), m."""
-        return measured_lengths(self.scene.structure(), slip)
+    models: list[ModelBackbone] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 def scene_backbone(scene: Scene) -> SceneBackbone:
     """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
+
+    A reduced model is made for each mode, of the full one's states at its levels.
 
     Raises
     ------
@@ -387,15 +358,71 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
     asked, system, structure = scene.backbone, scene.system(), scene.structure()
     joints = {patch.joint.name: patch.points for patch in structure.patches}
     curves = backbone(system, asked.modes, asked.levels, asked.up_to, joints)
-    downs: list[RingDown | None] = [None] * len(curves)
-    if asked.ring_down:
-        scheme = generalized_alpha(scene.time.rho_infinity)
-        steps = scene.time.steps_per_cycle
-        downs = [ring_down(system, c, asked.ring_down, steps, scheme, joints) for c in curves]
-    warnings = [*doubts(structure, system), *(w for c in curves for w in c.warnings)]
-    warnings += [
-        f"Mode {c.mode}: a joint slips as a whole at the lowest level already; ask for less"
-        for c in curves
-        if c.state[0] == "gross"
-    ]
-    return SceneBackbone(scene, curves, downs, warnings)
+    found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
+    found.warnings += [warning for curve in curves for warning in curve.warnings]
+    start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
+    how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    for name in sorted(scene.models.run):
+        model = ModelBackbone(name, [], [])
+        for curve in curves:
+            one, own, parts, begin = curve, system, joints, start
+            if name == "reduced":
+                V, own, parts = _reduced(scene, system, curve, joints, found.warnings)
+                levels = asked.levels, asked.up_to
+                (one,) = backbone(own, (curve.mode,), *levels, parts, curve.slips_at)
+                if start is not None:
+                    begin = V.T @ (system.M @ start[0]), V.T @ (system.M @ start[1])
+                slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
+                one = replace(one, slip=slip)
+            model.curves.append(one)
+            if asked.ring_down:
+                model.ring_downs.append(ring_down(own, one, asked.ring_down, *how, parts, begin))
+        found.models.append(model)
+    return found
+
+
+def _reduced(
+    scene: Scene,
+    system: System,
+    curve: Backbone,
+    joints: Mapping[str, IntArray],
+    warn: list[str],
+) -> tuple[FloatArray, System, dict[str, IntArray]]:
+    """Basis and reduced system for a mode, and which of its friction points each joint has."""
+    options, number = options_of(scene), curve.mode
+    modes = MODES if isinstance(options.modes, str) else options.modes
+    beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
+    if not curve.share.any():
+        raise InputError(
+            f"backbone: mode {number}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    stuck = stuck_modes(system, number + beside)[1]
+    frequency = curve.stuck_frequency
+    basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+    group = np.zeros(system.w.size, dtype=np.intp)
+    for k, points in enumerate(joints.values()):
+        group[points] = k
+    small, shares = reduced_system(
+        system,
+        replace(basis, group=group),
+        friction_points=options.friction_points,
+        beta=options.beta,
+        periodic=False,
+        warn=warn,
+    )
+    parts = {name: np.unique(shares[:, points].nonzero()[0]) for name, points in joints.items()}
+    return basis.V, small, parts
+
+
+def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity when the last load of a scene has ended."""
+    step, n_steps = scene.time_step, scene.n_steps
+    act = np.flatnonzero(system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0))
+    if act.size == 0 or act[-1] >= n_steps - 1:
+        raise InputError(
+            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
+            "the run does; choose others, a longer duration, or 'mode'"
+        )
+    scheme = generalized_alpha(scene.time.rho_infinity)
+    return integrate(system, step=step, n_steps=int(act[-1]) + 1, scheme=scheme).finished().final

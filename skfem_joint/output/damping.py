@@ -10,94 +10,131 @@ import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.response import HARMONICS
+from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.folder import SUMMARY
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.report import write_csv, write_json
+from skfem_joint.reduction.zones import measured_lengths
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from skfem_joint.analysis.backbone import Backbone, RingDown, SceneBackbone
+    from skfem_joint.analysis.backbone import ModelBackbone, SceneBackbone
     from skfem_joint.analysis.response import Curve, SceneResponse
+    from skfem_joint.structure import Structure
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
-_LINES = {"full": "-", "reduced": "--"}
+_LINES, _DOTS = {"full": "-", "reduced": "--"}, {"full": ".", "reduced": "x"}
 
 
 def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
-    """Write ``backbone.csv``, ``backbone.png`` and ``summary.json``."""
-    points, curves, downs = found.scene.system().points, found.curves, found.ring_downs
-    lengths = [[found.active_lengths(slip) for slip in curve.slip] for curve in curves]
-    joints = list(lengths[0][0])
+    """Write ``backbone.csv``, ``ring_down.csv`` if asked for, ``backbone.png``, a summary."""
+    points, structure = found.scene.system().points, found.scene.structure()
+    curves = [c for model in found.models for c in model.curves]
+    names, lengths = _active_lengths(structure, (slip for c in curves for slip in c.slip))
     header = [
-        "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
+        "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{safe_name(point)}_m" for point in points),
         "slipping_share", "friction_damping_ratio", "viscous_damping_ratio", "state",
-        *(f"active_length_{safe_name(joint)}_m" for joint in joints),
+        *names,
     ]  # fmt: skip
     rows = [
         [
-            c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k], c.damping_ratio[k],
-            *c.displacement[k], c.share[k], c.friction_damping[k], c.viscous_damping[k],
-            c.state[k], *length[k].values(),
+            model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
+            c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
+            c.viscous_damping[k], c.state[k],
         ]
-        for c, length in zip(curves, lengths, strict=True)
+        for model in found.models
+        for c in model.curves
         for k in range(c.level.size)
     ]  # fmt: skip
+    rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
     files = [_table(folder / "backbone.csv", header, rows)]
-    files.append(save_figure(folder / "backbone.png", backbone_figure(curves, points, downs)))
+    if found.models[0].ring_downs:
+        header = ["model", "mode", "time_s", "modal_amplitude", "frequency_Hz", "damping_ratio"]
+        rows = [
+            [model.name, c.mode, *row]
+            for model in found.models
+            for c, d in zip(model.curves, model.ring_downs, strict=True)
+            for row in zip(d.time, d.amplitude, d.frequency, d.damping_ratio, strict=True)
+        ]
+        files.append(_table(folder / "ring_down.csv", header, rows))
+    files.append(save_figure(folder / "backbone.png", backbone_figure(found.models, points)))
+    joints = [patch.joint.name for patch in structure.patches]
     content = {
-        "modes": [
-            {
-                "mode": c.mode,
-                "stuck_frequency_Hz": c.stuck_frequency,
-                "slips_as_a_whole_at": c.slips_at,
-                "masing_error": c.masing_error,
-                "largest_damping_ratio": float(c.damping_ratio.max()),
-                "lowest_frequency_Hz": float(c.frequency.min()),
-                "ring_down_friction_work_J": None if d is None else d.friction_work.tolist(),
-            }
-            for c, d in zip(curves, downs, strict=True)
-        ],
+        "models": {
+            model.name: {"modes": [_mode(model, k, joints) for k in range(len(model.curves))]}
+            for model in found.models
+        },
         "warnings": found.warnings,
     }
     return [*files, _summary(folder, content, files)]
 
 
-def backbone_figure(
-    curves: Sequence[Backbone], points: Sequence[str], downs: Sequence[RingDown | None]
-) -> Figure:
+def _active_lengths(
+    structure: Structure, slips: Iterable[FloatArray]
+) -> tuple[list[str], list[list[float]]]:
+    """Columns of the active lengths of joints with an axis, and a row for each slip (m,), m."""
+    found = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]
+    known = list(next(one for one in found if one is not None))
+    rows = [[np.nan] * len(known) if one is None else list(one.values()) for one in found]
+    return [f"active_length_{safe_name(joint)}_m" for joint in known], rows
+
+
+def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]:
+    c = model.curves[k]
+    told: dict[str, Any] = {
+        "mode": c.mode,
+        "unknowns": c.states.shape[1],
+        "stuck_frequency_Hz": c.stuck_frequency,
+        "slips_as_a_whole_at": c.slips_at,
+        "masing_error": c.masing_error,
+        "largest_damping_ratio": float(c.damping_ratio.max()),
+        "lowest_frequency_Hz": float(c.frequency.min()),
+    }
+    for d in model.ring_downs[k : k + 1]:
+        work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
+        told |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
+    return told
+
+
+def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> Figure:
     """Frequency and damping over the displacement of the point that moves most, for each mode."""
-    figure = new_figure(7.5, 3.2 * len(curves))
-    panels = figure.subplots(len(curves), 2, squeeze=False)
-    for row, curve, down in zip(panels, curves, downs, strict=True):
-        x, label, scale = curve.amplitude, "modal amplitude, m·√kg", 1.0
+    first = models[0].curves
+    figure = new_figure(7.5, 3.2 * len(first))
+    panels = figure.subplots(len(first), 2, squeeze=False)
+    for k, (row, one) in enumerate(zip(panels, first, strict=True)):
+        most = int(one.displacement[-1].argmax()) if points else 0
+        label, unit, scale = "modal amplitude, m·√kg", "", 1.0
         if points:
-            most = int(curve.displacement[-1].argmax())
-            x = curve.displacement[:, most]
-            unit, scale = prefixed_unit("m", [x])
+            unit, scale = prefixed_unit("m", [one.displacement[:, most]])
             label = f"displacement of {points[most]}, {unit}"
-        gross = np.array([state == "gross" for state in curve.state])
-        for panel, y, name in (
-            (row[0], curve.frequency, "frequency, Hz"),
-            (row[1], 100.0 * curve.damping_ratio, "damping ratio, %"),
-        ):
-            panel.semilogx(x / scale, y, color=_COLOURS[0], label="quasi-static")
-            panel.plot(x[gross] / scale, y[gross], "s", color=_COLOURS[1], label="gross slip")
-            if down is not None:
-                at = np.interp(down.amplitude, curve.amplitude, x) / scale
-                seen = down.amplitude >= curve.amplitude[0]
-                free = down.frequency if panel is row[0] else 100.0 * down.damping_ratio
-                panel.plot(at[seen], free[seen], ".", color=_COLOURS[4], label="ring-down")
-            panel.set(xlabel=label, ylabel=name)
+        for model, colour in zip(models, _COLOURS, strict=False):
+            c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
+            x = (c.displacement[:, most] if points else c.amplitude) / scale
+            gross = np.array([state == "gross" for state in c.state])
+            for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
+                factor = 1.0 if panel is row[0] else 100.0
+                y, how = factor * getattr(c, name), {"color": colour}
+                panel.semilogx(x, y, _LINES[model.name], label=f"{model.name} model", **how)
+                if gross.any():
+                    panel.plot(x[gross], y[gross], "s", label="gross slip", **how)
+                for d in down:
+                    seen = d.amplitude >= c.amplitude[0]
+                    at = np.interp(d.amplitude, c.amplitude, x)[seen]
+                    free = factor * getattr(d, name)[seen]
+                    panel.plot(
+                        at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
+                    )
+        row[0].set(xlabel=label, ylabel="frequency, Hz")
+        row[1].set(xlabel=label, ylabel="damping ratio, %")
+        row[0].axhline(one.stuck_frequency, color="#888888", linestyle=":", label="stuck")
+        row[0].set_title(f"mode {one.mode}", loc="left")
+        row[0].legend(fontsize="small")
+        for panel in row:
             _plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
-        row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
-        row[0].set_title(f"mode {curve.mode}", loc="left")
-        handles, labels = row[0].get_legend_handles_labels()
-        kept = [k for k, one in enumerate(labels) if one != "gross slip" or gross.any()]
-        row[0].legend([handles[k] for k in kept], [labels[k] for k in kept], fontsize="small")
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, model_validator
 
@@ -51,9 +51,7 @@ class Backbone(SceneTable):
     up_to: Positive = key(
         "the highest level, as a share of that at which the first joint slips as a whole", 0.7
     )
-    ring_down: int = key(
-        "cycles of free vibration, released from the highest level, to compare with",
-        0,
-        ge=0,
-        le=MOST,
+    ring_down: int = key("cycles of free vibration to compare with", 0, ge=0, le=MOST)
+    released: Literal["mode", "loads"] = key(
+        "what it begins with: the highest level's displacement at rest, or where pulses end", "mode"
     )

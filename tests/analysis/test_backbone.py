@@ -9,9 +9,11 @@ import pytest
 from scipy import sparse
 
 from skfem_joint import Bolt, Bolts, Joint, Material, PressureTable, Structure
-from skfem_joint.analysis.backbone import Backbone, backbone
+from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.reduction.basis import stuck_basis
+from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.system import System
 
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
@@ -38,6 +40,13 @@ def bar(
         stiffness_damping=damping,
     )
     return structure.system([], ["end"])
+
+
+def sliding() -> System:
+    """Bar that friction alone holds."""
+    mesh = build_bar([("joint", JOINT, 20), ("free", FREE, 20)], {"end": 0.7})
+    joints = [Joint("joint", 50e6, 0.7)]
+    return Structure(mesh, STEEL, width=WIDTH, thickness=THICKNESS, joints=joints).system([], [])
 
 
 def plate(bolted: bool = False) -> System:
@@ -126,9 +135,25 @@ def test_higher_modes_near_odd_multiples_are_told() -> None:
     )
 
 
+@pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
+def test_a_reduced_model_has_the_curve_of_the_full_one(system: System) -> None:
+    (full,) = backbone(system)
+    stuck = stuck_modes(system, 2)[1]
+    basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
+    small, _ = reduced_system(system, basis, warn=[])
+    (found,) = backbone(small, slips_at=full.slips_at)
+    assert found.states.shape[1] == small.n <= 26
+    assert found.stuck_frequency == pytest.approx(full.stuck_frequency, rel=1e-9)
+    assert found.frequency == pytest.approx(full.frequency, rel=1e-3)
+    assert found.friction_damping == pytest.approx(full.friction_damping, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("system", "how", "says"),
     [
+        (bar(), {"levels": 2, "up_to": 25.0}, "slips as a whole at the first level"),
+        (sliding(), {"up_to": 1.3}, "friction alone holds"),
+        (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
         (bar(), {"modes": (0,)}, "from 1"),
         (bar(), {"modes": (500,)}, "there are"),
         (bar(), {"levels": 0}, "positive"),

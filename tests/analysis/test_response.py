@@ -10,8 +10,9 @@ import pytest
 
 from skfem_joint import HalfSine, Harmonic, Joint, Load, Material, Structure
 from skfem_joint.analysis import response as module
-from skfem_joint.analysis.backbone import backbone, ring_down
+from skfem_joint.analysis.backbone import backbone
 from skfem_joint.analysis.response import at_frequency, linear_response, response
+from skfem_joint.analysis.ring_down import ring_down
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.system import System
@@ -74,7 +75,6 @@ def test_the_peak_lies_on_the_backbone_where_no_harmonic_meets_a_mode() -> None:
     damping = np.interp(down.amplitude[seen], curve.amplitude, curve.damping_ratio)
     assert down.frequency[seen] == pytest.approx(frequency, rel=5e-3)
     assert down.damping_ratio[seen] == pytest.approx(damping, rel=0.3)
-    assert down.friction_work.sum() < down.energy
     level = 0.02 * float(system.w.sum())
     between = np.linspace(0.8, 1.05, 9) * curve.stuck_frequency
     (swept,) = response(system, between, (level,))

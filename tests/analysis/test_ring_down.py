@@ -1,0 +1,63 @@
+"""Free vibration: modes that ring together, energies, what a pulse leaves behind; SI units."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skfem_joint import HalfSine, Joint, Load, Material, Structure, integrate
+from skfem_joint.analysis.backbone import backbone
+from skfem_joint.analysis.ring_down import ring_down
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_bar
+from skfem_joint.system import System
+
+PULSE = 2e-4  # s, of its rise
+
+
+def bar(peak: float, damping: float = 0.0, law: float = np.inf) -> System:
+    """Bar with a joint of 350 kN, struck at its end; its frequencies are 2.5, 7.5, 12.5 kHz."""
+    mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "end": 0.7})
+    structure = Structure(
+        mesh,
+        Material(200e9, 8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[Joint("joint", 50e6, 0.7, beta=law)],
+        stiffness_damping=damping,
+    )
+    return structure.system([Load("end", HalfSine(peak, PULSE))])
+
+
+def test_modes_that_ring_together_are_told_apart() -> None:
+    system = bar(1.0, 1e-6)  # a newton: the joint sticks
+    struck = integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    for curve in backbone(system, (1, 2), levels=1):
+        found = ring_down(system, curve, 20, start=struck)
+        assert found.frequency == pytest.approx(curve.stuck_frequency, rel=2e-4)
+        ratio = np.pi * curve.stuck_frequency * 1e-6
+        assert found.damping_ratio == pytest.approx(ratio, rel=0.01)
+
+
+def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint() -> None:
+    system = bar(60e3)
+    struck = integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    (curve,) = backbone(system)
+    halves = {"inner": np.arange(20), "outer": np.arange(20, 40)}
+    found = ring_down(system, curve, 30, start=struck, joints=halves)
+    work = found.friction_work.sum(axis=1)
+    assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])
+    assert np.all(np.diff(found.friction_work, axis=0) >= -1e-12 * work[-1])
+    assert found.friction_work[-1, 1] > found.friction_work[-1, 0]  # it is pulled from there
+    frequency = np.interp(found.amplitude, curve.amplitude, curve.frequency)
+    seen = found.amplitude > curve.amplitude[0]
+    assert seen.sum() > 5
+    assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
+
+
+def test_too_few_cycles_are_refused() -> None:
+    system = bar(1.0)
+    (curve,) = backbone(system, levels=1)
+    with pytest.raises(InputError, match="at least"):
+        ring_down(system, curve, 1)
