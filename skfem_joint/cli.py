@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import holding
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from skfem_joint.analysis.study import Study
     from skfem_joint.scene import Scene
     from skfem_joint.stepping.checkpoint import Checkpoints
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 #: Called with what is done, steps done, steps in all.
 Progress = Callable[[str, int, int], None]
 
+_BROKEN = "a worker's process ended before its run; it may need more memory than there is"
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -48,6 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output has left: `| head`
         _drop_output()
         return BROKEN_PIPE
+    except BrokenExecutor as error:
+        print(f"skfem-joint: {_BROKEN} ({error})", file=sys.stderr)
+        return ConvergenceError.exit_status
     except OSError as error:  # a full disk, below the output or where compiled code is kept
         _drop_output()
         print(f"skfem-joint: the system refuses a file: {error}", file=sys.stderr)
@@ -78,7 +85,10 @@ def _parser() -> argparse.ArgumentParser:
         "--executor", choices=("processes", "dask", "mpi"), default="processes", help="what runs it"
     )
     shared.add_argument(
-        "--workers", type=int, metavar="N", help="processes (default: all cores, of response one)"
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes (default: all cores; of others than sweep one)",
     )
     shared.add_argument(
         "--address", help="of the scheduler of a dask cluster (default: a local one)"
@@ -86,11 +96,12 @@ def _parser() -> argparse.ArgumentParser:
     given.add_argument("scene", type=Path, metavar="SCENE.toml")
     written.add_argument("--out", type=Path, required=True, metavar="DIR", help="results' folder")
     text = "integrate the models of a scene and report"
-    run = commands.add_parser("run", parents=[given, written], help=text)
+    run = commands.add_parser("run", parents=[given, written, shared], help=text)
     run.add_argument(
         "--certify",
         action="store_true",
-        help="estimate the errors of mesh and beta too, of a reduced model by a short full run",
+        help="estimate the errors of mesh and beta too, of a reduced model by a short full run; "
+        "the executor runs what that takes",
     )
     run.add_argument(
         "--checkpoint-every",
@@ -199,6 +210,9 @@ def _run(options: argparse.Namespace) -> int:
     from skfem_joint.stepping.checkpoint import Checkpoints
 
     scene, out = load_scene(options.scene), options.out
+    chosen = options.executor, options.workers, options.address
+    if chosen != ("processes", None, None) and not options.certify:
+        raise InputError("--executor, --workers, --address: are for --certify, which is not there")
     limit = options.memory_limit
     memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
     checkpoints = None
@@ -211,7 +225,8 @@ def _run(options: argparse.Namespace) -> int:
         with progress_bar() as progress:
             study, failure = _study(scene, progress, checkpoints)
             if options.certify and not study.interrupted and failure is None:
-                failure = _certify(study, progress)
+                with _executor(options) as executor:
+                    failure = _certify(study, progress, executor)
         study.warnings += notes
         if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
             print("Drawing pictures and writing files ...", file=sys.stderr)
@@ -249,16 +264,32 @@ def _study(
         return error.results, error
 
 
-def _certify(study: Study, progress: Progress | None) -> JointError | None:
+@contextmanager
+def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
+    """Executor that the options ask for; none for one process, which is this one."""
+    from skfem_joint.analysis.sweep import executors
+
+    with executors(options.executor, options.workers, options.address) as make:
+        if options.executor == "processes" and options.workers in (None, 1):
+            yield None
+        else:
+            with make() as executor:
+                yield executor
+
+
+def _certify(
+    study: Study, progress: Progress | None, executor: Executor | None
+) -> JointError | None:
     """Estimate more errors of each model; what ends it early does not cost the results."""
     from skfem_joint.analysis.certificate import certify
 
     try:
         for name in study.models:
-            study.models[name] = certify(study, name, progress)
-    except JointError as error:
-        study.warnings.append(f"The errors could not all be estimated: {error}")
-        return error
+            study.models[name] = certify(study, name, progress, executor)
+    except (JointError, BrokenExecutor) as error:
+        told = error if isinstance(error, JointError) else ConvergenceError(f"{_BROKEN} ({error})")
+        study.warnings.append(f"The errors could not all be estimated: {told}")
+        return told
     except KeyboardInterrupt:
         study.warnings.append("The run was interrupted while errors were estimated.")
         study.interrupted = True
@@ -315,7 +346,6 @@ def _backbone(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import response
-    from skfem_joint.analysis.sweep import executors
     from skfem_joint.files import needed
     from skfem_joint.output import damping
     from skfem_joint.output.folder import remove_old
@@ -323,13 +353,9 @@ def _response(options: argparse.Namespace) -> int:
 
     scene = load_scene(options.scene)
     needed("matplotlib", "plot")
-    alone = options.executor == "processes" and options.workers in (None, 1)
-    with (
-        holding(options.out),
-        executors(options.executor, options.workers, options.address) as make,
-    ):
-        with progress_bar() as progress:
-            found = response.scene_response(scene, None if alone else make(), progress)
+    with holding(options.out):
+        with progress_bar() as progress, _executor(options) as executor:
+            found = response.scene_response(scene, executor, progress)
         remove_old(options.out)
         files = damping.write_response(options.out, found)
     for model in found.models:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import pty
@@ -407,7 +408,8 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
     path, out = scene(), tmp_path / "out"
     path.write_text(path.read_text(encoding="utf-8") + STEADY, encoding="utf-8")
     assert cli.main([name, str(path), "--out", str(out)]) == 0
-    assert files_below(out) == [f"{name}.csv", f"{name}.png", "summary.json"]
+    more = ["ring_down.csv"] if name == "backbone" else []
+    assert files_below(out) == [f"{name}.csv", f"{name}.png", *more, "summary.json"]
     rows = (out / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     columns = rows[0].split(",")
     wanted = {
@@ -417,6 +419,16 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
     assert wanted[name] <= set(columns)
     assert all(len(row.split(",")) == len(columns) for row in rows)
     content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert list(content["models"]) == ["full", "reduced"]
+    at = "level" if name == "backbone" else "frequency_Hz"
+    lengths = {
+        (row["model"], row["level"], row[at]): float(row["active_length_joint_m"])
+        for row in csv.DictReader(rows)
+    }
+    shared = [key[1:] for key in lengths if ("reduced", *key[1:]) in lengths and key[0] == "full"]
+    both = np.array([[lengths[model, *key] for model in content["models"]] for key in shared])
+    assert both.max() > 0.03
+    assert both[:, 1] == pytest.approx(both[:, 0], abs=0.01)
     if name == "response":
         peaks = [
             [level["peak_amplitude_m"] for level in model["levels"]]
@@ -439,6 +451,8 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
         ),
         ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
         ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
+        ("backbone", "[backbone]\nup_to = 30.0\n", "slips as a whole at the first level"),
+        ("backbone", '[backbone]\nring_down = 9\nreleased = "loads"\n', "pulses that end"),
     ],
 )
 def test_what_steady_vibration_cannot_be_asked_for(

@@ -15,6 +15,7 @@ full run
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import log2
@@ -29,6 +30,7 @@ from skfem_joint.mesh import refined
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Progress, Study
     from skfem_joint.scene import Scene
+    from skfem_joint.system import System
 
 #: Orders of convergence that an extrapolation may use.
 ORDERS = (0.5, 2.0)
@@ -84,47 +86,63 @@ def halved(source: str, runs: Sequence[Results]) -> Source:
 
 def full_results(scene: Scene) -> Results:
     """Results of a scene's full model."""
-    return results(again(scene.system(), how_of(scene)))
+    return _results(how_of(scene), scene.system())
+
+
+def _results(how: dict[str, Any], system: System) -> Results:
+    return results(again(system, how))
 
 
 def looks(
-    scene: Scene, base: Results, progress: Progress | None = None
+    scene: Scene,
+    base: Results,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> tuple[list[Source], Results]:
     """Errors of a full model from its mesh and its law, and its results on the finest mesh."""
     steep = any(joint.law == "arctan" for joint in scene.joint)
     halvings = HALVINGS[scene.named_mesh.dim]
     report = partial(progress or (lambda *_: None), "certifying the full model")
-    mesh, runs = scene.named_mesh, [base]
-    for done in range(halvings):
-        report(done, halvings + steep)
+    mesh, scenes, runs = scene.named_mesh, [], [base]
+    for _ in range(halvings):
         mesh = refined(mesh)
         points: dict[str, Any] = {"points": scene.output_points}
-        runs.append(full_results(scene.changed(mesh=mesh, output=points)))
-    found = [halved("mesh", runs)]
+        scenes.append(scene.changed(mesh=mesh, output=points))
     if steep:
-        report(halvings, halvings + steep)
-        coulomb = full_results(scene.changed(joint={"law": "coulomb"}))
-        found.append(Source("law", difference(base, coulomb)))
-    return found, runs[-1]
+        scenes.append(scene.changed(joint={"law": "coulomb"}))
+    report(0, len(scenes))
+    for found in (executor.map if executor else map)(full_results, scenes):
+        runs.append(found)
+        report(len(runs) - 1, len(scenes))
+    sources = [halved("mesh", runs[: halvings + 1])]
+    if steep:
+        sources.append(Source("law", difference(base, runs[-1])))
+    return sources, runs[halvings]
 
 
-def certify(study: Study, name: str, progress: Progress | None = None) -> Model:
+def certify(
+    study: Study,
+    name: str,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> Model:
     """One of a study's models, "full" or "reduced", with more of its errors estimated.
 
-    ``progress`` is called with (label, runs done, runs in all). InputError for a model that the
-    study has not run, ConvergenceError if a run does not converge.
+    ``progress`` is called with (label, runs done, runs in all); an ``executor`` runs them side by
+    side. InputError for a model that the study has not run, ConvergenceError if a run does not
+    converge.
     """
     if name not in study.models:
         raise InputError(f"certify: the scene does not run the {name} model")
     model = study.models[name]
     parts = dict((model.estimate or Estimate({})).parts)
     if model.basis is None:
-        for one in looks(study.scene, results(model.run), progress)[0]:
+        for one in looks(study.scene, results(model.run), progress, executor)[0]:
             parts[one.source] = one.errors
         known = [parts[source] for source in ("time_step", "mesh", "law") if source in parts]
         parts["total"] = added(*known)
     elif "full" not in study.models:
-        parts["full_run"] = _short(study, model)
+        parts["full_run"] = _short(study, model, executor)
         known = [parts.get("total", {}), parts["full_run"]]
         parts["total"] = {
             key: max((e for one in known if (e := one.get(key)) is not None), default=None)
@@ -133,12 +151,12 @@ def certify(study: Study, name: str, progress: Progress | None = None) -> Model:
     return replace(model, estimate=replace(model.estimate or Estimate({}), parts=parts))
 
 
-def _short(study: Study, model: Model) -> Parts:
+def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
     """Difference of a reduced model from the full one in its first cycles, or its first fifth."""
     how = how_of(study.scene)
     if how["cycle_steps"] is None:
         how["n_steps"] = max(1, how["n_steps"] // 5)
     else:
         how["n_steps"] = min(how["n_steps"], SHORT * how["cycle_steps"])
-    full, reduced = (results(again(one, how)) for one in (study.system, model.run.system))
-    return difference(full, reduced)
+    systems = study.system, model.run.system
+    return difference(*(executor.map if executor else map)(partial(_results, how), systems))

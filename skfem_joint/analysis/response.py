@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import TO_STEADY, options_of
 from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -64,6 +64,7 @@ class SteadyPoint:
     periods: int  #: that were gone through
     change: float  #: of the state over the last one, relative
     state: tuple[FloatArray, FloatArray] | None = None  #: at the period's end
+    course: FloatArray | None = None  #: (steps + 1, n) over the period, of a dense system, m
     failure: str | None = None
 
 
@@ -249,7 +250,12 @@ def steady_point(
     loaded = at_frequency(system, frequency, level)
     try:
         run = integrate(
-            loaded, until="steady", steps_per_cycle=steps_per_cycle, scheme=scheme, initial=start
+            loaded,
+            until="steady",
+            steps_per_cycle=steps_per_cycle,
+            scheme=scheme,
+            save=Save(fields=system.is_dense),
+            initial=start,
         )
     except ConvergenceError as error:
         nothing = np.full(len(system.points), np.nan)
@@ -277,6 +283,7 @@ def steady_point(
         periods=found.periods,
         change=found.change,
         state=run.final,
+        course=run.u if system.is_dense else None,
     )
 
 
@@ -386,7 +393,8 @@ def scene_response(
             progress=None if progress is None else partial(progress, f"{name} model"),
         )
         wall = time.perf_counter() - begin
-        curves = [replace(c, level=level) for c, level in zip(curves, levels, strict=True)]
+        slips = None if basis is None else system.B @ basis.V
+        curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
         estimates = []
         if scene.accuracy.estimate:
             for curve in curves:
@@ -401,6 +409,17 @@ def scene_response(
                     f"{', '.join(lost)} Hz: these are no points of its curve."
                 )
     return found
+
+
+def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
+    """Curve at a level of the scene, with the slip of all contact points of the full ``system``."""
+    points = tuple(
+        p
+        if p.course is None
+        else replace(p, slip=system.slip_norm(p.course @ slips.T).max(axis=0), course=None)
+        for p in curve.points
+    )
+    return Curve(level, points)
 
 
 def _reduced(

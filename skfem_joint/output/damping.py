@@ -140,14 +140,16 @@ def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> F
 
 def write_response(folder: Path, found: SceneResponse) -> list[Path]:
     """Write ``response.csv``, ``response.png`` and ``summary.json``."""
-    points = found.scene.system().points
+    points, structure = found.scene.system().points, found.scene.structure()
     names = [safe_name(point) for point in points]
+    every = [p for model in found.models for curve in model.curves for p in curve.points]
+    joints, lengths = _active_lengths(structure, (p.slip for p in every))
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
     header += [f"offset_{n}_m" for n in names]
     header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
     header += ["friction_energy_J", "input_energy_J"]
-    header += ["largest_slip_m", "slipping_share", "periods", "residual"]
+    header += ["largest_slip_m", "slipping_share", "periods", "residual", *joints]
     rows = [
         [
             model.name, curve.level, p.frequency, p.failure is None, *p.amplitude, *p.phase,
@@ -158,6 +160,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         for curve in model.curves
         for p in curve.points
     ]  # fmt: skip
+    rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
     files = [_table(folder / "response.csv", header, rows)]
     files.append(save_figure(folder / "response.png", response_figure(found)))
     content = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,14 @@ def test_errors_of_mesh_and_law_are_distances_from_runs_that_have_hardly_any() -
     assert found.of("law", "friction_energy") == pytest.approx(abs(1.0 - exact / energy), rel=1e-9)
     parts = [found.of(source, "friction_energy") for source in ("time_step", "mesh", "law")]
     assert found.of("total", "friction_energy") == pytest.approx(sum(filter(None, parts)))
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+def test_an_executor_certifies_the_same(model: str) -> None:
+    study = run_scene(coarse(model, beta=1e4))
+    with ThreadPoolExecutor(2) as executor:
+        found = certify(study, model, executor=executor)
+    assert found == certify(study, model)
 
 
 def test_coulomb_has_no_error_of_its_law() -> None:

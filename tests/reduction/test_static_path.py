@@ -125,3 +125,14 @@ def test_what_cannot_be_followed_is_refused() -> None:
     still = structure.system([Load("end", Harmonic(0.0, 500.0))])
     with pytest.raises(InputError, match="no load acts"):
         slip_path(still, 1e-5, 200)
+
+
+def test_a_dense_system_has_the_modes_of_the_sparse_one() -> None:
+    regions = [("joint", 0.1, 20), ("linear", 0.5, 20)]
+    _, system = bar(regions, ["joint"], [("end", Harmonic(87.5e3, 500.0))])
+    bases = [
+        static_basis(one, slip_path(one, 1e-5, 400), 8).V
+        for one in (system, system.project(np.eye(system.n)))
+    ]
+    spans = np.linalg.svd(bases[0].T @ (system.M @ bases[1]), compute_uv=False)
+    assert spans == pytest.approx(1.0, abs=1e-6)
