@@ -40,7 +40,7 @@ HELD = 0.98
 #: A level that is not found at once is gone to in parts, halved at most this often.
 HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
-_SHIFTED, _SHIFT = 1e-3, 1e-9
+_SHIFTED, _SHIFT = 1e-3, 1e-12
 #: Pivots below this share of the largest are zero; iterations for the friction limit.
 _SINGULAR, _ITERATIONS = 1e-11, 20
 #: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
@@ -219,15 +219,16 @@ class _Dense:
         self.places = places.point
         sticking = (self.B.T * system.on_rows(system.w)) @ self.B
         unit = np.trace(A) / np.trace(sticking)
-        softest = np.linalg.eigvalsh(A + unit * sticking)[0]
+        sticking = A + unit * sticking
+        self.first = factorised(sticking)
+        softest = np.linalg.eigvalsh(sticking)[0]
         self.steepest = _STIFFEST * unit * softest / np.trace(A)
         self.memory = make_dense_memory(system.n, self.contact.w.size, system.w.size)
-        self.free = factorised(A)
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """Increment; Coulomb's law is as steep, at last, as the largest slip found asks for."""
         memory, coulomb = self.memory, np.isinf(self.beta)
-        memory.velocity[:] = start if start.any() else self.free(g)
+        memory.velocity[:] = start if start.any() else self.first(g)
         for steepness in _STEEPER:
             slip = self.system.slip_norm(self.B @ memory.velocity).max()
             steep = min(steepness / slip, self.steepest) if slip > 0.0 else self.steepest
