@@ -341,6 +341,12 @@ def _backbone(options: argparse.Namespace) -> int:
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
                 f"{state[0]} to {state[-1]} slip."
             )
+        if model.name == "reduced":
+            worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
+            print(
+                f"It errs by {worst['frequency']:.2g} % in frequency and by "
+                f"{worst['damping_ratio']:.2g} % in damping at most."
+            )
     return _told(found.warnings, options.out, files)
 
 

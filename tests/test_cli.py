@@ -429,6 +429,10 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
     both = np.array([[lengths[model, *key] for model in content["models"]] for key in shared])
     assert both.max() > 0.03
     assert both[:, 1] == pytest.approx(both[:, 0], abs=0.01)
+    if name == "backbone":
+        error = content["models"]["reduced"]["modes"][0]["error"]
+        assert error["frequency"] < 1e-3
+        assert error["damping_ratio"] < 0.02
     if name == "response":
         peaks = [
             [level["peak_amplitude_m"] for level in model["levels"]]
@@ -452,6 +456,7 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
         ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
         ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
         ("backbone", "[backbone]\nup_to = 30.0\n", "slips as a whole at the first level"),
+        ("backbone", '[backbone]\nreleased = "loads"\n', "backbone.released"),
         ("backbone", '[backbone]\nring_down = 9\nreleased = "loads"\n', "pulses that end"),
     ],
 )

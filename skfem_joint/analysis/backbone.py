@@ -334,6 +334,7 @@ class ModelBackbone:
     name: str
     curves: list[Backbone]
     ring_downs: list[RingDown]  #: of each curve; none where none is asked for
+    errors: list[dict[str, float]]  #: of each curve: largest relative distances from the full one's
 
 
 @dataclass
@@ -363,7 +364,7 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
     start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
     how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
     for name in sorted(scene.models.run):
-        model = ModelBackbone(name, [], [])
+        model = ModelBackbone(name, [], [], [])
         for curve in curves:
             one, own, parts, begin = curve, system, joints, start
             if name == "reduced":
@@ -375,6 +376,10 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
                 slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
                 one = replace(one, slip=slip)
             model.curves.append(one)
+            both = (
+                (k, getattr(one, k) / getattr(curve, k)) for k in ("frequency", "damping_ratio")
+            )
+            model.errors.append({k: float(np.abs(ratio - 1.0).max()) for k, ratio in both})
             if asked.ring_down:
                 model.ring_downs.append(ring_down(own, one, asked.ring_down, *how, parts, begin))
         found.models.append(model)

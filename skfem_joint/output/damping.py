@@ -93,6 +93,8 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
         "largest_damping_ratio": float(c.damping_ratio.max()),
         "lowest_frequency_Hz": float(c.frequency.min()),
     }
+    if model.name == "reduced":
+        told["error"] = model.errors[k]
     for d in model.ring_downs[k : k + 1]:
         work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
         told |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}

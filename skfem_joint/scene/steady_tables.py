@@ -55,3 +55,9 @@ class Backbone(SceneTable):
     released: Literal["mode", "loads"] = key(
         "what it begins with: the highest level's displacement at rest, or where pulses end", "mode"
     )
+
+    @model_validator(mode="after")
+    def _rings_down(self) -> Self:
+        if self.released == "loads" and not self.ring_down:
+            raise mistake("found 'loads', but ring_down asks for no cycles", "released")
+        return self

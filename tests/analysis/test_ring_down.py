@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from skfem_joint import HalfSine, Joint, Load, Material, Structure, integrate
-from skfem_joint.analysis.backbone import backbone
+from skfem_joint.analysis.backbone import backbone, scene_backbone
 from skfem_joint.analysis.ring_down import ring_down
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
+from skfem_joint.scene import load_scene
 from skfem_joint.system import System
 
+ROOT = Path(__file__).resolve().parents[2]
 PULSE = 2e-4  # s, of its rise
 
 
@@ -54,6 +58,17 @@ def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint() 
     seen = found.amplitude > curve.amplitude[0]
     assert seen.sum() > 5
     assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
+
+
+def test_a_scene_s_pulse_rings_down_alike_in_both_models() -> None:
+    scene = load_scene(ROOT / "examples" / "structure_impulse.toml")
+    asked = {"levels": 12, "ring_down": 12, "released": "loads"}
+    found = scene_backbone(scene.changed(backbone=asked, models={"run": ["full", "reduced"]}))
+    (full,), (reduced,) = (model.ring_downs for model in found.models)
+    high = full.amplitude > found.models[0].curves[0].amplitude[0]
+    assert high.sum() >= 3
+    for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
+        assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
 
 
 def test_too_few_cycles_are_refused() -> None:
