@@ -13,6 +13,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -179,7 +180,8 @@ def test_files_are_whole_when_nobody_reads_the_table(scene: Write, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("error", "status"), [(ConvergenceError("step 7"), 3), (KeyboardInterrupt(), 130)]
+    ("error", "status"),
+    [(ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],
 )
 def test_results_outlive_what_ends_their_certificate(
     error: BaseException, status: int, scene: Write, tmp_path: Path, monkeypatch: Patch
@@ -453,6 +455,7 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
             "[response]\nfrequencies = { from = 0.0, to = 1.0 }\n",
             "response.frequencies",
         ),
+        ("run --workers 2", "", "--certify"),
         ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
         ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
         ("backbone", "[backbone]\nup_to = 30.0\n", "slips as a whole at the first level"),
@@ -465,7 +468,7 @@ def test_what_steady_vibration_cannot_be_asked_for(
 ) -> None:
     path = scene()
     path.write_text(f"{path.read_text(encoding='utf-8')}\n{table}", encoding="utf-8")
-    assert cli.main([command, str(path), "--out", str(tmp_path / "out")]) == 2
+    assert cli.main([*command.split(), str(path), "--out", str(tmp_path / "out")]) == 2
     assert says in capsys.readouterr().err
 
 
