@@ -351,7 +351,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis import response
+    from skfem_joint.analysis.scene_response import scene_response
     from skfem_joint.files import needed
     from skfem_joint.output import damping
     from skfem_joint.output.folder import remove_old
@@ -361,7 +361,7 @@ def _response(options: argparse.Namespace) -> int:
     needed("matplotlib", "plot")
     with holding(options.out):
         with progress_bar() as progress, _executor(options) as executor:
-            found = response.scene_response(scene, executor, progress)
+            found = scene_response(scene, executor, progress)
         remove_old(options.out)
         files = damping.write_response(options.out, found)
     for model in found.models:

@@ -7,10 +7,9 @@ the past, and is told as the offset.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,26 +17,20 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import TO_STEADY, options_of
-from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.basis import Basis, make_basis
-from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save, Steady
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.structure import doubts
+from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
 if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
+    pass
 
 #: Harmonics of a response that are told.
 HARMONICS = 5
@@ -65,6 +58,7 @@ class SteadyPoint:
     change: float  #: of the state over the last one, relative
     state: tuple[FloatArray, FloatArray] | None = None  #: at the period's end
     course: FloatArray | None = None  #: (steps + 1, n) over the period, of a dense system, m
+    step_error: float = np.nan  #: estimated, relative, of the largest amplitude by the time step
     failure: str | None = None
 
 
@@ -130,6 +124,7 @@ def response(
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
     refined: bool = True,
+    estimated: bool = True,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Curve]:
@@ -147,6 +142,8 @@ def response(
         As `integrate` takes them.
     refined : bool
         Whether points are added around peaks and where a curve is steep.
+    estimated : bool
+        Whether each point is found with twice the step too, which tells the error of its step.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
@@ -166,7 +163,7 @@ def response(
         raise InputError(f"response: found levels {list(levels)}, must be positive")
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
-    one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined)
+    one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined, estimated)
     curves = []
     for curve in map(one, levels) if executor is None else executor.map(one, levels):
         curves.append(curve)
@@ -181,6 +178,7 @@ def _curve(
     steps_per_cycle: int,
     scheme: Scheme | None,
     refined: bool,
+    estimated: bool,
     level: float,
 ) -> Curve:
     points: list[SteadyPoint] = []
@@ -205,7 +203,19 @@ def _curve(
             if wanted is None:
                 break
             add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)))
-    return Curve(level, tuple(points))
+    curve = Curve(level, tuple(points))
+    if not estimated or steps_per_cycle < 4:
+        return curve
+    coarse, largest = steps_per_cycle // 2, curve.largest
+    order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
+
+    def error(point: SteadyPoint) -> float:
+        if point.failure is not None:
+            return np.nan
+        other = steady_point(system, point.frequency, level, coarse, scheme, point.state)
+        return float(abs(other.amplitude[largest] / point.amplitude[largest] - 1.0) / order)
+
+    return Curve(level, tuple(replace(point, step_error=error(point)) for point in points))
 
 
 def _wanted(curve: Curve) -> Iterator[float]:
@@ -317,158 +327,3 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
                 motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
         found.append(0.5 * np.ptp(motion, axis=1))
     return np.array(found)
-
-
-@dataclass(frozen=True)
-class ModelResponse:
-    """Response of one model of a scene."""
-
-    name: str
-    curves: list[Curve]
-    offline_s: float  #: of modes, projection and friction points, s
-    wall_s: float
-    estimates: list[Estimate]  #: of each curve at its peak
-
-    @property
-    def largest(self) -> int:
-        """Number of the named point that moves most, at the highest level."""
-        return self.curves[-1].largest
-
-
-@dataclass
-class SceneResponse:
-    """Response of a scene's models, with the linear limits, (frequencies, points), for level 1."""
-
-    scene: Scene
-    frequencies: FloatArray
-    stuck: FloatArray
-    free: FloatArray
-    models: list[ModelResponse] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
-def scene_response(
-    scene: Scene,
-    executor: Executor | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> SceneResponse:
-    """Response of each model of a scene with a table ``[response]``, at its levels.
-
-    A reduced model is made for the highest level at the frequency at which the stuck structure
-    answers most, and its errors are estimated at the peak of each level.
-
-    Raises
-    ------
-    InputError
-        If there is no such table, or as :func:`response`.
-    """
-    asked = scene.response
-    if asked is None:
-        raise InputError(
-            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
-            "in a table [response]"
-        )
-    system, scheme = scene.system(), generalized_alpha(scene.time.rho_infinity)
-    between = asked.frequencies
-    frequencies = np.linspace(between.from_, between.to, between.points)
-    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
-    found = SceneResponse(scene, frequencies, stuck, free)
-    found.warnings += doubts(scene.structure(), system)
-    levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
-    for name in sorted(scene.models.run):
-        begin, model, basis, unit = time.perf_counter(), system, None, 1.0
-        if name == "reduced":
-            unit = levels[-1]
-            top = float(frequencies[stuck.max(axis=1).argmax()])
-            loaded = at_frequency(system, top, unit)
-            basis, model = _reduced(scene, loaded, 1.0 / top / steps, scheme, found.warnings)
-        offline, begin = time.perf_counter() - begin, time.perf_counter()
-        curves = response(
-            model,
-            frequencies,
-            [level / unit for level in levels],
-            steps_per_cycle=steps,
-            scheme=scheme,
-            executor=executor,
-            progress=None if progress is None else partial(progress, f"{name} model"),
-        )
-        wall = time.perf_counter() - begin
-        slips = None if basis is None else system.B @ basis.V
-        curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
-        estimates = []
-        if scene.accuracy.estimate:
-            for curve in curves:
-                parts = system, basis, model, unit, steps, scheme
-                estimates.append(_errors(curve, *parts))
-        found.models.append(ModelResponse(name, curves, offline, wall, estimates))
-        for curve in curves:
-            lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
-            if lost:
-                found.warnings.append(
-                    f"The {name} model at level {curve.level:g} has no steady vibration at "
-                    f"{', '.join(lost)} Hz: these are no points of its curve."
-                )
-    return found
-
-
-def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
-    """Curve at a level of the scene, with the slip of all contact points of the full ``system``."""
-    points = tuple(
-        p
-        if p.course is None
-        else replace(p, slip=system.slip_norm(p.course @ slips.T).max(axis=0), course=None)
-        for p in curve.points
-    )
-    return Curve(level, points)
-
-
-def _reduced(
-    scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
-) -> tuple[Basis, System]:
-    """Basis and reduced system for steady vibration under the loads."""
-    options, steps = options_of(scene), scene.time.steps_per_cycle
-    basis = make_basis(
-        scene.structure(),
-        loaded,
-        options,
-        step=step,
-        n_steps=TO_STEADY * steps,
-        cycle_steps=steps,
-        scheme=scheme,
-        warn=warn,
-    )
-    small, _ = reduced_system(
-        loaded,
-        basis,
-        friction_points=options.friction_points,
-        beta=options.beta,
-        periodic=True,
-        warn=warn,
-    )
-    return basis, small
-
-
-def _errors(
-    curve: Curve,
-    system: System,
-    basis: Basis | None,
-    model: System,
-    unit: float,
-    steps: int,
-    scheme: Scheme,
-) -> Estimate:
-    """Estimated errors at the peak of a curve."""
-    at = curve.peak[0]
-    how: dict[str, Any] = {
-        "step": 1.0 / at / steps,
-        "n_steps": steps,
-        "scheme": scheme,
-        "save": Save(),
-        "cycle_steps": steps,
-        "until": "steady",
-    }
-    full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
-    run = integrate(own, **how)
-    if basis is None:
-        return estimate.of_full(full, run, how)
-    return estimate.of_reduced(full, basis, own, how, run)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from skfem_joint.analysis.backbone import ModelBackbone, SceneBackbone
-    from skfem_joint.analysis.response import Curve, SceneResponse
+    from skfem_joint.analysis.response import Curve
+    from skfem_joint.analysis.scene_response import SceneResponse
     from skfem_joint.structure import Structure
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
@@ -151,12 +152,13 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
     header += [f"offset_{n}_m" for n in names]
     header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
     header += ["friction_energy_J", "input_energy_J"]
-    header += ["largest_slip_m", "slipping_share", "periods", "residual", *joints]
+    header += ["largest_slip_m", "slipping_share", "periods", "residual"]
+    header += ["step_error", *joints]
     rows = [
         [
             model.name, curve.level, p.frequency, p.failure is None, *p.amplitude, *p.phase,
             *p.offset, *np.abs(p.harmonics).ravel(), p.friction_energy, p.input_energy,
-            p.slip.max(initial=0.0), p.share, p.periods, p.change,
+            p.slip.max(initial=0.0), p.share, p.periods, p.change, p.step_error,
         ]
         for model in found.models
         for curve in model.curves
@@ -183,7 +185,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
 
 
 def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
-    frequency, amplitude = curve.peak
+    (frequency, amplitude), error = curve.peak, curve.column("step_error")
     return {
         "level": curve.level,
         "point": points[curve.largest],
@@ -191,6 +193,7 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
         "peak_amplitude_m": amplitude,
         "frequencies": len(curve.points),
         "periods": int(curve.column("periods").sum()),
+        "largest_step_error": None if np.isnan(error).all() else float(np.nanmax(error)),
         "failed_Hz": [p.frequency for p in curve.points if p.failure is not None],
         "estimated_error": estimate
         and {quantity: estimate.of("total", quantity) for quantity in QUANTITIES},

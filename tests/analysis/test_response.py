@@ -117,3 +117,15 @@ def test_a_pulse_beside_a_harmonic_is_refused() -> None:
     pulse = replace(system.loads[0], amplitude=HalfSine(1.0, 1e-3))
     with pytest.raises(InputError, match="harmonic"):
         at_frequency(replace(system, loads=(*system.loads, pulse)), 500.0)
+
+
+def test_each_point_knows_the_error_of_its_step() -> None:
+    """Near a resonance whose third harmonic meets another."""
+    system, f = bar(), np.array([1750.0, 1780.0, 1790.0, 1800.0])
+    levels = (0.3 * system.w.sum(),)
+    (rough,), (fine,) = (
+        response(system, f, levels, steps_per_cycle=steps, refined=False) for steps in (200, 800)
+    )
+    true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
+    assert true.min() > 0.01
+    assert rough.column("step_error") == pytest.approx(true, rel=0.5)

@@ -1,0 +1,204 @@
+"""Response of a scene's models, with the errors of their steps and of their peaks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.estimate import Estimate
+from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.reduction.basis import Basis, make_basis
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+
+#: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
+DOUBTFUL, WELL = 0.05, 0.01
+
+
+@dataclass(frozen=True)
+class ModelResponse:
+    """Response of one model of a scene."""
+
+    name: str
+    curves: list[Curve]
+    offline_s: float  #: of modes, projection and friction points, s
+    wall_s: float
+    estimates: list[Estimate]  #: of each curve at its peak
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most, at the highest level."""
+        return self.curves[-1].largest
+
+
+@dataclass
+class SceneResponse:
+    """Response of a scene's models, with the linear limits, (frequencies, points), for level 1."""
+
+    scene: Scene
+    frequencies: FloatArray
+    stuck: FloatArray
+    free: FloatArray
+    models: list[ModelResponse] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def scene_response(
+    scene: Scene,
+    executor: Executor | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> SceneResponse:
+    """Response of each model of a scene with a table ``[response]``, at its levels.
+
+    A reduced model is made for the highest level at the frequency at which the stuck structure
+    answers most, and its errors are estimated at the peak of each level.
+
+    Raises
+    ------
+    InputError
+        If there is no such table, or as :func:`response`.
+    """
+    asked = scene.response
+    if asked is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    system, scheme = scene.system(), generalized_alpha(scene.time.rho_infinity)
+    between = asked.frequencies
+    frequencies = np.linspace(between.from_, between.to, between.points)
+    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
+    found = SceneResponse(scene, frequencies, stuck, free)
+    found.warnings += doubts(scene.structure(), system)
+    levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
+    for name in sorted(scene.models.run):
+        begin, model, basis, unit = time.perf_counter(), system, None, 1.0
+        if name == "reduced":
+            unit = levels[-1]
+            top = float(frequencies[stuck.max(axis=1).argmax()])
+            loaded = at_frequency(system, top, unit)
+            basis, model = _reduced(scene, loaded, 1.0 / top / steps, scheme, found.warnings)
+        offline, begin = time.perf_counter() - begin, time.perf_counter()
+        curves = response(
+            model,
+            frequencies,
+            [level / unit for level in levels],
+            steps_per_cycle=steps,
+            scheme=scheme,
+            estimated=scene.accuracy.estimate,
+            executor=executor,
+            progress=None if progress is None else partial(progress, f"{name} model"),
+        )
+        wall = time.perf_counter() - begin
+        slips = None if basis is None else system.B @ basis.V
+        curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
+        estimates = []
+        if scene.accuracy.estimate:
+            for curve in curves:
+                parts = system, basis, model, unit, steps, scheme
+                estimates.append(_errors(curve, *parts))
+        found.models.append(ModelResponse(name, curves, offline, wall, estimates))
+        for curve in curves:
+            lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+            if lost:
+                found.warnings.append(
+                    f"The {name} model at level {curve.level:g} has no steady vibration at "
+                    f"{', '.join(lost)} Hz: these are no points of its curve."
+                )
+            found.warnings += _too_long_steps(name, curve, steps)
+    return found
+
+
+def _too_long_steps(name: str, curve: Curve, steps: int) -> Iterator[str]:
+    """Sentence about where a curve errs much by its time step."""
+    error = np.nan_to_num(curve.column("step_error"))
+    doubtful = curve.column("frequency")[error > DOUBTFUL]
+    if doubtful.size:
+        enough = 50 * np.ceil(steps * np.sqrt(error.max() / WELL) / 50)
+        yield (
+            f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
+            f"{100 * error.max():.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
+            f"{doubtful.size} frequencies from {doubtful[0]:.6g} to {doubtful[-1]:.6g} Hz, where "
+            "harmonics of friction meet higher modes; see column step_error of response.csv. Set "
+            f"time.steps_per_cycle = {enough:.0f}."
+        )
+
+
+def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
+    """Curve at a level of the scene, with the slip of all contact points of the full ``system``."""
+    points = tuple(
+        p
+        if p.course is None
+        else replace(p, slip=system.slip_norm(p.course @ slips.T).max(axis=0), course=None)
+        for p in curve.points
+    )
+    return Curve(level, points)
+
+
+def _reduced(
+    scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
+) -> tuple[Basis, System]:
+    """Basis and reduced system for steady vibration under the loads."""
+    options, steps = options_of(scene), scene.time.steps_per_cycle
+    basis = make_basis(
+        scene.structure(),
+        loaded,
+        options,
+        step=step,
+        n_steps=TO_STEADY * steps,
+        cycle_steps=steps,
+        scheme=scheme,
+        warn=warn,
+    )
+    small, _ = reduced_system(
+        loaded,
+        basis,
+        friction_points=options.friction_points,
+        beta=options.beta,
+        periodic=True,
+        warn=warn,
+    )
+    return basis, small
+
+
+def _errors(
+    curve: Curve,
+    system: System,
+    basis: Basis | None,
+    model: System,
+    unit: float,
+    steps: int,
+    scheme: Scheme,
+) -> Estimate:
+    """Estimated errors at the peak of a curve."""
+    at = curve.peak[0]
+    how: dict[str, Any] = {
+        "step": 1.0 / at / steps,
+        "n_steps": steps,
+        "scheme": scheme,
+        "save": Save(),
+        "cycle_steps": steps,
+        "until": "steady",
+    }
+    full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
+    run = integrate(own, **how)
+    if basis is None:
+        return estimate.of_full(full, run, how)
+    return estimate.of_reduced(full, basis, own, how, run)
