@@ -79,6 +79,10 @@ class System:
     T : ndarray or sparse array, shape (N, n), or None
         Displacement of all that the structure has, supports included, from the unknowns; None
         where the unknowns are all there is. See :meth:`expand`.
+    J : ndarray or sparse array, shape (joints, m)
+        Part of the friction of each contact point that each named joint has.
+    joints : tuple of str
+        Names of the rows of ``J``.
     notes : tuple of str
         Sentences about what it was made with.
 
@@ -102,6 +106,8 @@ class System:
     points: tuple[str, ...] = ()
     directions: Any = field(default=None)
     T: Matrix = field(default=None)
+    J: Matrix = field(default=None)
+    joints: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -114,6 +120,7 @@ class System:
             "C": 0.0 * self.K if self.C is None else self.C,
             "P": sparse.csr_array((0, n)) if self.P is None else self.P,
             "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
+            "J": sparse.csr_array((0, m)) if self.J is None else self.J,
         }
         for name, value in given.items():
             object.__setattr__(self, name, value)
@@ -121,7 +128,7 @@ class System:
             raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
         square = dict.fromkeys(("M", "C", "K"), (n, n))
         shapes = square | {"B": (int(self.directions.sum()), n), "P": (len(self.points), n)}
-        shapes |= {"w": (m,), "beta": (m,)}
+        shapes |= {"w": (m,), "beta": (m,), "J": (len(self.joints), m)}
         found = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
         found += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
         if self.T is not None:

@@ -216,7 +216,6 @@ class _Points:
             self.basis.velocities,
             np.flatnonzero(self.system.w),
             MANY,
-            self.basis.group,
         )
 
     def model(self, V: FloatArray, beta: float) -> System:

@@ -61,13 +61,14 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     """
     structure, system = (like or scene).structure(), (like or scene).system()
     n, rows, named, loads = system.n, system.B.shape[0], len(system.points), len(system.loads)
+    joints = len(system.joints)
     nodes, dim, save = structure.n_nodes, structure.dim, save_of(scene)
     models, reduced = len(scene.models.run), "reduced" in scene.models.run
     every, fields_every = save.strides
 
     stored = scene.n_steps // every + 1 if save.points else 0
     # Stored, and once more where they are compared or written; loads and times with each model.
-    history = 2 * (models + 1) * named + (models + 2) * (loads + 1)
+    history = (models + 1) * (2 * named + joints) + (models + 2) * (loads + 1)
     history += 20 if scene.output.plots else 0
 
     frames = scene.n_steps // fields_every + 1 if save.fields else 0
@@ -94,7 +95,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     estimated = 0
     if scene.accuracy.estimate:
         # A run with twice the step; of a reduced model residuals and their static response too.
-        estimated = stored * (named + loads + 1)
+        estimated = stored * (named + joints + loads + 1)
         if reduced:
             # Looks are whole runs where cycles never become alike; its own run is stored already.
             estimated += INSTANTS * (6 * n + 8 * rows) + stored * (7 * named + 2 * (loads + 1))
@@ -105,7 +106,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + elements * (dim * in_element) ** 2 * _OF_AN_ENTRY
     share, power = _FILL[dim]
     factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))
-    cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads)
+    cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads + joints)
     return {
         _POINTS: _NUMBER * (stored * history + estimated),
         _FIELDS: _NUMBER * frames * frame,

@@ -10,7 +10,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import sparse
 
 from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
@@ -20,7 +19,7 @@ from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.reduction.active_length import active_area_fraction, gross_slip
+from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import measured_lengths
@@ -49,8 +48,9 @@ class Model:
         Time for everything before the first step, s: modes, active length, projection, compilation.
     active_length : dict
         Of each joint whose axis is known, m.
-    active_area_fraction : dict
-        Share of each joint's contact area that slips; empty for a reduced model beside a full one.
+    active_area_fraction, slipping_fraction : dict
+        Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
+        beside a full one.
     basis : Basis or None
         What a reduced model is made of; None for the full model.
     shares : sparse array, shape (points of the run's system, points of the full one), or None
@@ -68,6 +68,7 @@ class Model:
     offline_s: float
     active_length: dict[str, float]
     active_area_fraction: dict[str, float] = field(default_factory=dict)
+    slipping_fraction: dict[str, float] = field(default_factory=dict)
     basis: Basis | None = None
     shares: Matrix | None = None
     errors: Errors | None = None
@@ -252,8 +253,8 @@ def _full(study: Study, how: Mapping[str, Any]) -> Model:
                 f"{study.scene.time_step:.4g} s does not do. Ask for less"
             )
     lengths = measured_lengths(study.structure, run.slip_peak)
-    area = _active_area(study, run.slip_peak)
-    return Model("full", run, run.preparation_s, lengths, area, estimate=found)
+    active = active_fractions(study.structure, study.system, run.slip_peak, study.period)
+    return Model("full", run, run.preparation_s, lengths, *active, estimate=found)
 
 
 def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
@@ -291,10 +292,6 @@ def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
     study.models[model.name] = replace(model, estimate=found, estimate_s=took)
 
 
-def _active_area(study: Study, slip_peak: FloatArray) -> dict[str, float]:
-    return active_area_fraction(study.structure, study.system, slip_peak, study.period)
-
-
 def _place(study: Study, unknown: int) -> str:
     """Say in words where an unknown of the full model is: the node that it moves most."""
     one = np.bincount([unknown], minlength=study.system.n).astype(float)
@@ -309,15 +306,15 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
         basis, system, shares = reduction_of(study, options_of(study.scene))
     else:
         basis, system, shares = met.basis, met.system, met.shares
-    area = {}
+    active: tuple[dict[str, float], dict[str, float]] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
         study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
-        area = _active_area(study, basis.slip_peak)
+        active = active_fractions(study.structure, study.system, basis.slip_peak, study.period)
     before = time.perf_counter() - begin + study.met_s
     run = integrate(system, **how_of(study.scene), **how)
     length, found = dict(basis.active_length), None if met is None else met.estimate
     offline = before + run.preparation_s
-    return Model("reduced", run, offline, length, area, basis, shares, estimate=found)
+    return Model("reduced", run, offline, length, *active, basis, shares, estimate=found)
 
 
 _MAKERS = {"full": _full, "reduced": _reduced}
@@ -358,40 +355,15 @@ def friction_work(study: Study, model: Model) -> FloatArray:
     over the contact points as their friction and slip at the stored frames say.
     """
     system, rows = study.system, model.run.friction_work_rows
-    if model.shares is None or model.run.system.w.size == system.w.size:
+    if model.shares is None:
         return rows
+    if model.run.system.w.size == system.w.size:  # in another order
+        return np.asarray(rows @ model.shares)
     slip, sigma = model.slips(system)[0], model.normalised_friction(system)
     parts = system.on_rows(system.w) * 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(slip, axis=0)
     spread = np.zeros((len(slip), system.w.size))
     np.cumsum(np.maximum(system.by_point(parts), 0.0), axis=0, out=spread[1:])
-    joints = shared_work(study)
-    total, known = spread @ joints.T, rows @ (model.shares @ joints.T)
+    joints = system.J
+    total, known = spread @ joints.T, rows @ model.run.system.J.T
     scale = np.divide(known, total, out=np.zeros_like(total), where=total > 0.0)
     return np.asarray(spread * (scale @ joints))
-
-
-def shared_work(study: Study) -> Matrix:
-    """Part of the work of each contact point that each joint has, sparse (joints, m).
-
-    Joints that share a point share its work by their friction limits.
-    """
-    patches = study.structure.patches
-    points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
-    limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
-    joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
-    whole = study.system.w[points]
-    share = np.divide(limits, whole, out=np.zeros_like(limits), where=whole > 0.0)
-    return sparse.csr_array((share, (joint, points)), shape=(len(patches), study.system.w.size))
-
-
-def friction_energy_by_joint(study: Study, model: Model) -> dict[str, float]:
-    """Energy that friction has dissipated in each joint over the run, J.
-
-    The friction points of a reduced model give theirs to the joints whose points they stand for.
-    """
-    work = model.run.friction_work
-    if model.shares is not None:
-        work = model.shares.T @ work
-    parts = shared_work(study) @ work
-    names = [patch.joint.name for patch in study.structure.patches]
-    return {name: float(part) for name, part in zip(names, parts, strict=True)}

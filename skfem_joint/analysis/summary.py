@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from skfem_joint.analysis.estimate import SOURCES, Estimate
 from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
-from skfem_joint.analysis.study import friction_energy_by_joint
+from skfem_joint.arrays import FloatArray
+from skfem_joint.structure import Bolts, Patch
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
@@ -35,12 +38,13 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "peak_displacement_whole_run_m": _by_point(run, run.peak),
         "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,
         "loop_energy_per_cycle_J": float(cycles.input[-1].sum()) if has_cycles else None,
-        "friction_energy_J": friction_energy_by_joint(study, model),
+        "friction_energy_J": run.friction_energy,
         "input_work_J": float(run.input_work.sum()),
         "viscous_work_J": run.viscous_work,
         "scheme_work_J": run.scheme_work,
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
+        "joints": _joints(study, model),
         "energy_balance_residual": run.energy_residual,
         "steady_state_reached": state.reached if state is not None else run.steady and True,
         "periods": run.steady and run.steady.periods,
@@ -55,6 +59,38 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         error["displacement_max_by_point"] = {name: one for name, (_, one) in by_point.items()}
         content["error"] = error
     return content
+
+
+def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
+    """What each joint does. The slip of a reduced model is that of its friction points."""
+    run = model.run
+    per_cycle: list[Any] = run.cycles.by_joint[-1:].ravel().tolist()
+    per_cycle = per_cycle or [None] * len(run.system.joints)
+    found: dict[str, dict[str, Any]] = {}
+    work = run.friction_work if model.shares is None else model.shares.T @ run.friction_work
+    for k, patch in enumerate(study.structure.patches):
+        name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
+        found[name] = {
+            "friction_energy_J": run.friction_energy[name],
+            "friction_energy_per_cycle_J": per_cycle[k],
+            "largest_slip_m": float(run.slip_peak[own].max(initial=0.0)),
+            "slipping_fraction": model.slipping_fraction.get(name),
+            "active_length_m": model.active_length.get(name),
+            "active_area_fraction": model.active_area_fraction.get(name),
+        }
+        if isinstance(patch.joint.pressure, Bolts):
+            part = study.system.J[[k]].toarray()[0] * work
+            by_bolt = _by_bolt(study, patch, patch.joint.pressure, part[patch.points])
+            found[name]["friction_energy_by_bolt_J"] = by_bolt
+    return found
+
+
+def _by_bolt(study: Study, patch: Patch, bolts: Bolts, work: FloatArray) -> list[float]:
+    """Work (J) of the contact points of a joint, summed for the bolt that each is nearest to."""
+    nodes = study.structure.nodes[patch.nodes]
+    at = np.array([bolt.at[: nodes.shape[1]] for bolt in bolts.bolts])
+    nearest = np.linalg.norm(nodes[:, np.newaxis] - at, axis=2).argmin(axis=1)
+    return list(np.bincount(nearest, work, len(at)))
 
 
 def _by_point(run: Run, values: Any) -> dict[str, float]:

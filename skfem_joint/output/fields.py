@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_state
-from skfem_joint.analysis.study import friction_work, shared_work
+from skfem_joint.analysis.study import friction_work
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.unknowns import selection
@@ -176,7 +176,7 @@ def _field_of(study: Study, model: Model) -> Field:
     speed = system.slip_norm(rates)
     grey = GREY_SHARE if model.basis is None else GREY_SHARE_REDUCED
     state = slip_state(speed, np.minimum(system.beta, steepest), grey)
-    work, share = friction_work(study, model), shared_work(study).tocsr()
+    work = friction_work(study, model)
     slip, traction = np.zeros((2, *u.shape))
     density = np.zeros(u.shape[:2])
     states = np.full(u.shape[:2], -1, dtype=np.int8)
@@ -190,6 +190,6 @@ def _field_of(study: Study, model: Model) -> Field:
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += slips[:, row, np.newaxis] * along
         states[:, nodes] = state[:, points]
-        own = share[[number]].toarray()[0, points]
+        own = system.J[[number]].toarray()[0, points]
         density[:, nodes] += work[:, points] * own / patch.area
     return Field(model.name, u, v, slip, traction, states, density)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,8 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
     """Histories of the named points as ``history.npz``.
 
     Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
-    ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s).
+    ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
+    ``<model>_<joint>_friction_energy`` (J), what it has dissipated so far.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}
@@ -47,6 +48,8 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
         for k, point in enumerate(run.system.points):
             arrays[f"{model}_{point}_displacement"] = run.point_u[:, k]
             arrays[f"{model}_{point}_velocity"] = run.point_v[:, k]
+        for k, joint in enumerate(run.system.joints):
+            arrays[f"{model}_{joint}_friction_energy"] = run.joint_work[:, k]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -96,10 +99,6 @@ def summary_table(content: Mapping[str, Any]) -> str:
             found = [None if one is None else one.get(key) for one in found]
         return found
 
-    def add_each(label: str, form: str, key: str, scale: float = 1.0) -> None:
-        for name in dict.fromkeys(name for model in models.values() for name in model[key]):
-            add(label.format(name), form, at(key, name), scale)
-
     def faster(model: dict[str, Any], offline: bool) -> float | None:
         """How often a model runs while the full one runs once; None if it does not pay."""
         if full is None or model is full or full["interrupted"] or model["interrupted"]:
@@ -112,16 +111,15 @@ def summary_table(content: Mapping[str, Any]) -> str:
     steps = zip(at("newton_iterations"), at("steps"), strict=True)
     add("unknowns", "{}", at("dofs"))
     add("contact points", "{}", at("contact_points"))
-    add_each("peak displacement at {}, mm", "{:.5g}", "peak_displacement_m", 1e3)
+    for name in _names(at("peak_displacement_m")):
+        add(f"peak displacement at {name}, mm", "{:.5g}", at("peak_displacement_m", name), 1e3)
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)
-    if max(map(len, at("friction_energy_J"))) > 1:
-        add_each("friction energy of {} over the run, J", "{:.4g}", "friction_energy_J")
-    add_each("active length of {}, mm", "{:.4g}", "active_length_m", 1e3)
-    add_each("active part of {}, %", "{:.3g}", "active_area_fraction", 100.0)
+    for row in _joint_rows(at):
+        add(*row)
     for label, key, form in (
         ("displacement history", "displacement_rms", "{:.3g}"),
         ("peak displacement", "peak_displacement", "{:+.3g}"),
@@ -145,6 +143,31 @@ def summary_table(content: Mapping[str, Any]) -> str:
     ):
         add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
     return _table("", list(models), rows)
+
+
+def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Names that tables have, each once."""
+    return list(dict.fromkeys(name for table in tables for name in table))
+
+
+def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[Any], float]]:
+    """Label, form, values of all models and scale of what is shown of each joint."""
+    names = _names(at("joints"))
+    for name in names:
+        if len(names) > 1:
+            energy = at("joints", name, "friction_energy_J")
+            yield f"friction energy of {name} over the run, J", "{:.4g}", energy, 1.0
+        by_bolt = [bolts or () for bolts in at("joints", name, "friction_energy_by_bolt_J")]
+        for number, energies in enumerate(zip(*by_bolt, strict=True), 1):
+            label = f"friction energy of {name} at bolt {number}, J"
+            yield label, "{:.4g}", list(energies), 1.0
+        for label, key, scale in (
+            ("largest slip of {}, mm", "largest_slip_m", 1e3),
+            ("active length of {}, mm", "active_length_m", 1e3),
+            ("active part of {}, %", "active_area_fraction", 100.0),
+            ("points of {} that slip, %", "slipping_fraction", 100.0),
+        ):
+            yield label.format(name), "{:.4g}", at("joints", name, key), scale
 
 
 def _shown(value: Any, form: str, scale: float = 1.0) -> str:

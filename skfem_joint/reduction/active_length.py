@@ -98,20 +98,22 @@ def slips(structure: Structure, system: System, slip_peak: FloatArray, period: f
     return active
 
 
-def active_area_fraction(
+def active_fractions(
     structure: Structure, system: System, slip_peak: FloatArray, period: float
-) -> dict[str, float]:
-    """Share of each joint's contact area that slips, by joint name; held nodes do not.
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Share of each joint's contact area, and of its nodes, that slips; held nodes do not.
 
     See :func:`slips` for ``slip_peak`` (m) and ``period`` (s).
     """
     active = slips(structure, system, slip_peak, period)
-    fractions = {}
+    areas, nodes = {}, {}
     for patch in structure.patches:
+        name, slipping = patch.joint.name, active[patch.points]
         area = float(patch.area.sum()) + patch.held_area
-        slipping = patch.area[active[patch.points]].sum()
-        fractions[patch.joint.name] = float(slipping / area) if area > 0.0 else 0.0
-    return fractions
+        count = patch.nodes.size + patch.held_nodes.size
+        areas[name] = float(patch.area[slipping].sum() / area) if area > 0.0 else 0.0
+        nodes[name] = float(slipping.sum() / count) if count else 0.0
+    return areas, nodes
 
 
 def gross_slip(structure: Structure, slip_peak: FloatArray, period: float) -> list[str]:

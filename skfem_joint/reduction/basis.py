@@ -120,7 +120,6 @@ class Basis:
     active_length: Mapping[str, float] = field(default_factory=dict)  #: of scaled modes, by joint
     #: Points and positions (m) of each active zone, where they lie along a line.
     stretches: tuple[tuple[IntArray, FloatArray], ...] | None = None
-    group: IntArray | None = None  #: (m,), joint of each contact point, if known
 
 
 def make_basis(
@@ -180,10 +179,7 @@ def make_basis(
         raise InputError(missed)
     if basis.missed > DOUBTFUL_BASIS:
         warn.append(missed)
-    group = np.zeros(system.w.size, dtype=np.intp)
-    for number, patch in enumerate(structure.patches):
-        group[patch.points] = number
-    return replace(basis, group=group)
+    return basis
 
 
 def own_basis(

@@ -73,7 +73,7 @@ def reduced_system(
         every, rates = reduced, basis.velocities
         tried = [k * every.n for k in MERGED_PER_MODE] if count is None else [count]
         for most in tried:
-            reduced, shares = merged_points(every, rates, basis.active, most, basis.group)
+            reduced, shares = merged_points(every, rates, basis.active, most)
             if friction_lost(every, reduced, rates) <= MOST_LOST:
                 break
         if count is not None and reduced.w.size < count:
@@ -163,22 +163,18 @@ def gauss_points(
 
 
 def merged_points(
-    system: System,
-    velocities: FloatArray,
-    points: IntArray,
-    count: int,
-    group: IntArray | None = None,
+    system: System, velocities: FloatArray, points: IntArray, count: int
 ) -> tuple[System, sparse.csr_array]:
     """Merge contact points that slip alike into at most ``count``; others than ``points`` go.
 
     Alike in ``velocities`` (times, n) of the unknowns in a run that slips as the runs to come.
-    At least one is left of each ``group`` (m,) (joint), beta and number of directions. Its slip
-    rows are means, weighted with the friction limits, of those it stands for, and its limit is
-    their sum; the share of each old point in each new one, (new points, m), comes second.
+    At least one is left of each joint, beta and number of directions. Its slip rows are means,
+    weighted with the friction limits, of those it stands for, and its limit is their sum; the share
+    of each old point in each new one, (new points, m), comes second.
     """
     points = points[system.w[points] > 0.0]
-    joint = np.zeros(system.w.size) if group is None else group
-    kinds = np.stack([joint[points], system.directions[points], system.beta[points]], axis=1)
+    joints = sparse.csr_array(system.J)[:, points].toarray() > 0.0
+    kinds = np.vstack([joints, system.directions[points], system.beta[points]]).T
     sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
     rates = thinned(velocities, _TIMES)
     histories = [_histories(system, rates, members) for members in sets]
@@ -211,7 +207,8 @@ def shared_points(
     both = sparse.csr_array(sparse.kron(shares, np.eye(2)))  # as if all slipped in two directions
     new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
     B = np.asarray(both[new][:, old] @ system.B)
-    return replace(system, B=B, w=w, beta=system.beta[like], directions=directions), shares
+    alike = {"beta": system.beta[like], "directions": directions}
+    return replace(system, B=B, w=w, J=system.J @ shares.T, **alike), shares
 
 
 def _histories(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:

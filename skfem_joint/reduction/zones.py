@@ -30,7 +30,7 @@ QUICK_CYCLES, STEPS, STEPS_PER_PERIOD = 4, 100, 20
 _MOST_NUMBERS = 20_000_000
 #: Positions along an axis that differ by less than this share of a joint's length are the same.
 _SAME = 1e-7
-#: Slip below this share of the largest in dense systems is none.
+#: Slip below this share of the largest is none.
 _NO_SLIP = 1e-9
 
 
@@ -237,7 +237,8 @@ def measured_lengths(structure: Structure, slip_peak: FloatArray) -> dict[str, f
             distance, peak = low.profile(slip_peak)
             if peak[-1] > peak[0]:
                 distance, peak = distance[-1] - distance[::-1], peak[::-1]
-            found = measured(distance - distance[0], peak)
+            moves = peak.max() > _NO_SLIP * slip_peak.max()
+            found = measured(distance - distance[0], peak) if moves else 0.0
             lengths[low.name] = lengths.get(low.name, 0.0) + found
     return lengths
 

@@ -136,6 +136,15 @@ def largest_of(x):
     return max(a, b, c, d)
 
 
+@sums_in_any_order
+def weighted(weights, places, x):
+    """Weighted sum of some entries."""
+    total = 0.0
+    for i in range(weights.size):
+        total += weights[i] * x[places[i]]
+    return total
+
+
 # The friction laws
 
 _TAN_1 = float(np.tan(np.pi / 8.0))
@@ -363,13 +372,14 @@ def _product_of_full(A, x, y):
 @compiled
 def march(
     n_steps, first_step, strides, c, matrices, problem, memory, w, places, tolerance,
-    loads, amplitude, observed, state, room, sums, stored, counts,
+    loads, amplitude, observed, joints, state, room, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
 
     ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
     ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
-    of the problem, N; ``loads`` and ``observed`` load vectors and named points (`Compressed`);
+    of the problem, N; ``loads``, ``observed`` and ``joints`` load vectors, named points and the
+    joints' parts in the problem's points (`Compressed`);
     ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of COUNTS.
 
     Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
@@ -380,8 +390,11 @@ def march(
     row_place, point_place = places
     load_start, load_column, load_value = loads
     seen_start, seen_column, seen_value = observed
+    joint_start, joint_column, joint_value = joints
     input_work, dissipated, friction_work, peak, slip_peak = sums
-    stored_u, stored_v, stored_sigma, stored_work, stored_point_u, stored_point_v = stored
+    stored_u, stored_v, stored_sigma, stored_work, stored_point_u, stored_point_v, stored_joint = (
+        stored
+    )
     right, image, y, change, drift, slip_change, slip_now, rubbed, farthest = room
     v_new, sigma_new = memory.velocity, memory.force
     n, m = u.size, rubbed.size
@@ -468,6 +481,10 @@ def march(
             if store:
                 stored_point_u[rows, k] = x
                 stored_point_v[rows, k] = rate
+        if store:
+            for k in range(joint_start.size - 1):
+                part = slice(joint_start[k], joint_start[k + 1])
+                stored_joint[rows, k] = weighted(joint_value[part], joint_column[part], rubbed)
         rows += store
         if stored_u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
             for i in range(n):

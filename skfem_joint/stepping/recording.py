@@ -80,6 +80,7 @@ class Cycles:
     scheme: FloatArray
     friction: FloatArray
     peak: FloatArray
+    by_joint: FloatArray  #: dissipation of friction in each joint, (cycles, joints), J
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ class Run:
     times: FloatArray  #: (rows,) of the stored rows, s
     point_u: FloatArray  #: (rows, points) displacement of the named points, m
     point_v: FloatArray  #: (rows, points) their velocity, m/s
+    joint_work: FloatArray  #: (rows, joints) dissipation in each joint up to the row, J
     amplitudes: FloatArray  #: (rows, loads) load amplitudes, N
     field_times: FloatArray  #: (frames,) of the stored fields, s; empty if none were asked for
     u: FloatArray  #: (frames, n) unknowns
@@ -147,6 +149,12 @@ class Run:
         """Largest displacement of a named point over every step of the run, m."""
         return float(self.peak[self._number(name)])
 
+    @property
+    def friction_energy(self) -> dict[str, float]:
+        """Energy that friction has dissipated in each joint over the run, J."""
+        energies = (self.system.J @ self.friction_work).tolist()
+        return dict(zip(self.system.joints, energies, strict=True))
+
     def _number(self, name: str) -> int:
         points = self.system.points
         if name not in points:
@@ -173,7 +181,7 @@ def compressed(A: Any) -> Compressed:
 
 
 class Rows(NamedTuple):
-    """Where rows are stored: fields, and displacement and velocity of the named points.
+    """Where rows are stored: fields, and motion of the named points and work of the joints.
 
     They are named as in `Run`.
     """
@@ -184,6 +192,7 @@ class Rows(NamedTuple):
     friction_work_rows: FloatArray
     point_u: FloatArray
     point_v: FloatArray
+    joint_work: FloatArray
 
 
 @dataclass
@@ -201,6 +210,7 @@ class Recorder:
 
     def __post_init__(self) -> None:
         n, m, p = self.system.n, self.system.w.size, len(self.system.points)
+        joints = len(self.system.joints)
         every, fields_every = self.save.strides
         fields = self.n_steps // fields_every + 1 if self.save.fields else 0
         points = self.n_steps // every + 1 if self.save.points else 0
@@ -208,13 +218,14 @@ class Recorder:
         self.sigma = np.zeros((fields, self.system.B.shape[0]))
         self.friction_work_rows = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
+        self.joint_work = np.zeros((points, joints))
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
         self.peak, self.run_peak = np.zeros(p), np.zeros(p)
         self.slip_peak = np.zeros(m)
         self.vectors = self.system.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
-        self.boundaries = [np.zeros(len(self.system.loads) + 3 + p)]
+        self.boundaries = [np.zeros(len(self.system.loads) + 3 + joints + p)]
 
     def sums(self) -> tuple[FloatArray, ...]:
         """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
@@ -224,11 +235,11 @@ class Recorder:
         """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
         fields = self.u[f:], self.v[f:], self.sigma[f:], self.friction_work_rows[f:]
-        return Rows(*fields, self.point_u[k:], self.point_v[k:])
+        return Rows(*fields, self.point_u[k:], self.point_v[k:], self.joint_work[k:])
 
     def _filled(self) -> dict[str, FloatArray]:
         """Rows that are stored so far, by their names in `Run`."""
-        ends = 4 * [self.field_rows] + 2 * [self.rows]
+        ends = 4 * [self.field_rows] + 3 * [self.rows]
         return {n: getattr(self, n)[:end] for n, end in zip(Rows._fields, ends, strict=True)}
 
     def store(self, step: int, state: State) -> None:
@@ -237,6 +248,7 @@ class Recorder:
         if self.save.points and step % every == 0:
             k = self.rows
             self.point_u[k], self.point_v[k] = self.system.P @ state.u, self.system.P @ state.v
+            self.joint_work[k] = self.system.J @ self.friction_work
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
@@ -302,7 +314,8 @@ class Recorder:
 
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""
-        works = self.input_work, self.dissipated, [self.friction_work.sum()], self.peak
+        by_joint, total = self.system.J @ self.friction_work, [self.friction_work.sum()]
+        works = self.input_work, self.dissipated, total, by_joint, self.peak
         self.boundaries.append(np.concatenate(works))
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
         self.peak[:] = 0.0
@@ -310,8 +323,9 @@ class Recorder:
     def _cycles(self) -> Cycles:
         marks, k = np.array(self.boundaries), self.input_work.size
         works = marks[1:] - marks[:-1]
-        peak = marks[1:, k + 3 :]
-        return Cycles(works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2], peak)
+        end = k + 3 + len(self.system.joints)
+        sums = works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2]
+        return Cycles(*sums, marks[1:, end:], works[:, k + 3 : end])
 
     def finish(
         self,

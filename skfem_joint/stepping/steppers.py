@@ -189,6 +189,8 @@ class CompiledStepper(Stepper):
     def prepare(self, h: float) -> None:
         """Compile the loop, once in a process, and prepare a step of ``h``."""
         self.problem(self.start.coefficients(h))
+        joints = compressed(self.system.J)
+        self.joints = joints._replace(column=self.places.point[joints.column])
         if type(self) not in _READY:
             self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
             _READY.add(type(self))
@@ -214,6 +216,7 @@ class CompiledStepper(Stepper):
             tuple(self.loads),
             np.ascontiguousarray(amplitudes),
             tuple(self.observed),
+            tuple(self.joints),
             tuple(self.now),
             tuple(self.room),
             r.sums(),

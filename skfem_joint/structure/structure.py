@@ -383,8 +383,20 @@ class Structure(Nodes):
             points=tuple(rows),
             directions=contact.directions,
             T=new.forward,
+            J=self._shares(contact.w),
+            joints=tuple(joint.name for joint in self.joints),
             notes=notes,
         )
+
+    def _shares(self, w: FloatArray) -> sparse.csr_array:
+        """Part of the friction limit (N) of each contact point that each joint has, (joints, m)."""
+        patches = self.patches
+        points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
+        limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
+        joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
+        limits = np.where(w[points] > 0.0, limits, 1.0)
+        share = limits / np.bincount(points, limits, w.size)[points]
+        return sparse.csr_array((share, (joint, points)), shape=(len(patches), w.size))
 
 
 def _interleaved(blocks: Mapping[tuple[int, int], Any], dim: int) -> sparse.csr_array:

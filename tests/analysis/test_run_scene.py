@@ -27,10 +27,8 @@ from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.history import Errors
 from skfem_joint.analysis.study import (
     Study,
-    friction_energy_by_joint,
     friction_work,
     run_scene,
-    shared_work,
 )
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar, build_box
@@ -100,11 +98,16 @@ def test_energy_balances_close_and_joints_add_up(what: str, request: pytest.Fixt
         assert model.run.energy_residual < 1e-9
         friction = model.run.friction_work.sum()
         assert 0.0 < friction < model.run.input_work.sum()
-        by_joint = friction_energy_by_joint(results, model)
-        assert sum(by_joint.values()) == pytest.approx(friction, rel=1e-9)
+        by_joint = model.run.friction_energy
+        assert sum(by_joint.values()) == pytest.approx(friction, rel=1e-12)
+        run = model.run
+        assert run.joint_work[-1].tolist() == pytest.approx(list(by_joint.values()), rel=1e-12)
+        ends = run.joint_work[:: results.scene.cycle_steps].sum(axis=1)[1:]
+        assert ends == pytest.approx(run.cycles.friction.cumsum(), rel=1e-12)
+        assert run.cycles.by_joint.sum(axis=1) == pytest.approx(run.cycles.friction, rel=1e-12)
         work = friction_work(results, model)
         assert work.shape[1] == results.system.w.size
-        joints = work @ shared_work(results).T
+        joints = work @ results.system.J.T
         assert np.all(np.diff(joints, axis=0) >= -1e-9 * friction)
         assert joints[-1].tolist() == pytest.approx(list(by_joint.values()), rel=1e-9)
 
@@ -144,7 +147,7 @@ def test_two_joints_each_have_their_active_length_and_energy() -> None:
     assert length["left"] == pytest.approx(length["right"], rel=0.02)
     assert length["left"] == pytest.approx(0.5 * 150e3 / 1.75e6, rel=0.1)
     for one in results.models.values():
-        energy = friction_energy_by_joint(results, one)
+        energy = one.run.friction_energy
         assert energy["left"] == pytest.approx(energy["right"], rel=0.03)
 
 
@@ -445,7 +448,7 @@ def test_a_solid_is_run_by_the_same_functions() -> None:
     for model in results.models.values():
         assert model.fields()[0].shape == (5, 3 * results.structure.n_nodes)
         assert model.run.energy_residual < 1e-9
-        energy = friction_energy_by_joint(results, model)["front"]
+        energy = model.run.friction_energy["front"]
         assert energy == pytest.approx(model.run.friction_work.sum(), rel=1e-9)
     assert 0.0 < results.models["full"].active_area_fraction["front"] <= 1.0
     assert results.models["full"].active_length == {}

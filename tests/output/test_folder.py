@@ -22,6 +22,7 @@ from skfem_joint.scene import Scene
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 
+JOINTS = ("joint", "second")
 TIME = {"cycles": 3, "steps_per_cycle": 40}
 
 
@@ -30,8 +31,13 @@ def scene(*names: str, **tables: Any) -> Scene:
     strips = [("joint", 0.1, 10), ("arm", 0.1, 4), ("second", 0.1, 10)]
     bar = build_bar(strips, {"fixed": 0.0, "tip": 0.3})
     joints = [joint(name, pressure=8e6) for name in names or ("joint",)]
-    base = {"title": "a bar", "load": [harmonic("tip", 14e3, 1000.0)], "time": TIME}
-    return bar_scene("full", bar=bar, joint=joints, **(base | {"reduction": {}} | tables))
+    base = {
+        "title": "a bar",
+        "joint": joints,
+        "load": [harmonic("tip", 14e3, 1000.0)],
+        "time": TIME,
+    }
+    return bar_scene("full", bar=bar, **(base | {"reduction": {}} | tables))
 
 
 def plate_study() -> Study:
@@ -44,7 +50,7 @@ def plate_study() -> Study:
 @pytest.fixture(scope="module")
 def study() -> Study:
     """Full and reduced model of a bar with two joints."""
-    made = scene("joint", "second", output={"vtk": True, "frames": 60})
+    made = scene(*JOINTS, output={"vtk": True, "frames": 60})
     made = made.changed(models={"run": ("full", "reduced")}, reduction={"modes": 8})
     return run_scene(made)
 
@@ -88,6 +94,23 @@ def test_summary_holds_the_figures_of_the_runs(study: Study) -> None:
         works = friction + summary["viscous_work_J"] + summary["scheme_work_J"]
         stored = run.stored_energy[1] - run.stored_energy[0]
         assert summary["input_work_J"] == pytest.approx(works + stored, rel=1e-10)
+
+
+def test_each_joint_and_each_bolt_has_its_part() -> None:
+    """The bolt near the load slips, the far one sticks; what both lose is what the joint loses."""
+    at = [0.02, 0.08]
+    bolts = [{"at": [x, 0.0], "force": 20e3, "head_radius": 0.01} for x in at]
+    joints = [joint(pressure={"bolts": bolts}), joint("second", pressure=8e6, friction=0.1)]
+    content = report.summary(run_scene(scene(joint=joints)))
+    found = content["models"]["full"]["joints"]
+    far, near = found["joint"]["friction_energy_by_bolt_J"]
+    assert 0.0 <= far < 1e-3 * near
+    assert far + near == pytest.approx(found["joint"]["friction_energy_J"], rel=1e-12)
+    assert 0.0 < found["joint"]["slipping_fraction"] < 0.5 < found["second"]["slipping_fraction"]
+    assert 0.0 < found["joint"]["largest_slip_m"] < found["second"]["largest_slip_m"]
+    table = report.summary_table(content)
+    for words in ("friction energy of joint at bolt 2, J", "largest slip of second, mm"):
+        assert words in table
 
 
 def test_an_estimated_error_stands_by_quantity_and_source(study: Study) -> None:
@@ -134,7 +157,10 @@ def test_history_is_read_back_without_pickles(study: Study, tmp_path: Path) -> N
     report.write_history(tmp_path / "history.npz", runs)
     with np.load(tmp_path / "history.npz", allow_pickle=False) as file:
         parts = [f"{model}_tip_{what}" for model in runs for what in ("displacement", "velocity")]
+        parts += [f"{model}_{joint}_friction_energy" for model in runs for joint in JOINTS]
         assert set(file) == {"time", "load_0_tip", *parts}
+        energies = [file[f"reduced_{joint}_friction_energy"][-1] for joint in JOINTS]
+        assert sum(energies) == pytest.approx(runs["reduced"].friction_work.sum(), rel=1e-12)
         assert np.array_equal(file["time"], runs["full"].times)
         assert np.array_equal(file["load_0_tip"], runs["full"].amplitudes[:, 0])
         assert np.array_equal(file["reduced_tip_velocity"], runs["reduced"].point_v[:, 0])

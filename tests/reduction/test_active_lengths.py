@@ -11,7 +11,7 @@ from reduced_joints import EA, SPEED, case, case_i
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.reduction import active_length
-from skfem_joint.reduction.active_length import active_area_fraction, gross_slip, measured, slips
+from skfem_joint.reduction.active_length import active_fractions, gross_slip, measured, slips
 from skfem_joint.reduction.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.structure import Load, Structure
@@ -128,13 +128,14 @@ def test_active_area_counts_the_area_of_slipping_points() -> None:
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
     peak = np.zeros(system.w.size)
-    assert active_area_fraction(structure, system, peak, 0.0) == {"joint": 0.0}
+    assert active_fractions(structure, system, peak, 0.0) == ({"joint": 0.0}, {"joint": 0.0})
     peak[patch.points] = np.where(x > 0.125, 1e-4, 1e-8)
     # Nodes right of the middle: 19 whole columns and half a one, of 40.
-    found = active_area_fraction(structure, system, peak, 0.0)["joint"]
-    assert found == pytest.approx(19.5 / 40.0, rel=1e-12)
+    area, nodes = (part["joint"] for part in active_fractions(structure, system, peak, 0.0))
+    assert area == pytest.approx(19.5 / 40.0, rel=1e-12)
+    assert nodes == pytest.approx(20.0 / 41.0, rel=1e-12)
     peak[patch.points] = 1.0
-    held = active_area_fraction(structure, system, peak, 0.0)["joint"]
+    held = active_fractions(structure, system, peak, 0.0)[0]["joint"]
     assert held == pytest.approx(39.5 / 40.0, rel=1e-12)
 
 

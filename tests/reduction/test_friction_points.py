@@ -215,9 +215,10 @@ def test_points_of_other_laws_or_joints_are_not_merged() -> None:
     few, owner = merged(reduced, basis, 12)
     assert np.array_equal(few.beta[owner[basis.active]], reduced.beta[basis.active])
     assert set(few.beta) == {1e3, 1e5}
-    _, shares = merged_points(system.project(basis.V), basis.velocities, basis.active, 12, odd)
-    joints = shares @ odd.astype(float)
-    np.testing.assert_allclose(joints, np.round(joints), atol=1e-12)
+    two = replace(system.project(basis.V), J=np.stack([odd, 1.0 - odd]), joints=("odd", "even"))
+    J = merged_points(two, basis.velocities, basis.active, 12)[0].J
+    np.testing.assert_allclose(J, np.round(J), atol=1e-12)
+    np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
 
 def test_turned_slip_directions_give_turned_points() -> None:

@@ -100,8 +100,6 @@ def test_own_modes_of_a_structure_come_from_its_first_three_cycles() -> None:
     assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-7
     assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
     assert warn == ["reduction.active_length has no effect but beside reference = 'paper'."]
-    assert basis.group is not None
-    assert np.array_equal(np.flatnonzero(basis.group == 0), np.arange(system.w.size))
     with pytest.raises(InputError, match="must be 'static', 'self' or 'paper'"):
         make_basis(structure, system, Options(reference="other"), **steps, warn=warn)
 

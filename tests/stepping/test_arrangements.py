@@ -65,7 +65,7 @@ def test_each_system_gets_its_stepper() -> None:
     # Slip rows that depend on each other cannot all be unknowns.
     twice = sparse.csr_array(sparse.vstack([system.B, system.B[:2]]))
     more = replace(system, B=twice, w=np.append(system.w, [1.0, 1.0]), beta=np.full(12, 1e5),
-                   directions=np.ones(12, dtype=int))  # fmt: skip
+                   directions=np.ones(12, dtype=int), J=None, joints=())  # fmt: skip
     assert arranged(more).kind == "dense"
 
 
@@ -75,7 +75,7 @@ def test_slips_that_depend_on_each_other_in_a_large_system_are_refused(rows: int
     system = LapJoint(elements=600).system
     twice = sparse.csr_array(sparse.vstack([system.B[:rows], system.B[:1]]))
     more = replace(system, B=twice, w=np.append(system.w[:rows], 1.0), beta=np.full(rows + 1, 1e5),
-                   directions=np.ones(rows + 1, dtype=int))  # fmt: skip
+                   directions=np.ones(rows + 1, dtype=int), J=None, joints=())  # fmt: skip
     with pytest.raises(InputError, match="depend on each other"):
         integrate(more, step=1e-5, n_steps=1)
 
