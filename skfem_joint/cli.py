@@ -150,8 +150,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.description import describe
     from skfem_joint.scene import load_scene, load_sweep
     from skfem_joint.stepping.resolution import check_resolution
+    from skfem_joint.structure import doubts
 
     scene = load_scene(options.scene)
     system = scene.system()
@@ -161,45 +163,16 @@ def _check(options: argparse.Namespace) -> int:
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
-    _describe(scene)
+    found = describe(scene)
+    print("\n".join(found.facts))
+    notes = *scene.named_mesh.notes, *doubts(scene.structure(), system), *found.doubts
+    for note in dict.fromkeys(notes):
+        print(f"Note: {note}")
     if scene.sweep is not None:
         print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
     need = sum(memory.needed(scene).values())
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
-
-
-def _describe(scene: Scene) -> None:
-    """Say what bodies, joints and loads a scene has, and what looks wrong with them."""
-    from skfem_joint.structure import PressureTable, doubts
-
-    structure, system, mesh = scene.structure(), scene.system(), scene.named_mesh
-    bodies = int(mesh.body.max()) + 1
-    print(
-        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
-        f"{mesh.order}."
-    )
-    for patch in structure.patches:
-        joint = patch.joint
-        against = f" against {joint.against}" if joint.against else ""
-        text = (
-            f"Joint {joint.name}{against}: {patch.points.size} contact points, clamp force "
-            f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
-            f"{joint.friction * patch.normal_force.sum():.6g} N."
-        )
-        if isinstance(joint.pressure, PressureTable) and patch.nodes.size:
-            along = joint.pressure.along(structure.nodes[patch.nodes])
-            first = patch.nodes[along.argmin()]
-            place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
-            text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
-        print(text)
-    limit = float(system.w.sum())
-    for load in system.loads:
-        peak = load.amplitude.peak_value
-        if limit > 0.0 and peak is not None:
-            print(f"Load on {load.on}: {100.0 * peak / limit:.3g} % of the friction limit.")
-    for doubt in dict.fromkeys([*mesh.notes, *doubts(structure, system)]):
-        print(f"Note: {doubt}")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -235,6 +208,7 @@ def _run(options: argparse.Namespace) -> int:
             checkpoints.remove()
     if scene.title:
         print(f"{scene.title}\n")
+    print("\n".join(study.description.facts), end="\n\n")
     content = report.summary(study)
     for table in (report.summary_table(content), report.estimate_table(content)):
         print(table, end="\n\n")

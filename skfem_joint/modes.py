@@ -33,6 +33,26 @@ def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatAr
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
 
 
+def straining_modes(
+    K: Matrix, M: Matrix, held: IntArray, count: int = _LOOKED_AT
+) -> tuple[FloatArray, FloatArray]:
+    """Of the ``count`` lowest modes those that are no rigid motions: frequencies (Hz), (n, k).
+
+    The unknowns ``held`` do not move; none is left where they are all.
+    """
+    free = np.setdiff1d(np.arange(K.shape[0]), held)
+    if not free.size:
+        return np.zeros(0), np.zeros((K.shape[0], 0))
+    K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
+    small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
+    frequency, modes = natural_modes(K + small * M, M, count)
+    shifted = (2.0 * np.pi * frequency) ** 2
+    strains = shifted > 2.0 * small
+    shapes = np.zeros((held.size + free.size, int(strains.sum())))
+    shapes[free] = modes[:, strains]
+    return np.sqrt(shifted[strains] - small) / (2.0 * np.pi), shapes
+
+
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
     """What is wrong with a damping ratio beside other ways to give damping, by their names."""
     if not 0.0 < ratio < 1.0:
@@ -58,13 +78,8 @@ def rayleigh(
     InputError
         If nothing vibrates.
     """
-    free = np.setdiff1d(np.arange(K.shape[0]), stuck)
-    joints = "stuck" if free.size else "loose"
-    if free.size:
-        K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
-    small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
-    shifted = (2.0 * np.pi * natural_modes(K + small * M, M, _LOOKED_AT)[0]) ** 2
-    own = np.sqrt(shifted[shifted > 2.0 * small] - small) / (2.0 * np.pi)
+    joints = "stuck" if stuck.size < K.shape[0] else "loose"
+    own = straining_modes(K, M, stuck if joints == "stuck" else stuck[:0])[0]
     if not own.size:
         raise InputError(
             "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "

@@ -92,7 +92,7 @@ def test_help_and_wrong_usage(
 def test_check_loads_no_library_that_draws(scene: Write) -> None:
     code = (
         "import sys; from skfem_joint.cli import main; main(sys.argv[1:]); "
-        "print(sorted({'matplotlib', 'pyvista', 'vtk', 'numba'} & set(sys.modules)))"
+        "print(sorted({'matplotlib', 'pyvista', 'vtk'} & set(sys.modules)))"
     )
     check = [sys.executable, "-c", code, "check", str(scene())]
     ended = subprocess.run(check, capture_output=True, text=True, timeout=120, check=True)
@@ -107,7 +107,7 @@ def test_check_of_a_valid_scene_writes_nothing(
     assert cli.main(["check", str(path)]) == 0
     shown = capsys.readouterr()
     assert "valid. 200 unknowns, 100 contact points, 400 steps of 1e-05 s" in shown.out
-    assert "50 % of the friction limit" in shown.out
+    assert "of what makes the first joint slip as a whole" in shown.out
     assert shown.err == ""
     assert files_below(tmp_path) == ["scene.toml"]
 

@@ -191,7 +191,9 @@ def _curve(
     limit = path.limit(force)
     if slips_at is None:
         static = shape / (2.0 * np.pi * stuck) ** 2
-        slips_at = min(limit, _slips_at(path, force, static, groups, np.isinf(limit)))
+        slips_at = min(limit, first_slip(path, force, static, groups, np.isinf(limit)))
+        if np.isinf(slips_at):
+            raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
     level = shares * slips_at
     if level[-1] >= limit:
         raise InputError(
@@ -252,25 +254,27 @@ def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray
     return np.diff(np.vstack([state, states]), axis=0)
 
 
-def _slips_at(
+def first_slip(
     path: QuasiStatic,
     force: FloatArray,
     static: FloatArray,
     groups: Sequence[IntArray],
     raised: bool,
 ) -> float:
-    """Level at which the first joint slips as a whole.
+    """Multiple of ``force`` at which the first joint slips as a whole; ``inf``: none is loaded.
 
-    Where joints alone carry the load it is that at which the forces on a joint that sticks add up
-    to its limit; else the load is ``raised`` until one slips. A dense system, whose basis may not
-    slip so far, takes the first of these with the smallest forces that hold it.
+    ``static`` is what it does with all joints stuck, ``groups`` the points of each, all in the
+    unknowns of the path's system. Where joints alone carry the load it is that at which the forces
+    on a joint that sticks add up to its limit; else the load is ``raised`` until one slips. A dense
+    system, whose basis may not slip so far, takes the first of these with the smallest forces that
+    hold it.
     """
     system, held, dense = path.to.system, force - path.K @ static, path.to.kind == "dense"
     rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
     forces = system.slip_norm(np.asarray(rows, dtype=float))
     loaded = [group for group in groups if forces[group].sum() > 0.0]
     if not loaded:
-        raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
+        return np.inf
     nominal = min(float(system.w[group].sum() / forces[group].sum()) for group in loaded)
     if not raised:
         return nominal

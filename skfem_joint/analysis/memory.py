@@ -32,6 +32,7 @@ _OF_AN_ENTRY = 120  # bytes of what is assembled from, for each entry of an elem
 _OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
 # Entries of them for each unknown: share times this power of the unknowns, by dimension; measured.
 _FILL = {1: (3.0, 0.0), 2: (10.0, 0.3), 3: (2.2, 2.0 / 3.0)}
+_OF_MODES = 40  # vectors of the natural modes that are looked at, and what finds them
 _MOST_TIMES = 300  # of a run that a decomposition takes
 _PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
 # States of static paths, with increments, in general and under one harmonic; preliminary steps.
@@ -92,6 +93,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
 
     # Load amplitudes are made for a chunk of steps at a time.
     states = loads * (3 * n + 6 * min(scene.n_steps, 20_000, 2_000_000 // n + 1))
+    states += _OF_MODES * n
     estimated = 0
     if scene.accuracy.estimate:
         # A run with twice the step; of a reduced model residuals and their static response too.

@@ -14,6 +14,7 @@ import numpy as np
 from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
+from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.doubts import violated
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
@@ -108,9 +109,9 @@ class Model:
 class Study:
     """Results of a scene: the models that were run, and warnings as whole sentences.
 
-    ``system`` is that of the full model, ``met`` a reduced one that meets the accuracy asked for,
-    found in ``met_s`` seconds. Where the study was interrupted on purpose, the last model
-    may hold a part of its run.
+    ``system`` is that of the full model, ``description`` what the structure is, ``met`` a reduced
+    model that meets the accuracy asked for, found in ``met_s`` seconds. Where the study was
+    interrupted on purpose, the last model may hold a part of its run.
     """
 
     scene: Scene
@@ -121,6 +122,7 @@ class Study:
     interrupted: bool = False
     met: accuracy.Met | None = None
     met_s: float = 0.0
+    description: Description = field(default_factory=Description)
 
     @property
     def period(self) -> float:
@@ -152,7 +154,9 @@ def run_scene(
     """
     origin = "" if checkpoints is None else origin_of(scene)
     study = Study(scene, scene.structure(), scene.system())
+    study.description = describe(scene)
     study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
+    study.warnings += study.description.doubts
     if scene.accuracy.asked:
         study.scene = accuracy.followed(scene)
         if "reduced" in scene.models.run:  # tells the full one its step

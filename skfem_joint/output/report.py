@@ -58,6 +58,7 @@ def summary(study: Study) -> dict[str, Any]:
     """Content of ``summary.json``, all but the list of files."""
     return {
         "title": study.scene.title,
+        "structure": study.description.values,
         "models": {name: model_summary(study, model) for name, model in study.models.items()},
         "warnings": list(study.warnings),
     }

@@ -392,9 +392,7 @@ def march(
     seen_start, seen_column, seen_value = observed
     joint_start, joint_column, joint_value = joints
     input_work, dissipated, friction_work, peak, slip_peak = sums
-    stored_u, stored_v, stored_sigma, stored_work, stored_point_u, stored_point_v, stored_joint = (
-        stored
-    )
+    stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v, by_joint = stored
     right, image, y, change, drift, slip_change, slip_now, rubbed, farthest = room
     v_new, sigma_new = memory.velocity, memory.force
     n, m = u.size, rubbed.size
@@ -481,10 +479,9 @@ def march(
             if store:
                 stored_point_u[rows, k] = x
                 stored_point_v[rows, k] = rate
-        if store:
-            for k in range(joint_start.size - 1):
-                part = slice(joint_start[k], joint_start[k + 1])
-                stored_joint[rows, k] = weighted(joint_value[part], joint_column[part], rubbed)
+        for k in range(joint_start.size - 1 if store else 0):
+            part = slice(joint_start[k], joint_start[k + 1])
+            by_joint[rows, k] = weighted(joint_value[part], joint_column[part], rubbed)
         rows += store
         if stored_u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
             for i in range(n):
@@ -493,7 +490,7 @@ def march(
             for j in range(row_place.size):
                 stored_sigma[field_rows, j] = sigma[row_place[j]]
             for j in range(point_place.size):
-                stored_work[field_rows, j] = rubbed[point_place[j]]
+                worked[field_rows, j] = rubbed[point_place[j]]
             field_rows += 1
     for j in range(point_place.size):
         friction_work[j] = rubbed[point_place[j]]

@@ -28,6 +28,11 @@ _SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
 _PRESSED = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}
 # A body so many times longer than thick was probably drawn in other units; so was one as short.
 _LONGEST, _SHORTEST = 2000.0, 0.1
+# Least and most that is usual of a property, its unit, and what steel has; the same of others.
+_USUAL = {"E": (1e6, 2e12, "Pa", "2e11"), "density": (5.0, 3e4, "kg/m3", "7850")}
+_PRESSURES, _MOST_FRICTION, _SIZES = (1e3, 1e10), 2.0, (1e-3, 100.0)
+# Fewest elements that carry a wave.
+_PER_WAVELENGTH = 6
 # A bolt's ring on fewer contact points is poorly resolved; share of it that is told as not whole.
 _FEWEST_POINTS, _WHOLE_RING = 12, 0.99
 
@@ -246,26 +251,22 @@ def _rigid_motions(structure: Structure) -> FloatArray:
     return motions
 
 
-def loose_bodies(structure: Structure) -> list[str]:
-    """Bodies left with a rigid motion by supports, closed contact and friction, in words."""
+def loose_bodies(structure: Structure, friction: bool = True) -> list[str]:
+    """Bodies left with a rigid motion by supports, closed contact and ``friction``, in words."""
     motions = _rigid_motions(structure)
     rows = [motions[structure.held]]
     for patch in structure.patches:
         relative = np.moveaxis(patch.relative(np.moveaxis(motions, 2, 0)), 0, -1)
         if patch.normal is not None:
             rows.append(np.einsum("kc,kcm->km", patch.normal, relative))
-        if patch.joint.friction > 0.0:
+        if friction and patch.joint.friction > 0.0:
             held = np.einsum("kdc,kcm->kdm", patch.directions, relative)
             rows.append(held.reshape(-1, motions.shape[2]))
     gram = sum(row.T @ row for row in rows)
     squares, vectors = np.linalg.eigh(gram / structure.n_nodes)
     loose = np.abs(vectors[:, squares < SMALL**2 + 1e-13 * squares.max(initial=0.0)])
     moving = loose.reshape(structure.mesh.body.max() + 1, -1).max(axis=1, initial=0.0) > 1e-6
-    return [
-        f"{_body_label(structure.mesh, body)} is left unsupported: it can move or turn freely; "
-        "hold it by a support, or by a joint with friction on a body that is held"
-        for body in np.flatnonzero(moving).tolist()
-    ]
+    return [_body_label(structure.mesh, body) for body in np.flatnonzero(moving).tolist()]
 
 
 def _body_label(mesh: NamedMesh, body: int) -> str:
@@ -282,30 +283,74 @@ def _body_label(mesh: NamedMesh, body: int) -> str:
 
 
 def doubts(structure: Structure, system: System) -> list[str]:
-    """Sentences about size, loads, and joints: what is allowed but looks like a slip."""
-    found = list(system.notes)
-    size = float(np.ptp(structure.nodes, axis=0).max())
-    thickness = structure.properties["thickness"].min() if structure.thickness else None
-    if thickness is not None and not _SHORTEST < size / thickness < _LONGEST:
-        found.append(
-            f"The structure is {size:.4g} m long and {thickness:.4g} m thick: is the mesh in "
-            "metres? mesh.scale = 1e-3 reads one in millimetres."
-        )
-    limit = float(system.w.sum())
-    for load in system.loads:
-        peak = load.amplitude.peak_value
-        if peak is not None and 0.0 < limit < abs(peak):
-            found.append(
-                f"The load on {load.on} reaches {abs(peak):.4g} N, more than all joints can hold "
-                f"by friction, {limit:.4g} N: they may slip as a whole."
-            )
+    """Sentences about values, size, loads and joints: what is allowed but looks like a slip."""
+    found = [*system.notes, *_unusual(structure), *_waves(structure, system)]
+    if not structure.patches:
+        found.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
-        name = patch.joint.name
+        joint = patch.joint
         if not np.any(system.w[patch.points] > 0.0):
-            found.append(f"Joint '{name}' carries no friction: its pressure or friction is zero.")
-        if isinstance(patch.joint.pressure, Bolts):
-            found += _bolt_doubts(structure, patch, patch.joint.pressure)
+            found.append(
+                f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
+            )
+        if isinstance(joint.pressure, Bolts):
+            found += _bolt_doubts(structure, patch, joint.pressure)
     return found
+
+
+def _unusual(structure: Structure) -> Iterator[str]:
+    """Sentences about values that no structure has in SI units."""
+    for name, (least, most, unit, steel) in _USUAL.items():
+        values = structure.properties[name]
+        if not least <= values.min() <= values.max() <= most:
+            worst = values.min() if values.min() < least else values.max()
+            yield f"material.{name} is {worst:.4g} {unit}; steel has {steel}: is it in {unit}?"
+    for patch in structure.patches:
+        force, area = patch.clamping_force, float(patch.area.sum()) + patch.held_area
+        if force > 0.0 and not _PRESSURES[0] <= force / area <= _PRESSURES[1]:
+            yield (
+                f"Joint '{patch.joint.name}' is pressed by {force / area:.4g} Pa; bolts press by "
+                "1e6 to 1e9 Pa: is it in Pa?"
+            )
+        if patch.joint.friction > _MOST_FRICTION:
+            yield (
+                f"Joint '{patch.joint.name}' has a coefficient of friction of "
+                f"{patch.joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
+            )
+    size = float(np.ptp(structure.nodes, axis=0).max())
+    across = {name: getattr(structure, name) for name in _SECTION[structure.dim]}
+    across = {name: structure.properties[name].min() for name, value in across.items() if value}
+    ratios = [size / extent for extent in across.values()]
+    if not _SIZES[0] <= size <= _SIZES[1] or not all(_SHORTEST < r < _LONGEST for r in ratios):
+        words = {"width": "wide", "thickness": "thick"}
+        also = "".join(f", {extent:.4g} m {words[name]}" for name, extent in across.items())
+        yield (
+            f"The structure is {size:.4g} m long{also}: is the mesh in metres? mesh.scale = 1e-3 "
+            "reads one in millimetres; sections are in metres too."
+        )
+
+
+def per_wavelength(structure: Structure, frequency: float) -> tuple[float, float]:
+    """Speed (m/s) of the slowest bulk wave, and the fewest elements in its length at a frequency.
+
+    An element of second order counts as two.
+    """
+    stretching, shear = structure.lame()
+    speed = np.sqrt((shear if shear.any() else stretching) / structure.properties["density"])
+    size = np.ptp(structure.mesh.mesh.p[:, structure.mesh.mesh.t], axis=1).max(axis=0)
+    return float(speed.min()), float((structure.mesh.order * speed / (frequency * size)).min())
+
+
+def _waves(structure: Structure, system: System) -> Iterator[str]:
+    """Sentence about elements that do not carry the waves of the loads."""
+    frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
+    fewest = per_wavelength(structure, frequency)[1] if frequency > 0.0 else np.inf
+    if fewest < _PER_WAVELENGTH:
+        yield (
+            f"There are {fewest:.2g} elements in the length of the slowest wave at {frequency:.5g} "
+            f"Hz, the highest frequency of the loads; {_PER_WAVELENGTH} are the least: refine the "
+            "mesh, or check frequency, rise_time, E and density."
+        )
 
 
 def _bolt_doubts(structure: Structure, patch: Patch, bolts: Bolts) -> Iterator[str]:

@@ -140,7 +140,12 @@ class Structure(Nodes):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if problems := checks.problems_of(self):
             raise InputError(problems)
-        if not self.free and (problems := checks.loose_bodies(self)):
+        if not self.free and (bodies := checks.loose_bodies(self)):
+            problems = [
+                f"{body} is left unsupported: it can move or turn freely; hold it by a support, or "
+                "by a joint with friction on a body that is held"
+                for body in bodies
+            ]
             raise InputError(problems)
 
     @cached_property
@@ -162,7 +167,7 @@ class Structure(Nodes):
         """Extent across the mesh: area of the section (m2), thickness (m) or 1, (elements,)."""
         return self.properties["width"] * self.properties["thickness"]
 
-    def _lame(self) -> tuple[FloatArray, FloatArray]:
+    def lame(self) -> tuple[FloatArray, FloatArray]:
         """Constants lambda and mu of the form of this dimension, Pa, (elements,) each."""
         E, nu = self.properties["E"], self.properties["poisson"]
         if self.dim == 1:
@@ -248,7 +253,7 @@ class Structure(Nodes):
 
         Assembled by scalar blocks ``integral of d_k phi d_l psi``.
         """
-        first, second = (constant * self.across for constant in self._lame())
+        first, second = (constant * self.across for constant in self.lame())
         dims = range(self.dim)
         mass = self._block(self.properties["density"] * self.across)
         if self.mass == "lumped":

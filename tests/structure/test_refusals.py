@@ -227,7 +227,6 @@ def test_a_sound_structure_raises_no_doubt() -> None:
     [
         (pressed(), {"thickness": 1e-5}, "is the mesh in metres"),
         (pressed(), {"thickness": 10.0}, "is the mesh in metres"),
-        (pressed(), {"force": 30e3}, "more than all joints can hold by friction, 2.8e\\+04 N"),
         (pressed(friction=0.0), {}, "Joint 'joint' carries no friction"),
         (bolted((0.003, 0.025)), {}, "of its ring on the joint"),
         (bolted((0.05, 0.025)), {"elements": 8}, "refine the mesh"),

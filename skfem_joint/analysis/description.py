@@ -1,0 +1,242 @@
+"""What a scene's structure is and does under its loads at rest and stuck: told before it is run.
+
+The stuck structure vibrates in its lowest modes, each of which follows the loads exactly where they
+are straight between steps; what the modes leave out follows at once. At the time of its largest
+strain energy, loads and inertia together are what the joints have to hold. How much of that makes
+the first joint slip as a whole is found by limit analysis, so that moments count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import sparse
+from scipy.signal import cont2discrete, lfilter
+
+from skfem_joint.analysis.asked import TO_STEADY
+from skfem_joint.analysis.backbone import first_slip
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import JointError
+from skfem_joint.modes import straining_modes
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.schemes import factorised
+from skfem_joint.structure import PressureTable, Structure
+from skfem_joint.structure.checks import loose_bodies, per_wavelength
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.scene import Scene
+
+#: Frequencies that are shown; steps over which the stuck structure is followed.
+SHOWN, MOST_STEPS = 3, 5_000
+#: Strains, and displacements over the structure's length, that are not small.
+LARGE_STRAIN, LARGE = 0.01, 0.1
+#: Share of the mass that is added to a stiffness which leaves rigid motions.
+_SHIFT, _TOLERANCE = 1e-9, 1e-6
+
+
+@dataclass
+class Description:
+    """Facts about a structure and doubts about it, as whole sentences, and its figures by name."""
+
+    facts: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def describe(scene: Scene) -> Description:
+    """What a scene's structure is, and what it does under the peaks of its loads.
+
+    Quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What cannot be
+    found is said.
+    """
+    structure, system = scene.structure(), scene.system()
+    found = Description(list(_parts(structure)))
+    size = np.ptp(structure.positions, axis=0)
+    mass = float(
+        structure.basis.dx.sum(axis=1) @ (structure.properties["density"] * structure.across)
+    )
+    found.values |= {"mass_kg": mass, "length_m": float(size.max())}
+    extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
+    found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+    try:
+        _moves(scene, structure, system, found)
+    except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
+        found.doubts.append(
+            f"What the structure does under its loads at rest is not known: {error}"
+        )
+    return found
+
+
+def _parts(structure: Structure) -> Iterator[str]:
+    """Sentences about bodies and joints."""
+    mesh = structure.mesh
+    bodies = int(mesh.body.max()) + 1
+    yield (
+        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
+        f"{mesh.order}."
+    )
+    for patch in structure.patches:
+        joint = patch.joint
+        against = f" against {joint.against}" if joint.against else ""
+        text = (
+            f"Joint {joint.name}{against}: {patch.points.size} contact points, clamp force "
+            f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
+            f"{joint.friction * patch.normal_force.sum():.6g} N."
+        )
+        if isinstance(joint.pressure, PressureTable) and patch.nodes.size:
+            along = joint.pressure.along(structure.nodes[patch.nodes])
+            first = patch.nodes[along.argmin()]
+            place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
+            text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
+        yield text
+    for body in loose_bodies(structure, friction=False):
+        yield f"Friction alone holds {body}: it may slip away, and creeps under the arctan law."
+
+
+def _moves(scene: Scene, structure: Structure, system: System, found: Description) -> None:
+    """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
+    facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
+    acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
+    held = sparse.csr_array(system.B).indices[acting]
+    stuck = straining_modes(system.K, system.M, held)
+    loose = straining_modes(system.K, system.M, no_unknowns)[0] if held.size else stuck[0]
+    values["frequencies_stuck_Hz"] = stuck[0][:SHOWN].tolist()
+    values["frequencies_loose_Hz"] = loose[:SHOWN].tolist()
+    text = f"First natural frequencies beside rigid motions: {_listed(loose)}"
+    if held.size:
+        text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck"
+    facts.append(f"{text}.")
+    frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
+    if frequency > 0.0:
+        speed, count = per_wavelength(structure, frequency)
+        values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
+        facts.append(
+            f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
+            f"{frequency:.5g} Hz, the highest frequency of the loads."
+        )
+    static, dynamic, amplified, followed = _forces(scene, system, held, stuck)
+    if not system.loads or not np.any(static):
+        return
+    if not held.size:
+        _displaced(structure, system, _solve(system, static, no_unknowns), found)
+        return
+    to = arranged(system)
+    path = QuasiStatic(to.system, _TOLERANCE)
+    _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
+    groups = [patch.points for patch in structure.patches if np.any(system.w[patch.points] > 0.0)]
+    force = to.force(dynamic)
+    level = path.limit(force)
+    if np.isinf(level):  # supports hold too
+        level = first_slip(path, force, to.inner(followed), groups, True)
+    share = 1.0 / level
+    values |= {
+        "friction_limit_N": float(system.w.sum()),
+        "amplification": amplified,
+        "load_over_limit": share,
+    }
+    inertia = "" if amplified is None else f", amplified by {amplified:.4g} as the joints stick"
+    facts.append(
+        f"The loads at their peak{inertia} come to {100.0 * share:.3g} % of what makes the first "
+        f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
+    )
+    if share > 1.0:
+        found.doubts.append(
+            f"The loads with what they set in motion come to {share:.3g} times what the joints can "
+            "hold by friction: a joint slips as a whole."
+        )
+
+
+def _displaced(structure: Structure, system: System, u: FloatArray, found: Description) -> None:
+    """Add what is displaced and strained under static loads, and whether that is small."""
+    length = found.values["length_m"]
+    moved = np.abs(np.asarray(system.P @ u))
+    names = dict.fromkeys(load.on for load in system.loads)
+    by_load = {name: float(moved[system.points.index(name)]) for name in names}
+    full = structure.expand(u)
+    strain, largest = _strain(structure, full), float(np.linalg.norm(full, axis=1).max())
+    found.values |= {"static_displacement_m": by_load, "static_strain": strain}
+    shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
+    found.facts.append(
+        f"Under the peak of the loads at rest, over the length of {length:.4g} m: {shown}; largest "
+        f"strain {strain:.2g}."
+    )
+    cure = "are loads, stiffness, section and supports right?"
+    if largest > LARGE * length:
+        found.doubts.append(
+            f"The loads at rest move the structure by {largest:.3g} m, more than a tenth of its "
+            f"{length:.3g} m: {cure}"
+        )
+    if strain > LARGE_STRAIN:
+        found.doubts.append(
+            f"The loads at rest strain the structure by {100.0 * strain:.3g} %, more than metals "
+            f"bear elastically: {cure}"
+        )
+
+
+def _strain(structure: Structure, displacement: FloatArray) -> float:
+    """Largest mean strain (norm of the tensor) of an element, displacements being (N, dim)."""
+    basis = structure.basis
+    slopes = np.array([basis.interpolate(part).grad for part in displacement.T])
+    mean = (slopes * basis.dx).sum(axis=-1) / basis.dx.sum(axis=-1)
+    return float(np.sqrt((0.25 * (mean + mean.swapaxes(0, 1)) ** 2).sum(axis=(0, 1))).max())
+
+
+def _forces(
+    scene: Scene, system: System, held: Any, modes: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray, float | None, FloatArray]:
+    """Loads, and loads with inertia, (n,), N, at the times at which they strain most while stuck.
+
+    Also how much more the second strain (root of energy; None: nothing strains), and by what.
+    """
+    F, frequency, shapes = system.load_vectors(), *modes
+    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
+    h = scene.time_step
+    amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
+    follow = np.stack([_solve(system, f, held) for f in F.T], axis=1) if F.size else F
+    omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
+    damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
+    extra = [
+        _answer(w, c, h, row @ amplitudes)
+        for w, c, row in zip(omega, damping, participation, strict=True)
+    ]
+    both = np.hstack([follow, shapes])
+    x = np.vstack([amplitudes, *extra])
+    G, k = both.T @ (system.K @ both), len(amplitudes)
+    energy = np.einsum("it,ij,jt->t", x, G, x)
+    at_rest = np.einsum("it,ij,jt->t", amplitudes, G[:k, :k], amplitudes)
+    strains = at_rest.max(initial=0.0) > 0.0
+    first, then = (at_rest, energy) if strains else 2 * [(amplitudes**2).sum(axis=0)]
+    most = x[:, int(then.argmax())]
+    static = F @ amplitudes[:, int(first.argmax())]
+    dynamic = F @ most[:k] + system.M @ (shapes @ (omega**2 * most[k:]))
+    amplified = float(np.sqrt(energy.max() / at_rest.max())) if strains else None
+    return static, dynamic, amplified, both @ most
+
+
+def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:
+    """What a mode moves beyond following its force (N) at once, at steps of ``h`` from rest."""
+    plain = [1.0], [1.0, damping, omega**2]
+    numerator, denominator, _ = cont2discrete(plain, h, "foh")
+    return np.asarray(lfilter(numerator.ravel(), denominator, force) - force / omega**2)
+
+
+def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
+    """Static displacement, (n,), m, with some unknowns held; rigid motions are held a little."""
+    free = np.setdiff1d(np.arange(system.n), held)
+    u = np.zeros(system.n)
+    if free.size:
+        K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
+        shift = _SHIFT * float(K.diagonal().sum() / M.diagonal().sum()) if not held.size else 0.0
+        u[free] = factorised(K + shift * M)(force[free])
+    return u
+
+
+def _listed(frequencies: FloatArray) -> str:
+    return (
+        ", ".join(f"{f:.5g}" for f in frequencies[:SHOWN]) + " Hz" if frequencies.size else "none"
+    )

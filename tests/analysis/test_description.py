@@ -1,0 +1,103 @@
+"""What a structure is said to be: closed forms, and what is implausible."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_scenes import BARS, MU, THICKNESS, WIDTH, bar_scene, harmonic, joint, plate_scene
+
+from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.scene import Scene, load_scene
+from skfem_joint.structure import doubts
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
+STEEL = {"E": 200e9, "density": 8000.0}
+STRIPS, POINTS = BARS["structure"]
+IN_MILLIMETRES = build_bar(
+    [(name, 1e3 * x, n) for name, x, n in STRIPS], {name: 1e3 * x for name, x in POINTS.items()}
+)
+
+
+def said(scene: Scene) -> list[str]:
+    return [*doubts(scene.structure(), scene.system()), *describe(scene).doubts]
+
+
+def test_a_bar_has_the_figures_of_its_closed_forms() -> None:
+    """Stuck, 0.5 m are left of it; the force at its end is amplified by 1 / cos(k 0.5 m)."""
+    values = describe(bar_scene()).values
+    c, area, force, limit = 5000.0, WIDTH * THICKNESS, 87.5e3, MU * 50e6 * WIDTH * 0.1
+    assert values["mass_kg"] == pytest.approx(8000.0 * area * 0.6, rel=1e-12)
+    for name, length in (("stuck", 0.5), ("loose", 0.6)):
+        expected = [(2 * k + 1) * c / (4 * length) for k in range(3)]
+        assert values[f"frequencies_{name}_Hz"] == pytest.approx(expected, rel=1e-3)
+    assert values["elements_per_wavelength"] == pytest.approx(c / 500.0 / 5e-3, rel=1e-9)
+    # Slip over F / tau, of mean strain F / 2 EA, and the bar beyond the joint.
+    slipping = force / (limit / 0.1)
+    moved = force / (200e9 * area) * (0.5 * slipping + 0.5)
+    assert values["static_displacement_m"]["free_end"] == pytest.approx(moved, rel=0.01)
+    assert values["static_strain"] == pytest.approx(force / (200e9 * area), rel=0.01)
+    dynamic = force / np.cos(2 * np.pi * 500.0 * 0.5 / c)
+    assert values["load_over_limit"] == pytest.approx(dynamic / limit, rel=5e-3)
+
+
+@pytest.mark.parametrize("law", ["coulomb", "arctan"])
+def test_moments_count_and_friction_alone_may_hold_a_body(law: str) -> None:
+    """A narrow strip of length L under a force F at a distance a from its middle turns.
+
+    About a point c beyond the middle: F = 2 t c and F a = t (L²/4 - c²), t the limit by length.
+    """
+    length, width, limit = 0.1, 0.005, 100.0
+    arm = build_plate([("joint", length, 60), ("rest", length, 20)], width, 2)
+    pressed = {"on": "joint", "pressure": limit / (MU * length * width), "friction": MU, "law": law}
+    scene = plate_scene(
+        "full",
+        mesh=arm,
+        joint=[pressed],
+        support={},
+        load=[harmonic("right", 0.1 * limit, 1.0) | {"direction": [0.0, 1.0]}],
+        time={"cycles": 1, "steps_per_cycle": 40},
+    )
+    found = describe(scene)
+    a, half = 1.5 * length, 0.5 * length
+    turns_at = 2.0 * limit / length * (np.hypot(a, half) - a)
+    assert found.values["load_over_limit"] == pytest.approx(0.1 * limit / turns_at, rel=0.02)
+    assert "Friction alone holds the body with the regions 'joint', 'rest'" in "\n".join(
+        found.facts
+    )
+    assert run_scene(scene).models["full"].run.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_sound_scenes_raise_no_doubt(path: Path) -> None:
+    assert said(load_scene(path)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"material": STEEL | {"E": 200e3}}, r"material\.E is 2e\+05 Pa"),
+        ({"material": STEEL | {"E": 200.0}}, r"material\.E is 200 Pa"),
+        ({"material": STEEL | {"density": 7.85e-9}}, r"material\.density is 7\.85e-09 kg/m3"),
+        ({"joint": [joint(pressure=30.0)]}, "pressed by 30 Pa"),
+        ({"joint": [joint(friction=30.0)]}, "is it in percent"),
+        ({"section": {"width": 30.0, "thickness": 0.01}}, "0.6 m long, 30 m wide"),
+        ({"bar": IN_MILLIMETRES}, "600 m long"),
+        ({"load": [harmonic(amplitude=1.5e6)]}, r"strain the structure by 1\.\d* %"),
+        ({"load": [harmonic(amplitude=2e7)]}, "more than a tenth of its 0.6 m"),
+        ({"load": [harmonic(amplitude=2e5)]}, r"1\.\d* times what the joints can hold"),
+        ({"load": [harmonic(frequency=200e3)]}, "elements in the length of the slowest wave"),
+        ({"joint": [joint(pressure=0.0)]}, "carries no friction"),
+        ({"joint": []}, "There is no joint"),
+    ],
+)  # fmt: skip
+def test_what_is_implausible_is_said_and_runs(changes: dict[str, Any], sentence: str) -> None:
+    scene = bar_scene("full", **({"time": {"cycles": 1}} | changes))
+    notes = said(scene)
+    assert any(re.search(sentence, note) for note in notes)
+    assert set(notes) <= set(run_scene(scene).warnings)
