@@ -24,6 +24,7 @@ from scene_texts import with_changes
 from skfem_joint import __version__, cli
 from skfem_joint.analysis import study
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parent.parent
 Write = Callable[..., Path]
@@ -124,6 +125,10 @@ def test_run_writes_what_the_scene_asks_for(scene: Write, tmp_path: Path, capsys
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert len(summary["warnings"]) >= 2
     assert all(f"Note: {sentence}" in shown.out for sentence in summary["warnings"])
+    found = study.run_scene(load_scene(path))
+    assert found.warnings == summary["warnings"]
+    assert all(fact in shown.out for fact in found.description.facts)
+    assert summary["structure"] == found.description.values
     assert set(summary["models"]) == {"full", "reduced"}
     for model in summary["models"].values():
         assert model["steps"] == 400
