@@ -20,10 +20,10 @@ from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import JointError
+from skfem_joint.factors import factorised
 from skfem_joint.modes import straining_modes
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.schemes import factorised
 from skfem_joint.structure import PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
