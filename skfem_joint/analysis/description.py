@@ -158,7 +158,9 @@ def _displaced(structure: Structure, system: System, u: FloatArray, found: Descr
     names = dict.fromkeys(load.on for load in system.loads)
     by_load = {name: float(moved[system.points.index(name)]) for name in names}
     full = structure.expand(u)
-    strain, largest = _strain(structure, full), float(np.linalg.norm(full, axis=1).max())
+    largest, slope = float(np.linalg.norm(full, axis=1).max()), structure.gradient(full)
+    strains = 0.5 * (slope + slope.swapaxes(1, 2))  # means of the elements
+    strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
     found.values |= {"static_displacement_m": by_load, "static_strain": strain}
     shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
     found.facts.append(
@@ -176,14 +178,6 @@ def _displaced(structure: Structure, system: System, u: FloatArray, found: Descr
             f"The loads at rest strain the structure by {100.0 * strain:.3g} %, more than metals "
             f"bear elastically: {cure}"
         )
-
-
-def _strain(structure: Structure, displacement: FloatArray) -> float:
-    """Largest mean strain (norm of the tensor) of an element, displacements being (N, dim)."""
-    basis = structure.basis
-    slopes = np.array([basis.interpolate(part).grad for part in displacement.T])
-    mean = (slopes * basis.dx).sum(axis=-1) / basis.dx.sum(axis=-1)
-    return float(np.sqrt((0.25 * (mean + mean.swapaxes(0, 1)) ** 2).sum(axis=(0, 1))).max())
 
 
 def _forces(

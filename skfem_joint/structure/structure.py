@@ -289,14 +289,18 @@ class Structure(Nodes):
         dx = self.basis.dx / self.basis.dx.sum(axis=1, keepdims=True)
         return np.array([np.sum(one.grad * dx, axis=2) for (one,) in self.basis.basis])
 
+    def gradient(self, displacement: FloatArray) -> FloatArray:
+        """Mean gradient of displacements (N, dim) in each element, (elements, dim, dim)."""
+        u = displacement[self.basis.element_dofs]
+        return np.asarray(np.einsum("aek,ale->ekl", u, self._mean_gradients))
+
     def stress(self, displacement: FloatArray) -> FloatArray:
         """Elastic stress in space from the displacement of all nodes, (N, dim).
 
         Mean of each element: XX, YY, ZZ, XY, YZ and XZ in the columns, (elements, 6), Pa.
         """
-        u = displacement[self.basis.element_dofs]
-        gradient = np.einsum("aek,ale->ekl", u, self._mean_gradients)
-        first, second = self._lame()
+        gradient = self.gradient(displacement)
+        first, second = self.lame()
         volume = first * np.trace(gradient, axis1=1, axis2=2)
         shear = second[:, None, None] * (gradient + gradient.transpose(0, 2, 1))
         inside = volume[:, None, None] * np.eye(self.dim) + shear
