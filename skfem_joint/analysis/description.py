@@ -103,8 +103,8 @@ def _moves(scene: Scene, structure: Structure, system: System, found: Descriptio
     facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
+    loose = straining_modes(system.K, system.M, no_unknowns)[0]
     stuck = straining_modes(system.K, system.M, held)
-    loose = straining_modes(system.K, system.M, no_unknowns)[0] if held.size else stuck[0]
     values["frequencies_stuck_Hz"] = stuck[0][:SHOWN].tolist()
     values["frequencies_loose_Hz"] = loose[:SHOWN].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose)}"

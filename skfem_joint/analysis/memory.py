@@ -32,7 +32,7 @@ _OF_AN_ENTRY = 120  # bytes of what is assembled from, for each entry of an elem
 _OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
 # Entries of them for each unknown: share times this power of the unknowns, by dimension; measured.
 _FILL = {1: (3.0, 0.0), 2: (10.0, 0.3), 3: (2.2, 2.0 / 3.0)}
-_OF_MODES = 40  # vectors of the natural modes that are looked at, and what finds them
+_OF_MODES = 60  # vectors of the natural modes that are looked at, and what finds them
 _MOST_TIMES = 300  # of a run that a decomposition takes
 _PROBE_STEPS, _PROBE_NUMBERS = 400, 20_000_000  # of a cycle of a probe run; of what it stores
 # States of static paths, with increments, in general and under one harmonic; preliminary steps.
