@@ -372,7 +372,7 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
         for curve in curves:
             one, own, parts, begin = curve, system, joints, start
             if name == "reduced":
-                V, own, parts = _reduced(scene, system, curve, joints, found.warnings)
+                V, own, parts = _reduced(scene, system, curve, found.warnings)
                 levels = asked.levels, asked.up_to
                 (one,) = backbone(own, (curve.mode,), *levels, parts, curve.slips_at)
                 if start is not None:
@@ -394,7 +394,6 @@ def _reduced(
     scene: Scene,
     system: System,
     curve: Backbone,
-    joints: Mapping[str, IntArray],
     warn: list[str],
 ) -> tuple[FloatArray, System, dict[str, IntArray]]:
     """Basis and reduced system for a mode, and which of its friction points each joint has."""
@@ -409,18 +408,16 @@ def _reduced(
     stuck = stuck_modes(system, number + beside)[1]
     frequency = curve.stuck_frequency
     basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-    group = np.zeros(system.w.size, dtype=np.intp)
-    for k, points in enumerate(joints.values()):
-        group[points] = k
-    small, shares = reduced_system(
+    small, _ = reduced_system(
         system,
-        replace(basis, group=group),
+        basis,
         friction_points=options.friction_points,
         beta=options.beta,
         periodic=False,
         warn=warn,
     )
-    parts = {name: np.unique(shares[:, points].nonzero()[0]) for name, points in joints.items()}
+    own = (np.flatnonzero(row) for row in sparse.csr_array(small.J).toarray())
+    parts = dict(zip(small.joints, own, strict=True))
     return basis.V, small, parts
 
 
