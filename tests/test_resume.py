@@ -167,7 +167,8 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
         output.write(study.run_scene(scene), whole)
     # Chunks end where the time is up: they must not show in the results.
     with Patch.context() as patch:
-        patch.setattr("skfem_joint.stepping.integrate.MOST_STEPS_IN_A_CHUNK", 5)
+        patch.setattr("skfem_joint.stepping.integrate.CHUNK_S", 1e-9)
+        patch.setattr("skfem_joint.stepping.steppers.CompiledStepper.most_at_once", 5)
         with pytest.raises(KilledError), output.prepare(scene, out):
             study.run_scene(scene, kill, Checkpoints(out, every=1))
     with output.prepare(scene, out):

@@ -339,14 +339,14 @@ class Report:
         return "\n\n".join(parts) + "\n"
 
     def write(self, folder: Path) -> list[Path]:
-        """Write ``error-time.md``, ``.csv`` and two pictures into a folder that exists."""
-        files = [folder / f"error-time.{suffix}" for suffix in ("md", "csv", "png")]
+        """Write `FILES`, a page, a table and two pictures, into a folder that exists."""
+        files = [folder / name for name in FILES]
         for file, text in zip(files[:2], (self.markdown(), self.csv()), strict=True):
             with replacing(file) as temporary:
                 temporary.write_text(text, encoding="utf-8")
         self.draw(files[2])
-        self.draw(folder / "total-time.png", total=True)
-        return [*files, folder / "total-time.png"]
+        self.draw(files[3], total=True)
+        return files
 
     def draw(self, path: Path, total: bool = False) -> None:
         """Draw error against run time with the fronts, in ``total`` with off-line time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,9 @@ from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.response import HARMONICS
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
-from skfem_joint.output.folder import SUMMARY
+from skfem_joint.output.folder import write_summary
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
-from skfem_joint.output.report import write_csv, write_json
+from skfem_joint.output.report import write_csv
 from skfem_joint.reduction.zones import measured_lengths
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.response import Curve
     from skfem_joint.analysis.scene_response import SceneResponse
     from skfem_joint.structure import Structure
+
+Rows = Sequence[Sequence[Any]]
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
 _LINES, _DOTS = {"full": "-", "reduced": "--"}, {"full": ".", "reduced": "x"}
@@ -51,7 +53,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
         for k in range(c.level.size)
     ]  # fmt: skip
     rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
-    files = [_table(folder / "backbone.csv", header, rows)]
+    tables: dict[str, Rows] = {"backbone.csv": [header, *rows]}
     if found.models[0].ring_downs:
         header = ["model", "mode", "time_s", "modal_amplitude", "frequency_Hz", "damping_ratio"]
         rows = [
@@ -60,8 +62,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
             for c, d in zip(model.curves, model.ring_downs, strict=True)
             for row in zip(d.time, d.amplitude, d.frequency, d.damping_ratio, strict=True)
         ]
-        files.append(_table(folder / "ring_down.csv", header, rows))
-    files.append(save_figure(folder / "backbone.png", backbone_figure(found.models, points)))
+        tables["ring_down.csv"] = [header, *rows]
     joints = [patch.joint.name for patch in structure.patches]
     content = {
         "models": {
@@ -70,7 +71,8 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
         },
         "warnings": found.warnings,
     }
-    return [*files, _summary(folder, content, files)]
+    picture = folder / "backbone.png"
+    return _written(picture, backbone_figure(found.models, points), content, tables)
 
 
 def _active_lengths(
@@ -165,8 +167,6 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         for p in curve.points
     ]  # fmt: skip
     rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
-    files = [_table(folder / "response.csv", header, rows)]
-    files.append(save_figure(folder / "response.png", response_figure(found)))
     content = {
         "models": {
             model.name: {
@@ -181,7 +181,8 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         },
         "warnings": found.warnings,
     }
-    return [*files, _summary(folder, content, files)]
+    tables = {"response.csv": [header, *rows]}
+    return _written(folder / "response.png", response_figure(found), content, tables)
 
 
 def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
@@ -238,11 +239,6 @@ def _plain_ticks(axis: Any) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    write_csv(path, [header, *([_plain(value) for value in row] for row in rows)])
-    return path
-
-
 def _plain(value: Any) -> Any:
     """Numbers with ten digits; nothing for what is not known."""
     if isinstance(value, float | np.floating):
@@ -250,6 +246,12 @@ def _plain(value: Any) -> Any:
     return "" if value is None else value
 
 
-def _summary(folder: Path, content: dict[str, Any], files: Sequence[Path]) -> Path:
-    write_json(folder / SUMMARY, content | {"files": [file.name for file in files]})
-    return folder / SUMMARY
+def _written(
+    picture: Path, figure: Figure, content: dict[str, Any], tables: Mapping[str, Rows]
+) -> list[Path]:
+    """Write a summary, tables whose first rows are their headings, and a picture."""
+    folder = picture.parent
+    summary = write_summary(folder, content, [*tables, picture.name])
+    for name, rows in tables.items():
+        write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
+    return [*(folder / name for name in tables), save_figure(picture, figure), summary]

@@ -1,10 +1,14 @@
-"""A study's folder: what can be told before a run, and all that is written after it."""
+"""Folders of results: what can be told before a command runs, and all that is written after it.
+
+Every command lists its files in a ``summary.json`` that it writes before them, so that the next one
+knows which files are ours, however the one before ended.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -23,10 +27,12 @@ if TYPE_CHECKING:
 Writer = Callable[[Path], object]
 
 SUMMARY, SERIES = "summary.json", "fields.pvd"
-# Names that a run may give to its files; what belongs to somebody else is not overwritten.
+# Names that commands may give to their files; what belongs to somebody else is not overwritten.
 _OURS = re.compile(
     r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
-    r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png"
+    r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png|"
+    r"(backbone|response)\.(csv|png)|ring_down\.csv|error-time\.(md|csv|png)|total-time\.png|"
+    r"sweep\.(csv|parquet)|sweep_.*\.png"
 )
 # What proper orthogonal modes come from, by the scene's `reduction.reference`.
 _WHOSE = {
@@ -34,19 +40,15 @@ _WHOSE = {
     "self": "the full model's own run with",
     "paper": "the paper's reference joint, scaled to",
 }
-# Files of a run that did not end, and hidden ones.
-_PASSED = re.compile(r"checkpoint_.*\.npz|\..*")
+# What an unfinished run or a sweep goes on from, and hidden files.
+_PASSED = re.compile(r"checkpoint_.*\.npz|sweep_rows\.jsonl|\..*")
 
 
 @contextmanager
 def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
     """See that a scene's output can be made before anything is computed, and keep its folder.
 
-    What an earlier run wrote into the folder, as its summary lists it, is removed: if this run
-    fails, no old results stand for its own. All else is left alone, of which the sentences tell
-    that are yielded. InputError if a library is missing, nothing can be drawn, the folder cannot be
-    written to, another run is writing to it, or it has files of other origin under names that this
-    run may use.
+    InputError if a library is missing or nothing can be drawn, and as `kept`.
     """
     if scene.output.plots or scene.output.vtk:
         needed("pyvista", "vtk")
@@ -55,6 +57,19 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
         needed("imageio", "gif")
         with pictures.offscreen():  # tells what is missing before the run
             pass
+    with kept(folder) as notes:
+        yield notes
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[list[str]]:
+    """Keep a folder for the results of one command.
+
+    What an earlier command wrote into it, as its summary lists it, is removed: if this one fails,
+    no old results stand for its own. All else is left alone, of which the sentences tell that are
+    yielded. InputError if the folder cannot be written to, another command is writing to it, or it
+    has files of other origin under names that commands use.
+    """
     with holding(folder):
         remove_old(folder)
         left = sorted(path.name for path in folder.iterdir() if not _PASSED.fullmatch(path.name))
@@ -94,13 +109,18 @@ def remove_old(folder: Path) -> None:
             below.rmdir()
 
 
+def write_summary(folder: Path, content: Mapping[str, Any], names: Sequence[str]) -> Path:
+    """Write ``summary.json`` in place of old results, listing the files that are to be written."""
+    remove_old(folder)
+    report.write_json(folder / SUMMARY, {**content, "files": list(names)})
+    return folder / SUMMARY
+
+
 def write(study: Study, folder: Path) -> list[Path]:
     """Write what the scene asks for; returns the main files.
 
-    The summary comes first and lists all files, so that the next run knows which ones are ours
-    however this one ends. InputError if a file cannot be written.
+    InputError if a file cannot be written.
     """
-    remove_old(folder)
     plan, names = curves(study), []
     output = study.scene.output
     if output.plots or output.vtk:
@@ -113,8 +133,7 @@ def write(study: Study, folder: Path) -> list[Path]:
     if output.plots:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
-    content = report.summary(study) | {"files": [*plan, *names]}
-    report.write_json(folder / SUMMARY, content)
+    write_summary(folder, report.summary(study), [*plan, *names])
     for name, writer in plan.items():
         writer(folder / name)
     return [folder / name for name in (SUMMARY, *plan)]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.errors import InputError
-from skfem_joint.files import needed, replacing, safe_name
+from skfem_joint.files import holding, needed, replacing, safe_name
 from skfem_joint.output import plots
+from skfem_joint.output.folder import kept, write_summary
 from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
@@ -27,21 +27,16 @@ JOURNAL, TABLE = "sweep_rows.jsonl", "sweep.csv"
 _WORDS = {"wall": "run time", "offline": "off-line time", "dofs": "unknowns"}
 
 
-def check(swept: Swept, folder: Path) -> None:
-    """See that a sweep's files can be made before anything is run.
+def check(swept: Swept, folder: Path) -> list[str]:
+    """See that a sweep's files can be made before anything is run; sentences as `kept` gives.
 
-    Raises
-    ------
-    InputError
-        If matplotlib is missing, or the folder has a table that no sweep has written.
+    Old results are removed, all but the rows that the sweep goes on from. InputError as `kept`, or
+    if matplotlib is missing.
     """
     if swept.scenes[0].output.plots:
         needed("matplotlib", "plot")
-    if (folder / TABLE).exists() and not (folder / JOURNAL).exists():
-        raise InputError(
-            f"{folder}: has a {TABLE} that no sweep has written; move it away, or choose another "
-            "folder"
-        )
+    with kept(folder) as notes:
+        return notes
 
 
 def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
@@ -65,7 +60,7 @@ def _is_chosen(name: str, results: Iterable[str]) -> bool:
     return result in results and (result != "estimated_error" or rest[-1] == "total")
 
 
-def write(swept: Swept, rows: Iterable[Row], folder: Path) -> list[Path]:
+def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
     """Write the table of what has finished, as Parquet too where pyarrow is, and the pictures.
 
     Raises
@@ -75,18 +70,23 @@ def write(swept: Swept, rows: Iterable[Row], folder: Path) -> list[Path]:
     """
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
-    files = [folder / TABLE]
-    write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
-    if find_spec("pyarrow"):
-        from pyarrow import parquet, table as arrow  # isort: skip
+    drawn = dict(figures(swept, table)) if swept.scenes[0].output.plots else {}
+    pictures = {folder / f"sweep_{safe_name(name)}.png": drawn[name] for name in drawn}
+    parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
+    files = [folder / TABLE, *parquet, *pictures]
+    failures = {str(row.number): row.failure for row in rows if row.failure}
+    content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
+    with holding(folder):
+        summary = write_summary(folder, content, [file.name for file in files])
+        write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
+        for path in parquet:
+            from pyarrow import parquet as library, table as arrow  # isort: skip
 
-        files.append(folder / "sweep.parquet")
-        with replacing(files[-1]) as temporary:
-            parquet.write_table(arrow({name: _alike(cells[name]) for name in cells}), temporary)
-    if swept.scenes[0].output.plots:
-        for name, figure in figures(swept, table):
-            files.append(plots.save_figure(folder / f"sweep_{safe_name(name)}.png", figure))
-    return files
+            with replacing(path) as temporary:
+                library.write_table(arrow({name: _alike(cells[name]) for name in cells}), temporary)
+        for path, figure in pictures.items():
+            plots.save_figure(path, figure)
+    return [*files, summary]
 
 
 def _cell(value: Any) -> Any:

@@ -257,7 +257,7 @@ class ChainStepper(CompiledStepper):
         self.limits[self.contact], self.beta[self.contact] = s.w, s.beta
         self.dynamics = (bands(s.M), bands(s.C), bands(s.K))
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
-        self.first_chunk = max(1, 2_000_000 // s.n)
+        self.first_call = max(1, 200_000 // s.n)
 
     def restart(self, amplitudes: FloatArray) -> bool:
         """Consistent acceleration: points at rest stick under Coulomb as long as they can."""

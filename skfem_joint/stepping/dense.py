@@ -386,7 +386,7 @@ class DenseStepper(CompiledStepper):
         self.limits = self.contact.w
         rows = self.limits.size
         self.memory, self.room = make_memory(s.n, rows, s.w.size), make_room(s.n, rows, s.w.size)
-        self.first_chunk = max(1, 100_000_000 // (rows * s.n**2))
+        self.first_call = max(1, 10_000_000 // (rows * s.n**2))
 
     def make(self, c: Coefficients) -> Dense:
         """Step matrix."""

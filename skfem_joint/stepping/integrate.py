@@ -33,10 +33,11 @@ from skfem_joint.system import System
 TOLERANCE = 1e-11
 #: A step that does not converge is halved at most this often.
 HALVINGS = 8
-#: A chunk, between two chances to stop, save and show progress, takes about this long (s) or so
-#: many steps; the next one is at most so many times longer.
+#: A chunk, between two chances to save and show progress, ends when so much time (s) has passed.
 CHUNK_S = 0.5
-MOST_STEPS_IN_A_CHUNK = 20_000
+#: It is handed to the stepper in calls that take about this long (s), between which Ctrl-C is seen;
+#: the next one is at most so many times longer.
+CALL_S = 0.1
 GROWTH = 4
 #: Steps for which the loads are evaluated together, always the same ones.
 BLOCK = 16_384
@@ -212,29 +213,24 @@ def _run(
     """Advance to the end, chunk by chunk; whether that was interrupted."""
     recorder, stepper, n_steps = driver.recorder, driver.stepper, driver.n_steps
     last_saved = driver.done
-    chunk = min(stepper.first_chunk, MOST_STEPS_IN_A_CHUNK)
     mark = driver.mark()
     try:
         while driver.done < n_steps:
-            first = driver.done
-            end = min(first + chunk, n_steps, (first // BLOCK + 1) * BLOCK)
+            end = n_steps
             if cycle_steps is not None:
-                end = min(end, (first // cycle_steps + 1) * cycle_steps)
+                end = min(end, (driver.done // cycle_steps + 1) * cycle_steps)
             begin = time.perf_counter()
-            driver.advance(end)
-            took = time.perf_counter() - begin
-            if cycle_steps is not None and end % cycle_steps == 0:
+            driver.advance(end, CHUNK_S)
+            driver.elapsed += time.perf_counter() - begin
+            if cycle_steps is not None and driver.done % cycle_steps == 0:
                 recorder.end_cycle()
-            driver.elapsed += took
-            mark = driver.mark()
-            fitting = int(CHUNK_S * (end - first) / took) if took > 0.0 else MOST_STEPS_IN_A_CHUNK
-            chunk = max(1, min(GROWTH * chunk, fitting, MOST_STEPS_IN_A_CHUNK))
-            if checkpoint is not None and checkpoint.due(end, last_saved, n_steps):
+            mark, done = driver.mark(), driver.done
+            if checkpoint is not None and checkpoint.due(done, last_saved, n_steps):
                 parts = {"recorder": recorder.saved(), "stepper": stepper.saved()}
-                checkpoint.save(parts, identity, end, driver.elapsed)
-                last_saved = end
+                checkpoint.save(parts, identity, done, driver.elapsed)
+                last_saved = done
             if progress is not None:
-                progress(end, n_steps)
+                progress(done, n_steps)
     except KeyboardInterrupt:
         driver.back_to(mark)
         return True
@@ -252,6 +248,8 @@ class _Driver:
         By step index: the times at which the step is cut (none if it only has to stand alone).
     jumps : dict
         By end of a step or part: the times of the loads' first and last jump there.
+    at_once : int
+        Steps that the stepper is given in one call.
     block : tuple
         Number and load amplitudes of the block of steps that was evaluated last.
     """
@@ -281,6 +279,7 @@ class _Driver:
         self.recorder = Recorder(self.system, save, n_steps, step)
         u, v = map(to.inner, start)
         self.stepper = choose(to, scheme, u, v, tolerance, self.recorder)
+        self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         begin = time.perf_counter()
         self.restart(0.0)
         self.stepper.prepare(step)
@@ -379,23 +378,29 @@ class _Driver:
                 "the load rise in a ramp"
             )
 
-    def advance(self, end: int) -> None:
-        """Advance to the end of step ``end - 1``."""
-        h, first = self.h, self.done
-        while first < end:
+    def advance(self, end: int, seconds: float = math.inf) -> None:
+        """Advance to the end of step ``end - 1``, or until so much time has passed."""
+        h, now = self.h, time.perf_counter()
+        stop = now + seconds
+        while self.done < end and now < stop:
+            first, begin = self.done, now
             place = bisect_left(self.order, first)
             cut = min(self.order[place], end) if place < len(self.order) else end
-            if cut > first:
-                first += self.stepper.advance(h, self._block(first, cut), first, True)
-                if first < cut:
-                    self._halves(first, h * first, h * (first + 1), True, 1)
-                    first += 1
-                continue
-            ends = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
-            for a, b in pairwise(ends):
-                self._part(first, a, b, b == ends[-1], 0)
-            first += 1
-        self.done = end
+            if cut == first:
+                ends = [h * first, *sorted(self.cuts[first]), h * (first + 1)]
+                for a, b in pairwise(ends):
+                    self._part(first, a, b, b == ends[-1], 0)
+                self.done += 1
+            else:
+                cut = min(cut, first + self.at_once, (first // BLOCK + 1) * BLOCK)
+                self.done += self.stepper.advance(h, self._block(first, cut), first, True)
+                if self.done < cut:
+                    self._halves(self.done, h * self.done, h * (self.done + 1), True, 1)
+                    self.done += 1
+            now = time.perf_counter()
+            fitting = CALL_S * (self.done - first) / max(now - begin, 1e-9)
+            most = min(GROWTH * self.at_once, self.stepper.most_at_once)
+            self.at_once = max(1, min(int(fitting), most))
 
     def _block(self, first: int, end: int) -> FloatArray:
         """Load amplitudes at the ends of the steps from ``first`` to ``end``, within one block."""

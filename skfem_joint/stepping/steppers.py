@@ -68,12 +68,12 @@ class Stepper(ABC):
         the stepper counts.
     prepared : dict
         What each step size needs, by its coefficients.
-    first_chunk : int
-        Steps that surely take less than about a second.
+    first_call, most_at_once : int
+        Steps that surely take less than a second, and the most that are to be done in one call.
     """
 
     COUNTS: ClassVar[tuple[str, ...]] = ()
-    first_chunk = 1
+    first_call, most_at_once = 1, 1
 
     def __init__(
         self,
@@ -175,6 +175,7 @@ class CompiledStepper(Stepper):
     ``places`` of the system's among them; its problem is what it makes.
     """
 
+    most_at_once = 20_000
     dynamics: tuple[Any, Any, Any]
     memory: Any
     room: Any

@@ -153,7 +153,7 @@ def test_a_table_of_other_origin_is_not_overwritten(tmp_path: Path, capsys: Capt
     path, table = written(tmp_path, ONE), tmp_path / sweeps.TABLE
     table.write_text("mine")
     assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
-    assert "move it away" in capsys.readouterr().err
+    assert "move them away" in capsys.readouterr().err
     assert table.read_text() == "mine"
 
 

@@ -8,6 +8,7 @@ import tracemalloc
 from dataclasses import replace
 from math import inf, pi
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,11 +36,12 @@ from skfem_joint.loads import (
     Versine,
 )
 from skfem_joint.stepping import integrate as driver
+from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.integrate import HALVINGS, integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.resolution import check_resolution, longest_step
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.stepping.steppers import Failure, Stepper
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Stepper
 from skfem_joint.system import AppliedLoad
 
 REFERENCE = LapJoint()
@@ -140,8 +142,51 @@ def test_where_chunks_end_changes_no_bit(
                                "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
     whole = integrate(system, **options)
     for most in (1, 7):
-        monkeypatch.setattr(driver, "MOST_STEPS_IN_A_CHUNK", most)
+        monkeypatch.setattr(driver, "CHUNK_S", 1e-9)
+        monkeypatch.setattr(CompiledStepper, "most_at_once", most)
         assert differing(whole, integrate(system, **options)) == []
+
+
+@pytest.mark.parametrize(("kind", "rest"), [("linear", 300), ("contact", 300), ("chain", 0)])
+def test_slow_steps_are_shown_and_saved_as_they_are_done(
+    kind: str, rest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that counts steps: 1 ms while at rest, which a compiled loop foresees, or 0.6 s."""
+    slow, longest, now = 0.6, 0.0, 0.0
+    seen: list[tuple[float, int]] = []
+    saved: list[int] = []
+
+    def counted(*arguments: Any) -> Stepper:
+        stepper = choose(*arguments)
+        advance = stepper.advance
+
+        def slower(h: float, amplitudes: Any, first: int, store: bool) -> int:
+            nonlocal now, longest
+            steps = advance(h, amplitudes, first, store)
+            took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
+            now, longest = now + took, max(longest, took)
+            return steps
+
+        stepper.advance = slower  # type: ignore[method-assign]
+        stepper.first_call = 1
+        return stepper
+
+    choose = driver.choose
+    monkeypatch.setattr(driver, "choose", counted)
+    monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
+    monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
+    run = integrate(
+        by_every_stepper()[kind], step=5e-6, n_steps=400,
+        progress=lambda done, total: seen.append((now, done)),
+        checkpoint=Checkpoint(Path("run.npz"), "a", every=10),
+    )  # fmt: skip
+    assert run.wall_s == pytest.approx(rest * 0.001 + (400 - rest) * slow)
+    assert longest == slow  # between two looks at Ctrl-C
+    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.CHUNK_S + slow
+    assert [done for _, done in seen][-90:] == list(range(311, 401))
+    late = [done for done in saved if done > rest]
+    assert set(np.diff(late[:-1])) == {10}
+    assert late[-1] == 400
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.7])
@@ -172,7 +217,7 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(
 ) -> None:
     """In the middle of a chunk, when rows, works and counters have gone on already."""
     system = by_every_stepper(Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
-    monkeypatch.setattr(driver, "MOST_STEPS_IN_A_CHUNK", 8)
+    monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
     options: dict[str, Any] = {"step": 5e-6, "save": Save(every=2, fields=True), "cycle_steps": 10}
     calls = 0
 
