@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import io
+import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.files import holding
+from skfem_joint.files import needed
+from skfem_joint.progress import Progress, progress_bar
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -23,8 +26,7 @@ if TYPE_CHECKING:
     from skfem_joint.scene import Scene
     from skfem_joint.stepping.checkpoint import Checkpoints
 
-#: Called with what is done, steps done, steps in all.
-Progress = Callable[[str, int, int], None]
+_log = logging.getLogger(__name__)
 
 _BROKEN = "a worker's process ended before its run; it may need more memory than there is"
 INTERRUPTED = 130
@@ -40,10 +42,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
+        if options.print_completion:
+            print(needed("shtab", "completion").complete(parser, options.print_completion))
+            return 0
         if options.command is None:
             parser.print_help()
             return 0
-        status: int = options.command(options)
+        with _words(options):
+            status: int = options.command(options)
         sys.stdout.flush()
         return status
     except JointError as error:
@@ -70,6 +76,25 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+@contextmanager
+def _words(options: argparse.Namespace) -> Iterator[None]:
+    """Say what the package logs on the error stream, as much as is asked for."""
+    log, handler = logging.getLogger("skfem_joint"), logging.StreamHandler(sys.stderr)
+    style = "{relativeCreated:8.0f} ms  {message}" if options.verbose else "{message}"
+    handler.setFormatter(logging.Formatter(style, style="{"))
+    log.addHandler(handler)
+    log.setLevel("INFO" if options.verbose else "ERROR" if options.quiet else "WARNING")
+    try:
+        with redirect_stdout(io.StringIO() if options.quiet else sys.stdout):
+            yield
+    finally:
+        log.removeHandler(handler)
+
+
+def _progress(options: argparse.Namespace) -> AbstractContextManager[Progress]:
+    return progress_bar(options.quiet, options.verbose)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="skfem-joint",
@@ -77,10 +102,18 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 success, 2 bad input, 3 a run did not converge, 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=__version__)
+    parser.add_argument(
+        "--print-completion",
+        choices=("bash", "zsh", "tcsh"),
+        help="completion of a shell, to be sourced by it",
+    )
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    given, written, shared = (argparse.ArgumentParser(add_help=False) for _ in range(3))
+    said, given, written, shared = (argparse.ArgumentParser(add_help=False) for _ in range(4))
+    more = said.add_mutually_exclusive_group()
+    more.add_argument("-v", "--verbose", action="store_true", help="tell what is done, when")
+    more.add_argument("-q", "--quiet", action="store_true", help="tell nothing but errors")
     shared.add_argument(
         "--executor", choices=("processes", "dask", "mpi"), default="processes", help="what runs it"
     )
@@ -93,10 +126,41 @@ def _parser() -> argparse.ArgumentParser:
     shared.add_argument(
         "--address", help="of the scheduler of a dask cluster (default: a local one)"
     )
-    given.add_argument("scene", type=Path, metavar="SCENE.toml")
+    scene = given.add_argument("scene", type=Path, metavar="SCENE.toml")
+    files = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    scene.complete = files  # type: ignore[attr-defined]
     written.add_argument("--out", type=Path, required=True, metavar="DIR", help="results' folder")
-    text = "integrate the models of a scene and report"
-    run = commands.add_parser("run", parents=[given, written, shared], help=text)
+    made = {}
+    for name, command, parents, text in (
+        ("run", _run, (given, written, shared), "integrate the models of a scene and report"),
+        ("check", _check, (given,), "validate a scene without running it"),
+        ("keys", _keys, (), "every key of a scene: unit, default, what is allowed, meaning"),
+        ("backbone", _backbone, (given, written), "frequency and damping of modes over amplitude"),
+        (
+            *("response", _response, (given, written, shared)),
+            "steady vibration over frequency at several levels of load",
+        ),
+        (
+            *("error-time", _error_time, (given, written)),
+            "error against run time of many models and steps on one scene",
+        ),
+        (
+            *("sweep", _sweep, (given, written, shared)),
+            "run the scenes of a [sweep] by several processes; run it again to go on",
+        ),
+    ):
+        made[name] = commands.add_parser(name, parents=[said, *parents], help=text)
+        made[name].set_defaults(command=command)
+    made["keys"].add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
+    made["error-time"].add_argument(
+        "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
+    )
+    made["error-time"].add_argument("--quick", action="store_true", help="few points, one round")
+    _add_run_options(made["run"])
+    return parser
+
+
+def _add_run_options(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--certify",
         action="store_true",
@@ -107,8 +171,8 @@ def _parser() -> argparse.ArgumentParser:
         "--checkpoint-every",
         type=int,
         metavar="STEPS",
-        help="save the run about every so many steps (whole cycles or chunks of a second or so), "
-        "until its results are written",
+        help="save the run after every so many steps, where a cycle or half a second has passed "
+        "since the last look, until its results are written",
     )
     run.add_argument(
         "--resume",
@@ -121,31 +185,19 @@ def _parser() -> argparse.ArgumentParser:
         metavar="GIB",
         help="refuse a run that would need more (default: 80 %% of the memory available)",
     )
-    run.set_defaults(command=_run)
 
-    text = "validate a scene without running it"
-    commands.add_parser("check", parents=[given], help=text).set_defaults(command=_check)
 
-    text = "frequency and damping of modes against amplitude"
-    backbone = commands.add_parser("backbone", parents=[given, written], help=text)
-    backbone.set_defaults(command=_backbone)
+def _keys(options: argparse.Namespace) -> int:
+    from skfem_joint.scene import keys
 
-    text = "steady vibration over frequency at several levels of load"
-    response = commands.add_parser("response", parents=[given, written, shared], help=text)
-    response.set_defaults(command=_response)
+    tables = keys.reference(options.table)
+    if sys.stdout.isatty():
+        from rich.console import Console
 
-    text = "error against run time of many models and steps on one scene"
-    error_time = commands.add_parser("error-time", parents=[given, written], help=text)
-    error_time.add_argument(
-        "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
-    )
-    error_time.add_argument("--quick", action="store_true", help="few points, one round")
-    error_time.set_defaults(command=_error_time)
-
-    text = "run the scenes of a [sweep] by several processes; run it again to go on"
-    sweep = commands.add_parser("sweep", parents=[given, written, shared], help=text)
-    sweep.set_defaults(command=_sweep)
-    return parser
+        keys.show(tables, Console())
+    else:
+        print(keys.markdown(tables), end="")
+    return 0
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -192,18 +244,15 @@ def _run(options: argparse.Namespace) -> int:
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
         if options.resume and not checkpoints.files():
-            print(f"No checkpoint in {out}: the run starts anew.", file=sys.stderr)
+            _log.warning("No checkpoint in %s: the run starts anew.", out)
     # Results before words: nothing is printed until all files are written.
-    with output.prepare(scene, out) as notes:
-        with progress_bar() as progress:
-            study, failure = _study(scene, progress, checkpoints)
-            if options.certify and not study.interrupted and failure is None:
-                with _executor(options) as executor:
-                    failure = _certify(study, progress, executor)
+    with output.prepare(scene, out) as notes, _progress(options) as progress:
+        study, failure = _study(scene, progress, checkpoints)
+        if options.certify and not study.interrupted and failure is None:
+            with _executor(options) as executor:
+                failure = _certify(study, progress, executor)
         study.warnings += notes
-        if sys.stderr.isatty() and (scene.output.plots or scene.output.vtk):
-            print("Drawing pictures and writing files ...", file=sys.stderr)
-        files = output.write(study, out)
+        files = output.write(study, out, progress)
         if checkpoints is not None and not study.interrupted and failure is None:
             checkpoints.remove()
     if scene.title:
@@ -225,7 +274,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _study(
-    scene: Scene, progress: Progress | None, checkpoints: Checkpoints | None
+    scene: Scene, progress: Progress, checkpoints: Checkpoints | None
 ) -> tuple[Study, JointError | None]:
     """Results of a scene, and the error that ended them early."""
     from skfem_joint.analysis.study import run_scene
@@ -251,9 +300,7 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
                 yield executor
 
 
-def _certify(
-    study: Study, progress: Progress | None, executor: Executor | None
-) -> JointError | None:
+def _certify(study: Study, progress: Progress, executor: Executor | None) -> JointError | None:
     """Estimate more errors of each model; what ends it early does not cost the results."""
     from skfem_joint.analysis.certificate import certify
 
@@ -272,6 +319,7 @@ def _certify(
 
 def _error_time(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import error_time as comparison
+    from skfem_joint.output import folder
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
@@ -280,32 +328,32 @@ def _error_time(options: argparse.Namespace) -> int:
         again = [sys.executable, "-m", "skfem_joint", "error-time", str(options.scene)]
         again += ["--out", str(options.out), "--repeats", str(options.repeats)]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
-        again += ["--quick"] if options.quick else []
+        again += [f"--{name}" for name in ("quick", "quiet", "verbose") if getattr(options, name)]
         return subprocess.run(again, env=pinned, check=False).returncode
-    with holding(options.out):
-        with progress_bar() as progress:
+    with folder.kept(options.out) as notes:
+        with _progress(options) as progress:
             found = comparison.error_time(
                 scene, repeats=options.repeats, quick=options.quick, progress=progress
             )
-        files = found.write(options.out)
+        content = {"title": scene.title, "warnings": notes}
+        summary = folder.write_summary(options.out, content, comparison.FILES)
+        files = [*found.write(options.out), summary]
     for level in comparison.LEVELS:
         print(comparison.advice(found.points, level), end="\n\n")
-    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
-    return 0
+    return _told(notes, options.out, files)
 
 
 def _backbone(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import backbone
-    from skfem_joint.files import needed
     from skfem_joint.output import damping
-    from skfem_joint.output.folder import remove_old
+    from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
     needed("matplotlib", "plot")
-    with holding(options.out):
+    with kept(options.out) as notes:
         found = backbone.scene_backbone(scene)
-        remove_old(options.out)
+        found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:
         for curve in model.curves:
@@ -326,17 +374,16 @@ def _backbone(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.scene_response import scene_response
-    from skfem_joint.files import needed
     from skfem_joint.output import damping
-    from skfem_joint.output.folder import remove_old
+    from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
     needed("matplotlib", "plot")
-    with holding(options.out):
-        with progress_bar() as progress, _executor(options) as executor:
+    with kept(options.out) as notes:
+        with _progress(options) as progress, _executor(options) as executor:
             found = scene_response(scene, executor, progress)
-        remove_old(options.out)
+        found.warnings += notes
         files = damping.write_response(options.out, found)
     for model in found.models:
         for curve in model.curves:
@@ -362,16 +409,15 @@ def _sweep(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_sweep
 
     swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
-    sweeps.check(swept, out)
+    notes = sweeps.check(swept, out)
     chosen = analysis.executors(options.executor, options.workers, options.address)
-    with progress_bar() as progress, chosen as executor:
+    with _progress(options) as progress, chosen as executor:
         journal = out / sweeps.JOURNAL
         try:
             with closing(analysis.sweep(swept.scenes, executor, journal)) as found:
                 for row in found:
                     rows.append(row)
-                    if progress is not None:
-                        progress("scenes", len(rows), len(swept.scenes))
+                    progress("scenes", len(rows), len(swept.scenes))
         except KeyboardInterrupt:
             interrupted = True
     files = sweeps.write(swept, rows, out)
@@ -379,32 +425,11 @@ def _sweep(options: argparse.Namespace) -> int:
     for row in failed:
         print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
     print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
-    print(f"Written to {out}: {', '.join(file.name for file in files)}")
+    _told(notes, out, files)
     if interrupted:
         print("The same command goes on.")
         return INTERRUPTED
     return ConvergenceError.exit_status if failed else 0
-
-
-@contextmanager
-def progress_bar() -> Iterator[Progress | None]:
-    """Progress bar on the error stream; nothing when that is not a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-    from rich.progress import TaskID
-
-    with Bar(console=Console(stderr=True), transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def progress(label: str, done: int, total: int) -> None:
-            if label not in tasks:
-                tasks[label] = bar.add_task(label, total=total)
-            bar.update(tasks[label], completed=done)
-
-        yield progress
 
 
 if __name__ == "__main__":

@@ -17,12 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from skfem_joint.files import holding
 from skfem_joint.output.plots import new_figure
+from skfem_joint.progress import progress_bar
 from stability import judge, report
 from stability.cases import matrix, quick_matrix
-
-
-def _tell(label: str, done: int, total: int) -> None:
-    print(f"\r{label}: {done} of {total}", end="\n" * (done == total), file=sys.stderr, flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,7 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     with holding(options.out):
         begin = time.perf_counter()
         cases = quick_matrix() if options.quick else matrix()
-        verdicts = judge.judge_all(cases, progress=_tell if sys.stderr.isatty() else None)
+        with progress_bar() as progress:
+            verdicts = judge.judge_all(cases, progress)
         seconds = time.perf_counter() - begin
         files = report.write(options.out, verdicts, seconds)
     print(report.summary(verdicts))

@@ -28,7 +28,8 @@ from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 
 if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Model, Progress, Study
+    from skfem_joint.analysis.study import Model, Study
+    from skfem_joint.progress import Progress
     from skfem_joint.scene import Scene
     from skfem_joint.system import System
 

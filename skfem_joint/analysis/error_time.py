@@ -20,9 +20,10 @@ import numpy as np
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.reference import Reference, make_reference
-from skfem_joint.analysis.study import Progress, Study, reduction_of
+from skfem_joint.analysis.study import Study, reduction_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import needed, replacing
+from skfem_joint.progress import Progress
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ RMS, TIME_ERROR, TO_FINE_MESH = QUANTITIES[0], "time-step error", "to fine mesh"
 LEVELS = (1e-2, 1e-3, 1e-4)
 #: Run times closer than this ratio are the same.
 WORTHWHILE = 1.2
+#: What a report is written to.
+FILES = ("error-time.md", "error-time.csv", "error-time.png", "total-time.png")
 #: Variables that set the threads of the usual BLAS libraries.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: What is run: steps of an interval of full and of reduced models (none beyond a quarter of the

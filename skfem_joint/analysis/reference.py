@@ -20,7 +20,7 @@ from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Progress
+    from skfem_joint.progress import Progress
     from skfem_joint.scene import Scene
 
 #: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without any.

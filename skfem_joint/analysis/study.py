@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,6 +21,7 @@ from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
+from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
 from skfem_joint.reduction.friction_points import reduced_system
@@ -34,8 +36,7 @@ if TYPE_CHECKING:
     from skfem_joint.scene import Scene
     from skfem_joint.structure import Structure
 
-#: Called with what is done, and how many of how many parts of it.
-Progress = Callable[[str, int, int], None]
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -293,6 +294,7 @@ def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
         study.warnings.append(f"The run was interrupted in the errors of the {model.name} model.")
         return
     took = time.perf_counter() - begin
+    _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
     study.models[model.name] = replace(model, estimate=found, estimate_s=took)
 
 
@@ -315,6 +317,8 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
         study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
         active = active_fractions(study.structure, study.system, basis.slip_peak, study.period)
     before = time.perf_counter() - begin + study.met_s
+    vectors, points = basis.V.shape[1], system.contact_points
+    _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
     run = integrate(system, **how_of(study.scene), **how)
     length, found = dict(basis.active_length), None if met is None else met.estimate
     offline = before + run.preparation_s

@@ -7,6 +7,7 @@ knows which files are ours, however the one before ended.
 from __future__ import annotations
 
 import json
+import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,6 +19,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import holding, needed, safe_name
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
+from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from skfem_joint.scene import Scene
 
 Writer = Callable[[Path], object]
+_log = logging.getLogger(__name__)
 
 SUMMARY, SERIES = "summary.json", "fields.pvd"
 # Names that commands may give to their files; what belongs to somebody else is not overwritten.
@@ -116,9 +119,10 @@ def write_summary(folder: Path, content: Mapping[str, Any], names: Sequence[str]
     return folder / SUMMARY
 
 
-def write(study: Study, folder: Path) -> list[Path]:
+def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
     """Write what the scene asks for; returns the main files.
 
+    ``progress`` is called with what is done, and how much of how much.
     InputError if a file cannot be written.
     """
     plan, names = curves(study), []
@@ -134,8 +138,10 @@ def write(study: Study, folder: Path) -> list[Path]:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
     write_summary(folder, report.summary(study), [*plan, *names])
-    for name, writer in plan.items():
+    for k, (name, writer) in enumerate(plan.items()):
+        progress("pictures and files", k, len(plan))
         writer(folder / name)
+        _log.info("%s is written.", name)
     return [folder / name for name in (SUMMARY, *plan)]
 
 

@@ -32,7 +32,7 @@ def listed(names: Any) -> str:
     return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
 
 
-def _closest(word: str, words: Any) -> str:
+def closest(word: str, words: Any) -> str:
     """Ask whether another word was meant, if one is close enough."""
     lower = {other.lower(): other for other in words}
     match = difflib.get_close_matches(word.lower(), lower, n=1)
@@ -159,7 +159,7 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
     if kind == "extra_forbidden":
         parents, _ = _follow(location[:-1], root)
         keys = list(dict.fromkeys(key for model in parents for key in _fields(model)))
-        hint = _closest(str(location[-1]), keys)
+        hint = closest(str(location[-1]), keys)
         return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]
     if kind == "missing":
         needed = f": {field.description}" if field and field.description else ""
@@ -175,7 +175,7 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
     if kind == "union_tag_invalid":
         places.append("kind")
         found = found_text(error["input"]["kind"])
-        hint = _closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
+        hint = closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
     must_be = _MUST_BE[kind].format_map(context) if kind in _MUST_BE else error["msg"]
     extra = field.json_schema_extra if field else None
     if location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):

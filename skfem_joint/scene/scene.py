@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +21,8 @@ from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.system import System
+
+_log = logging.getLogger(__name__)
 
 #: Tables that the structure is built from, and those that its system needs beside them.
 OF_STRUCTURE = frozenset({"mesh", "material", "section", "support", "joint", "damping"})
@@ -112,6 +115,8 @@ class Scene(SceneTable):
             structure = self.structure()
             with self._naming():
                 self._system = structure.system(self.loads(), self.output.points or None)
+            size = structure.n_nodes, self._system.n, self._system.contact_points
+            _log.info("%s: %d nodes, %d unknowns, %d contact points.", self._path, *size)
         return self._system
 
     @contextmanager

@@ -19,7 +19,7 @@ from skfem_joint.scene.values import (
 
 
 class Frequencies(SceneTable):
-    """``response.frequencies = { from, to, points }``."""
+    """``frequencies = { from, to, points }``: frequencies at equal distances."""
 
     from_: Positive = key("lowest frequency, Hz", alias="from")
     to: Positive = key("highest frequency, Hz")

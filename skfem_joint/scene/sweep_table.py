@@ -54,6 +54,7 @@ class Sweep(SceneTable):
             Annotated[tuple[Any, ...], Field(strict=False, min_length=1), Tag(LIST)]
             | Annotated[Range, Tag(TABLE)],
             one_of(TABLE, otherwise=LIST),
+            Field(description="values that a key of the scene goes through"),
         ],
     ]
     combine: Literal["product", "list"] = key(

@@ -43,7 +43,10 @@ class Mesh(SceneTable):
         Annotated[FileName, Tag(WORD)]
         | Annotated[tuple[FileName, ...], Field(strict=False, min_length=1), Tag(LIST)],
         one_of(LIST, otherwise=WORD),
-    ] = key("name of the mesh file, relative to the scene, or a list of files of several bodies")
+    ] = key(
+        "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
+        ".msh of format 2.2 or 4.1, ASCII or binary, or for bars Abaqus .inp"
+    )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
 
     def paths(self, folder: Path) -> list[Path]:
@@ -126,7 +129,7 @@ class PressureByPosition(_Pressure):
     """``pressure = { positions, values, axis }``: linear between positions along an axis."""
 
     positions: Annotated[tuple[Number, ...], A_LIST] = key(
-        "increasing positions along the axis, m, that cover the joint"
+        "positions along the axis, m; they increase and cover the joint"
     )
     values: Annotated[tuple[NotNegative, ...], A_LIST] = key("pressures at the positions, Pa")
     axis: Direction | None = key(
@@ -139,7 +142,7 @@ class PressureByPosition(_Pressure):
 
 
 class Bolt(SceneTable):
-    """One of ``pressure.bolts``: a bolt that presses the joint around its hole."""
+    """``bolts = [{ at, force, ... }, ...]``: bolts that press the joint around their holes."""
 
     at: Coordinates = key("position of its axis, [x, y] or [x, y, z], m")
     force: NotNegative = key("clamping force, N")
@@ -259,7 +262,7 @@ class _Load(SceneTable):
 
 
 class Component(SceneTable):
-    """One harmonic: amplitude * sin(2 pi frequency t + phase)."""
+    """``components = [{ ... }, ...]``: harmonics, amplitude * sin(2 pi frequency t + phase)."""
 
     amplitude: Number = key("amplitude of the force, N")
     frequency: Positive = key("frequency, Hz")
@@ -271,7 +274,7 @@ class Component(SceneTable):
 
 
 class HarmonicLoad(Component, _Load):
-    """``kind = "harmonic"``: amplitude * sin(2 pi frequency t + phase)."""
+    """``kind = "harmonic"``: a force amplitude * sin(2 pi frequency t + phase)."""
 
     kind: Literal["harmonic"] = key("shape of the force in time")
 
@@ -290,14 +293,17 @@ class MultiHarmonicLoad(_Load):
 
 
 class PulseLoad(_Load):
-    """The kinds of load that rise to a peak, and fall as they rose or (``ramp_and_hold``) stay."""
+    """``kind = "triangle", "half_sine", "versine", "ramp_and_hold"``: a rise to a peak.
+
+    There the last stays; the others fall as they rose.
+    """
 
     kind: Literal["triangle", "half_sine", "versine", "ramp_and_hold"] = key(
         "shape of the force in time"
     )
     peak: Number = key("largest force, N; a negative one pushes")
     rise_time: Positive = key(
-        "time from start to peak, s: the length of a ramp, half the length of the others"
+        "time from start to peak, s; half the length of a triangle, half sine or versine"
     )
     start: NotNegative = key("time at which the force sets in, s", 0.0)
 

@@ -8,6 +8,7 @@ result.
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from bisect import bisect_left
@@ -28,6 +29,8 @@ from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
 from skfem_joint.stepping.steady import copied, periodic_state
 from skfem_joint.system import System
+
+_log = logging.getLogger(__name__)
 
 #: Largest force residual of a step, relative to its largest force.
 TOLERANCE = 1e-11
@@ -296,6 +299,11 @@ class _Driver:
     def finish(self, system: System, energy: float, interrupted: bool) -> Run:
         """Run of the steps done, in the unknowns of the system that was given."""
         state, to = self.stepper.state(), self.to
+        said = "%d of %d steps in %.3g s, after %.3g s of preparation; %s."
+        counts = ", ".join(
+            f"{n} {name.replace('_', ' ')}" for name, n in self.stepper.counts.items()
+        )
+        _log.info(said, self.done, self.n_steps, self.elapsed, self.preparation, counts)
         run = self.recorder.finish(
             energy,
             state.u,

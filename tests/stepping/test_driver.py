@@ -151,7 +151,7 @@ def test_where_chunks_end_changes_no_bit(
 def test_slow_steps_are_shown_and_saved_as_they_are_done(
     kind: str, rest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a clock that counts steps: 1 ms while at rest, which a compiled loop foresees, or 0.6 s."""
+    """By a clock that counts steps: 1 ms for each while at rest, 0.6 s later."""
     slow, longest, now = 0.6, 0.0, 0.0
     seen: list[tuple[float, int]] = []
     saved: list[int] = []
