@@ -53,7 +53,7 @@ def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
         now = bar.get_time()
         if say is not None and now - last >= max(LINE_S, LINE_SHARE * (now - begin)):
             last, left = now, task.time_remaining
-            rest = "" if left is None else f", about {timedelta(seconds=round(left))} left"
+            rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
             say(f"{label}: {done} of {total}{rest}")
 
     return progress

@@ -16,14 +16,16 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scene_texts import with_changes
 
 from skfem_joint import __version__, cli
-from skfem_joint.analysis import study
+from skfem_joint.analysis import error_time, study
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.output import folder
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parent.parent
@@ -53,6 +55,7 @@ def scene(tmp_path: Path) -> Write:
 
 
 FULL_ONLY = ('run = ["full", "reduced"]', 'run = ["full"]')
+ONE_CYCLE = ("cycles = 2", "cycles = 1")
 NO_OUTPUT = "vtk = false\nplots = false"
 
 
@@ -88,6 +91,30 @@ def test_help_and_wrong_usage(
     shown = capsys.readouterr()
     assert found == status
     assert words in (shown.err if status else shown.out)
+
+
+def test_as_much_is_said_as_is_asked_for(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "out"
+    run = ["run", str(scene(FULL_ONLY, ONE_CYCLE)), "--out", str(out)]
+    assert cli.main([*run, "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (out / "history.npz").exists()
+    assert cli.main([*run, "-v"]) == 0
+    shown = capsys.readouterr()
+    assert "Written to" in shown.out
+    for words in ("200 unknowns", "200 of 200 steps", "newton iterations", "errors of the full"):
+        assert words in shown.err
+    assert cli.main(["check", str(tmp_path / "none.toml"), "-q"]) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_a_shell_completes_every_command(capsys: Capture) -> None:
+    pytest.importorskip("shtab")
+    assert cli.main(["--print-completion", "bash"]) == 0
+    shown = capsys.readouterr().out
+    for name in ("run", "check", "keys", "backbone", "response", "error-time", "sweep"):
+        assert name in shown
+    assert "--checkpoint-every" in shown
 
 
 def test_check_loads_no_library_that_draws(scene: Write) -> None:
@@ -158,9 +185,6 @@ def test_check_says_what_each_joint_is_and_each_note_once(tmp_path: Path, capsys
     notes = [line for line in lines if line.startswith("Note: ")]
     assert len(notes) == len(set(notes)) == 2
     assert "is the mesh in metres?" in notes[0]
-
-
-ONE_CYCLE = ("cycles = 2", "cycles = 1")
 
 
 def test_files_are_whole_when_nobody_reads_the_table(scene: Write, tmp_path: Path) -> None:
@@ -310,7 +334,7 @@ def interrupting(monkeypatch: Patch, call: int, wanted: str = "full model") -> N
 
     def progress(label: str, done: int, total: int) -> None:
         left[0] -= label == wanted
-        if left[0] == 0:
+        if left[0] == 0 and label == wanted:
             raise KeyboardInterrupt
 
     @contextmanager
@@ -408,15 +432,26 @@ levels = [0.1, 0.3]
 """
 
 
+def earlier(out: Path) -> Path:
+    """Folder with results of another command, and a file of somebody else."""
+    out.mkdir()
+    folder.write_summary(out, {}, ["joint.png", "fields/joint_0.vtu"])
+    (out / "fields").mkdir()
+    for name in ("joint.png", "fields/joint_0.vtu", "notes.txt"):
+        (out / name).write_text("old")
+    return out
+
+
 @pytest.mark.parametrize("name", ["backbone", "response"])
 def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
     name: str, scene: Write, tmp_path: Path, capsys: Capture
 ) -> None:
-    path, out = scene(), tmp_path / "out"
+    path, out = scene(), earlier(tmp_path / "out")
     path.write_text(path.read_text(encoding="utf-8") + STEADY, encoding="utf-8")
     assert cli.main([name, str(path), "--out", str(out)]) == 0
-    more = ["ring_down.csv"] if name == "backbone" else []
-    assert files_below(out) == [f"{name}.csv", f"{name}.png", *more, "summary.json"]
+    more = {"ring_down.csv"} if name == "backbone" else set()
+    ours = {f"{name}.csv", f"{name}.png", "summary.json"} | more
+    assert set(files_below(out)) == ours | {"notes.txt"}
     rows = (out / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     columns = rows[0].split(",")
     wanted = {
@@ -448,7 +483,32 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
         assert peaks[0] == pytest.approx(peaks[1], rel=0.02)
         errors = [level["estimated_error"] for level in content["models"]["reduced"]["levels"]]
         assert all(0.0 < error["peak_displacement"] < 0.05 for error in errors)
-    assert f"Written to {out}" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"Written to {out}" in shown
+    assert "left as they are: notes.txt." in shown
+
+
+def test_error_time_replaces_what_was_there(
+    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    def write(out: Path) -> list[Path]:
+        for name in error_time.FILES:
+            (out / name).write_text("report")
+        return [out / name for name in error_time.FILES]
+
+    for name in error_time.THREADS:
+        monkeypatch.setenv(name, "1")
+    found = SimpleNamespace(write=write, points=[])
+    monkeypatch.setattr(error_time, "error_time", lambda *_, **__: found)
+    monkeypatch.setattr(error_time, "advice", lambda *_: "")
+    out = earlier(tmp_path / "out")
+    for _ in range(2):
+        assert cli.main(["error-time", str(scene()), "--out", str(out)]) == 0
+        assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
+    (out / "summary.json").unlink()
+    for name in ("error-time", "run", "backbone", "response"):
+        assert cli.main([name, str(scene()), "--out", str(out)]) == 2
+        assert "move them away" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

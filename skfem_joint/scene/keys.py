@@ -163,7 +163,9 @@ def show(tables: Iterable[KeyTable], console: Console) -> None:
 
     for table in tables:
         console.print(Text(table.title, style="bold"), Text(_sentence(table.meaning)), sep="\n")
-        grid = Table(*Key._fields, box=None, padding=(0, 2, 0, 0))
+        grid = Table(box=None, padding=(0, 2, 0, 0))
+        for name in Key._fields:
+            grid.add_column(name, no_wrap=name in ("key", "unit"))
         for row in table.keys:
             grid.add_row(*map(Text, row))
         console.print(grid, "")

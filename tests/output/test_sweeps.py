@@ -18,7 +18,7 @@ from scene_texts import GOOD, with_changes
 
 from skfem_joint import cli
 from skfem_joint.analysis.sweep import Row
-from skfem_joint.output import plots, sweeps
+from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
 
 MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
@@ -145,8 +145,14 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(
     with (out / sweeps.TABLE).open() as file:
         assert [int(one["scene"]) for one in csv.DictReader(file)] == list(range(count))
     stamp = os.stat(journal).st_mtime_ns
+    (out / "notes.txt").write_text("of the user")
     assert cli.main(arguments) == 0  # runs nothing
     assert os.stat(journal).st_mtime_ns == stamp
+    # Another command's results take the place of the table, not of what the sweep goes on from.
+    with folder.kept(out):
+        assert {file.name for file in out.iterdir() if file.name[0] != "."} == {
+            "notes.txt", sweeps.JOURNAL
+        }  # fmt: skip
 
 
 def test_a_table_of_other_origin_is_not_overwritten(tmp_path: Path, capsys: Capture) -> None:
