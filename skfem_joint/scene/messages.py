@@ -141,6 +141,8 @@ _MUST_BE = {
     "model_attributes_type": "must be a table",
     "too_short": "must have {min_length} or more entries",
 }
+# Mistakes that a key's meaning and unit help with.
+_OF_NUMBERS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "float_type")
 
 
 def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
@@ -182,4 +184,6 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
         must_be = f"must be {extra['allowed']}" if isinstance(extra, dict) else must_be
     if kind == "tuple_type" and places in (["joint"], ["load"]):
         must_be += f" of tables, each under [[{places[0]}]]"
+    elif field and field.description and kind in _OF_NUMBERS and not extra:
+        must_be += f" ({field.description.split(';')[0]})"
     return [f"{key_path(tuple(places))}: found {found}, {must_be}{hint}"]

@@ -202,7 +202,7 @@ def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file: Wri
         assert sum(word in problem for problem in problems) == 1
     # Nothing is said of the structure where a table it is made from is wrong.
     (problem,) = problems_of_file(scene_file(("E = 200e9", "E = 0"), ('["fixed"]', '["fixd"]')))
-    assert problem == "material.E: found 0, must be > 0"
+    assert problem == "material.E: found 0, must be > 0 (Young's modulus, Pa)"
     # And nothing of the system where its loads are.
     keys = [
         problem.split(": ")[0]
