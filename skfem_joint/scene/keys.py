@@ -24,6 +24,7 @@ _TYPES = {
     **{"number": "number", "integer": "whole number", "string": "text", "object": "table"},
     **{"boolean": "true or false", "None": "value"},
 }
+_FORMS = ("anyOf", "oneOf", "allOf")
 _PAGE = """# Keys of a scene
 
 What `skfem-joint keys` prints, made from the models that check a scene. `skfem-joint keys load`
@@ -107,7 +108,7 @@ def _named(part: Any) -> Iterator[str]:
     if isinstance(part, Mapping):
         if "$ref" in part:
             yield part["$ref"].rpartition("/")[2]
-        for name in ("anyOf", "oneOf", "items", "additionalProperties"):
+        for name in (*_FORMS, "items", "additionalProperties"):
             yield from _named(part.get(name))
     elif isinstance(part, list):
         for one in part:
@@ -133,7 +134,7 @@ def _allowed(part: Schema) -> str:
     """What a value may be, in words and signs."""
     if "allowed" in part:
         return str(part["allowed"])
-    if forms := part.get("anyOf") or part.get("oneOf"):
+    if forms := next((part[name] for name in _FORMS if name in part), None):
         texts = (_allowed(one) for one in forms if one.get("type") != "null")
         return " or ".join(dict.fromkeys(texts))
     if words := part.get("enum") or ("const" in part and [part["const"]]):
