@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
@@ -82,7 +82,7 @@ class System:
     J : ndarray or sparse array, shape (joints, m)
         Part of the friction of each contact point that each named joint has.
     joints : tuple of str
-        Names of the rows of ``J``.
+        Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
         Sentences about what it was made with.
 
@@ -120,7 +120,8 @@ class System:
             "C": 0.0 * self.K if self.C is None else self.C,
             "P": sparse.csr_array((0, n)) if self.P is None else self.P,
             "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
-            "J": sparse.csr_array((0, m)) if self.J is None else self.J,
+            "J": sparse.csr_array(np.ones((min(m, 1), m))) if self.J is None else self.J,
+            "joints": ("contact",) * min(m, 1) if self.J is None else self.joints,
         }
         for name, value in given.items():
             object.__setattr__(self, name, value)
@@ -146,6 +147,12 @@ class System:
             problems.append("beta: must be positive (inf for Coulomb)")
         if problems:
             raise InputError(problems)
+
+    @property
+    def joint_points(self) -> list[IntArray]:
+        """Contact points with friction of each joint that has any."""
+        parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
+        return [np.flatnonzero(part) for part in parts if part.any()]
 
     @property
     def n(self) -> int:

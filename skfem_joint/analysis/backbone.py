@@ -18,7 +18,7 @@ near an odd multiple of the mode's, friction excites it and the true damping is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -118,7 +118,6 @@ def backbone(
     modes: Sequence[int] = (1,),
     levels: int = 20,
     up_to: float = 0.7,
-    joints: Mapping[str, IntArray] | None = None,
     slips_at: float | None = None,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
@@ -134,8 +133,6 @@ def backbone(
         Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty.
     up_to : float
         The highest, as a share of the level at which the first joint slips as a whole.
-    joints : mapping, optional
-        Contact points of each joint by its name; all are one joint if not given.
     slips_at : float, optional
         That level, m/s² kg^1/2, as in the `Backbone` of the full model; found if not given.
 
@@ -160,14 +157,9 @@ def backbone(
             f"backbone: found mode {numbers.max()}, there are {frequency.size} with the contact "
             "stuck"
         )
-    if joints is None:
-        joints = {"joint": np.arange(system.w.size)}
-    groups = [points[system.w[points] > 0.0] for points in joints.values()]
-    groups = [points for points in groups if points.size]
     shares = np.geomspace(LOWEST, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
     return [
-        _curve(to, path, k, frequency, shapes[:, k - 1], shares, groups, slips_at)
-        for k in numbers.tolist()
+        _curve(to, path, k, frequency, shapes[:, k - 1], shares, slips_at) for k in numbers.tolist()
     ]
 
 
@@ -178,7 +170,6 @@ def _curve(
     frequencies: FloatArray,
     shape: FloatArray,
     shares: FloatArray,
-    groups: Sequence[IntArray],
     slips_at: float | None,
 ) -> Backbone:
     system, stuck = to.system, float(frequencies[number - 1])
@@ -191,7 +182,7 @@ def _curve(
     limit = path.limit(force)
     if slips_at is None:
         static = shape / (2.0 * np.pi * stuck) ** 2
-        slips_at = min(limit, first_slip(path, force, static, groups, np.isinf(limit)))
+        slips_at = min(limit, first_slip(path, force, static, np.isinf(limit)))
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
     level = shares * slips_at
@@ -218,7 +209,8 @@ def _curve(
     q = states @ force
     omega = np.sqrt(level / q)
     slipping = slip > _none(path) * slip.max()
-    stuck_share = [[_sticking(path, one, group) for group in groups] for one in slip]
+    joints = system.joint_points
+    stuck_share = [[_sticking(path, one, points) for points in joints] for one in slip]
     gross = np.min(stuck_share, axis=1) <= 1.0 - WHOLE
     if gross[0]:
         raise InputError(
@@ -258,24 +250,22 @@ def first_slip(
     path: QuasiStatic,
     force: FloatArray,
     static: FloatArray,
-    groups: Sequence[IntArray],
     raised: bool,
 ) -> float:
     """Multiple of ``force`` at which the first joint slips as a whole; ``inf``: none is loaded.
 
-    ``static`` is what it does with all joints stuck, ``groups`` the points of each, all in the
-    unknowns of the path's system. Where joints alone carry the load it is that at which the forces
-    on a joint that sticks add up to its limit; else the load is ``raised`` until one slips. A dense
-    system, whose basis may not slip so far, takes the first of these with the smallest forces that
-    hold it.
+    ``static`` is what it does with all joints stuck, in the unknowns of the path's system. Where
+    joints alone carry the load it is that at which the forces on a joint that sticks add up to its
+    limit; else the load is ``raised`` until one slips. A dense system, whose basis may not slip so
+    far, takes the first of these with the smallest forces that hold it.
     """
     system, held, dense = path.to.system, force - path.K @ static, path.to.kind == "dense"
     rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
     forces = system.slip_norm(np.asarray(rows, dtype=float))
-    loaded = [group for group in groups if forces[group].sum() > 0.0]
+    loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
     if not loaded:
         return np.inf
-    nominal = min(float(system.w[group].sum() / forces[group].sum()) for group in loaded)
+    nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
     if not raised:
         return nominal
 
@@ -284,7 +274,7 @@ def first_slip(
     for _ in range(TRIALS):
         u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
-        last, sticks = sticks, min(_sticking(path, slip, group) for group in loaded)
+        last, sticks = sticks, min(_sticking(path, slip, points) for points in loaded)
         if sticks <= 1.0 - WHOLE:
             over = (1.0 - WHOLE - sticks) / (last - sticks)
             return float(level * RAISED**-over) if last < 1.0 else nominal
@@ -298,10 +288,10 @@ def _none(path: QuasiStatic) -> float:
     return THRESHOLD if path.to.kind == "dense" else NONE
 
 
-def _sticking(path: QuasiStatic, slip: FloatArray, group: IntArray) -> float:
+def _sticking(path: QuasiStatic, slip: FloatArray, points: IntArray) -> float:
     """Share of a joint's friction limit that does not slip."""
-    limits = path.to.system.w[group]
-    return float(limits[slip[group] <= _none(path) * slip.max()].sum() / limits.sum())
+    limits = path.to.system.w[points]
+    return float(limits[slip[points] <= _none(path) * slip.max()].sum() / limits.sum())
 
 
 def _doubts(
@@ -361,8 +351,7 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
         As :func:`backbone` and :func:`ring_down`.
     """
     asked, system, structure = scene.backbone, scene.system(), scene.structure()
-    joints = {patch.joint.name: patch.points for patch in structure.patches}
-    curves = backbone(system, asked.modes, asked.levels, asked.up_to, joints)
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to)
     found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
     found.warnings += [warning for curve in curves for warning in curve.warnings]
     start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
@@ -370,11 +359,11 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
     for name in sorted(scene.models.run):
         model = ModelBackbone(name, [], [], [])
         for curve in curves:
-            one, own, parts, begin = curve, system, joints, start
+            one, own, begin = curve, system, start
             if name == "reduced":
-                V, own, parts = _reduced(scene, system, curve, found.warnings)
+                V, own = _reduced(scene, system, curve, found.warnings)
                 levels = asked.levels, asked.up_to
-                (one,) = backbone(own, (curve.mode,), *levels, parts, curve.slips_at)
+                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at)
                 if start is not None:
                     begin = V.T @ (system.M @ start[0]), V.T @ (system.M @ start[1])
                 slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
@@ -385,7 +374,7 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
             )
             model.errors.append({k: float(np.abs(ratio - 1.0).max()) for k, ratio in both})
             if asked.ring_down:
-                model.ring_downs.append(ring_down(own, one, asked.ring_down, *how, parts, begin))
+                model.ring_downs.append(ring_down(own, one, asked.ring_down, *how, begin))
         found.models.append(model)
     return found
 
@@ -395,8 +384,8 @@ def _reduced(
     system: System,
     curve: Backbone,
     warn: list[str],
-) -> tuple[FloatArray, System, dict[str, IntArray]]:
-    """Basis and reduced system for a mode, and which of its friction points each joint has."""
+) -> tuple[FloatArray, System]:
+    """Basis and reduced system for a mode."""
     options, number = options_of(scene), curve.mode
     modes = MODES if isinstance(options.modes, str) else options.modes
     beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
@@ -416,9 +405,7 @@ def _reduced(
         periodic=False,
         warn=warn,
     )
-    own = (np.flatnonzero(row) for row in sparse.csr_array(small.J).toarray())
-    parts = dict(zip(small.joints, own, strict=True))
-    return basis.V, small, parts
+    return basis.V, small
 
 
 def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:

@@ -128,11 +128,10 @@ def _moves(scene: Scene, structure: Structure, system: System, found: Descriptio
     to = arranged(system)
     path = QuasiStatic(to.system, _TOLERANCE)
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
-    groups = [patch.points for patch in structure.patches if np.any(system.w[patch.points] > 0.0)]
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
-        level = first_slip(path, force, to.inner(followed), groups, True)
+        level = first_slip(path, force, to.inner(followed), True)
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),

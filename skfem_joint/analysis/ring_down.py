@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -42,7 +41,6 @@ def ring_down(
     cycles: int,
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
-    joints: Mapping[str, IntArray] | None = None,
     start: tuple[FloatArray, FloatArray] | None = None,
 ) -> RingDown:
     """Free vibration of a mode, released at rest from the highest level of its curve or as it is.
@@ -85,15 +83,13 @@ def ring_down(
     half = 0.5 * (0.5 * (top[:-1] + top[1:])[: count + 1] - bottom[: count + 1])
     decrement = np.log(half[:-1] / half[1:])
     whole = np.hypot(2.0 * np.pi, decrement)  # angle of a cycle, had it no damping
-    joints = {"joint": np.arange(system.w.size)} if joints is None else joints
-    work = run.friction_work_rows
     return RingDown(
         time=at[:count] * step,
         amplitude=np.sqrt(half[:-1] * half[1:]),
         frequency=whole / (np.pi * (at[2:] - at[:-2])[:count] * step),
         damping_ratio=decrement / whole,
         energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
-        friction_work=np.stack([work[:, p].sum(axis=1) for p in joints.values()], axis=1),
+        friction_work=run.joint_work[::steps_per_cycle],
     )
 
 
