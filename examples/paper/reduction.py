@@ -47,7 +47,8 @@ def without_friction(system: System, damped: bool) -> System:
     contact = {name: getattr(system, name)[:0] for name in ("B", "w", "beta", "directions")}
     step_load = RampAndHold(CASE.force, 1e-12)
     loads = tuple(replace(load, amplitude=step_load) for load in system.loads)
-    return replace(system, **contact, C=system.C if damped else 0.0 * system.C, loads=loads)
+    C = system.C if damped else 0.0 * system.C
+    return replace(system, **contact, J=None, C=C, loads=loads)
 
 
 def largest_frequency(system: System) -> float:
