@@ -91,7 +91,7 @@ def test_a_dense_system_slips_as_the_sparse_one_does(held: bool) -> None:
     history = np.array([0.3, 0.6, 0.9, 0.2, -0.5, -0.9, 0.9])[:, np.newaxis] * system.w.sum()
     forces = history * system.loads[0].vector
     exact = QuasiStatic(system).follow(forces)
-    found = QuasiStatic(replace(dense, **thirds)).follow(forces)
+    found = QuasiStatic(replace(dense, **thirds, J=None)).follow(forces)
     assert found == pytest.approx(exact, abs=1e-4 * np.abs(exact).max())
 
 
