@@ -14,6 +14,11 @@ Plates, in plan view unless it says side, with x along their length:
 - ``two_plates_side``: the same seen from the side, 10 mm thick each, upper on lower; their
   elements do not match along the contact.
 
+Solids, with x along their length and z upwards:
+
+- ``solid_lap_joint``: two plates of 0.2 m x 0.05 m x 10 mm, of second-order hexahedra, the upper
+  one on the lower one over 0.1 m, with two bolt holes of 9 mm through both.
+
 All sizes are in metres.
 """
 
@@ -64,16 +69,7 @@ def plate_bolts() -> NamedMesh:
             *((0.0, 0.025, 4), (0.075, 0.125, 8), (0.175, 0.2, 4), (0.2, 0.5, 30))
         ]
     ]
-    # Around each hole rings of vertices lead from the circle to the square of the plate's width.
-    side = np.linspace(-1.0, 1.0, across + 1)[:-1]
-    one = np.ones(across)
-    square = 0.5 * WIDTH * np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
-    angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
-    circle = hole_radius * np.stack([np.cos(angle), np.sin(angle)])
-    share = np.concatenate([[0.0], np.cumsum(1.4 ** np.arange(7))])
-    share = (share / share[-1])[:, np.newaxis, np.newaxis]
-    rings = np.moveaxis((1.0 - share) * circle + share * square, 1, 0)
-    rings = np.concatenate([rings, rings[..., :1]], axis=2)
+    rings = rings_around_hole(hole_radius, across, 7)
     centres = [np.array([x, 0.5 * WIDTH])[:, np.newaxis, np.newaxis] for x in bolts.values()]
     grids += [rings + centre for centre in centres]
 
@@ -97,6 +93,19 @@ def plate_bolts() -> NamedMesh:
         boundaries[name] = lambda at, x=x: np.hypot(at[0] - x, at[1] - 0.5 * WIDTH) < hole_radius
     regions = {"joint": np.flatnonzero(joint), "linear": np.flatnonzero(~joint)}
     return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
+
+
+def rings_around_hole(radius: float, across: int, layers: int) -> np.ndarray:
+    """Vertices (2, layers + 1, around) from a circle to the square of the plate's width, closed."""
+    side = np.linspace(-1.0, 1.0, across + 1)[:-1]
+    one = np.ones(across)
+    square = 0.5 * WIDTH * np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
+    angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
+    share = np.concatenate([[0.0], np.cumsum(1.4 ** np.arange(layers))])
+    share = (share / share[-1])[:, np.newaxis, np.newaxis]
+    rings = np.moveaxis((1.0 - share) * circle + share * square, 1, 0)
+    return np.concatenate([rings, rings[..., :1]], axis=2)
 
 
 def two_plates() -> NamedMesh:
@@ -136,6 +145,38 @@ def two_plates_side() -> NamedMesh:
     return merged([upper, lower])
 
 
+def solid_lap_joint() -> NamedMesh:
+    """Two solid plates lapped and bolted, one element thick; their faces match."""
+    thick, rings = 0.01, rings_around_hole(0.0045, 4, 3)
+
+    def plate(name: str, end: float, low: float) -> NamedMesh:
+        """One plate; its end stands at ``end``, its overlap between 0.1 m and 0.2 m."""
+        tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, 5)
+        grids = [np.array(np.meshgrid(*tail, indexing="ij"))]
+        grids += [rings + np.array([x, 0.5 * WIDTH])[:, None, None] for x in (0.125, 0.175)]
+        positions, cells, count = [], [], 0
+        for grid in grids:
+            node = count + np.arange(grid[0].size).reshape(grid[0].shape)
+            corners = node[1:, 1:], node[1:, :-1], node[:-1, 1:], node[:-1, :-1]
+            cells.append(np.reshape(corners, (4, -1)))
+            positions.append(grid.reshape(2, -1))
+            count += grid[0].size
+        p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
+        n, flat = p.shape[1], number.ravel()[np.hstack(cells)]
+        t = np.vstack([np.stack([flat[i] + n, flat[i]]) for i in range(4)])[[0, 1, 2, 4, 3, 5, 6, 7]]
+        p = np.hstack([np.vstack([p, np.full(n, z)]) for z in (low, low + thick)])
+        face = low + thick * (name == "lower")
+        boundaries = {
+            f"{name}_end": lambda x: x[0] == end,
+            f"{name}_contact": lambda x: (x[2] == face) & (x[0] > 0.1) & (x[0] < 0.2),
+        }
+        regions = {name: np.arange(t.shape[1])}
+        mesh = skfem.MeshHex1(p, np.ascontiguousarray(t), sort_t=False)
+        return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
+
+    return merged([plate("upper", 0.0, thick), plate("lower", 0.3, 0.0)])
+
+
 def main(folder: Path) -> None:
     """Write all mesh files into a folder."""
     write_mesh(lap_joint(0.25), folder / "lap_joint_250mm.msh")
@@ -145,6 +186,7 @@ def main(folder: Path) -> None:
     write_mesh(plate_bolts(), folder / "plate_bolts.msh")
     write_mesh(two_plates(), folder / "two_plates.msh")
     write_mesh(two_plates_side(), folder / "two_plates_side.msh")
+    write_mesh(solid_lap_joint(), folder / "solid_lap_joint.msh")
 
 
 if __name__ == "__main__":
