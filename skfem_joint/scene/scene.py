@@ -106,7 +106,8 @@ class Scene(SceneTable):
     def loads(self) -> tuple[parts.Load, ...]:
         """Loads of the structure."""
         return tuple(
-            parts.Load(one.on, one.to_amplitude(), one.direction, one.base) for one in self.load
+            parts.Load(one.on, one.to_amplitude(), one.direction, one.base, one.quantity)
+            for one in self.load
         )
 
     def system(self) -> System:

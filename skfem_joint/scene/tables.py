@@ -237,7 +237,14 @@ class Damping(SceneTable):
 class _Load(SceneTable):
     on: str | None = key("name of the point, boundary or region that the load acts on", None)
     direction: Direction | None = key(
-        "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars", None
+        "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars and for a "
+        "pressure",
+        None,
+    )
+    quantity: Literal["force", "traction", "pressure"] = key(
+        "what is given over time: the whole force in N, or, on a boundary, a traction along "
+        "direction or a pressure against the outward normal, both in N/m² instead of N",
+        "force",
     )
     base: Literal["x", "y", "z"] | None = key(
         "axis along which all supports are accelerated; what is a force in N on a part of the "

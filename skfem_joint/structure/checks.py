@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from skfem_joint.structure.structure import Load, Structure
     from skfem_joint.system import System
 
+_QUANTITIES = ("force", "traction", "pressure")
 _KINDS = ("region", "boundary", "point")
 # Sizes across a mesh of each dimension, and what may be pressed in it.
 _SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
@@ -33,6 +34,9 @@ _USUAL = {"E": (1e6, 2e12, "Pa", "2e11"), "density": (5.0, 3e4, "kg/m3", "7850")
 _PRESSURES, _MOST_FRICTION, _SIZES = (1e3, 1e10), 2.0, (1e-3, 100.0)
 # Fewest elements that carry a wave.
 _PER_WAVELENGTH = 6
+# Elements that reach from side to side are told from this share of all on; sides are opposite whose
+# normals have this cosine or more with a direction and its opposite.
+_SPANNING, _OPPOSITE = 0.05, 0.85
 # A bolt's ring on fewer contact points is poorly resolved; share of it that is told as not whole.
 _FEWEST_POINTS, _WHOLE_RING = 12, 0.99
 
@@ -198,12 +202,18 @@ def problems_of_places(
 ) -> list[str]:
     """Mistakes in the names of loads and observed points, and in the loads' directions."""
     dim = structure.dim
-    places = [(load.label, load.on) for load in loads if load.on is not None]
-    places += [("points", name) for name in points or ()]
-    found = [p for where, on in places for p in wrong_name(structure.mesh, on, _KINDS, where)]
+    found = [p for on in points or () for p in wrong_name(structure.mesh, on, _KINDS, "points")]
     for load in loads:
+        found += _one_of(f"{load.label}: quantity", load.quantity, _QUANTITIES)
         if load.base is not None or load.on is None:
             found += _base_problems(load, dim)
+            continue
+        by_area = load.quantity != "force"
+        where = f"{load.label}: quantity = {load.quantity!r}" if by_area else load.label
+        kinds = ("boundary",) if by_area else _KINDS
+        found += wrong_name(structure.mesh, load.on, kinds, where)
+        if load.quantity == "pressure":
+            found += _pressure_problems(structure.mesh, load)
             continue
         vector = np.ravel(() if load.direction is None else load.direction)
         if load.direction is None and dim > 1:
@@ -221,6 +231,18 @@ def problems_of_places(
     return found
 
 
+def _pressure_problems(mesh: NamedMesh, load: Load) -> Iterator[str]:
+    """What is wrong with a pressure as a load."""
+    if load.direction is not None:
+        yield (
+            f"{load.label}: direction: found {list(load.direction)} beside quantity = 'pressure', "
+            "which acts against the normal; leave it out, or choose quantity = 'traction'"
+        )
+    facets = mesh.boundaries.get(str(load.on), [])
+    if not np.isin(facets, mesh.mesh.boundary_facets()).all():
+        yield f"{load.label}: it runs inside a body; a pressure must be on its border"
+
+
 def _base_problems(load: Load, dim: int) -> Iterator[str]:
     """What is wrong with a load on no place, or on a base."""
     if (load.on is None) == (load.base is None):
@@ -230,6 +252,8 @@ def _base_problems(load: Load, dim: int) -> Iterator[str]:
         )
     elif load.direction is not None:
         yield f"{load.label}: direction: found {load.direction} beside base; leave it out"
+    elif load.quantity != "force":
+        yield f"{load.label}: quantity: found {load.quantity!r} beside base; leave it out"
     else:
         yield from _one_of(f"{load.label}: base", str(load.base), "xyz"[:dim])
 
@@ -284,7 +308,7 @@ def _body_label(mesh: NamedMesh, body: int) -> str:
 
 def doubts(structure: Structure, system: System) -> list[str]:
     """Sentences about values, size, loads and joints: what is allowed but looks like a slip."""
-    found = [*system.notes, *_unusual(structure), *_waves(structure, system)]
+    found = [*system.notes, *_unusual(structure), *_waves(structure, system), *_locking(structure)]
     if not structure.patches:
         found.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
@@ -350,6 +374,30 @@ def _waves(structure: Structure, system: System) -> Iterator[str]:
             f"There are {fewest:.2g} elements in the length of the slowest wave at {frequency:.5g} "
             f"Hz, the highest frequency of the loads; {_PER_WAVELENGTH} are the least: refine the "
             "mesh, or check frequency, rise_time, E and density."
+        )
+
+
+def _locking(structure: Structure) -> Iterator[str]:
+    """Sentence about elements of first order that bend too stiffly."""
+    if structure.dim == 1 or structure.mesh.order > 1:
+        return
+    mesh = structure.mesh.mesh
+    part = structure.facet_basis(mesh.boundary_facets())
+    # In opposite order they are their opposites.
+    directions = np.array([*product((-1.0, 0.0, 1.0), repeat=structure.dim)])
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1.0)[:, np.newaxis]
+    along = part.normals[..., 0].T @ directions.T
+    most = np.full((mesh.p.shape[1], len(directions)), -1.0)
+    for corner in mesh.facets[:, part.find]:
+        np.maximum.at(most, corner, along)
+    reached = most[mesh.t].max(axis=0) > _OPPOSITE
+    share = (reached & reached[:, ::-1]).any(axis=1).mean()
+    if share > _SPANNING:
+        each = f"{structure.cell.name}s of first order".replace("hedrons", "hedra")
+        yield (
+            f"{100.0 * share:.3g} % of the elements reach from one side to the other: single "
+            f"{each} are too stiff in bending (they lock); take second order, or at least two "
+            "elements through the thickness, better four."
         )
 
 

@@ -115,12 +115,28 @@ class Nodes:
         if name in self.mesh.regions:
             part = self.basis.with_elements(self.mesh.regions[name])
         else:
-            how = {"facets": self.mesh.boundaries[name], "intorder": self.quadrature}
-            part = skfem.FacetBasis(self.mesh.mesh, self.element, **how)
+            part = self.facet_basis(self.mesh.boundaries[name])
         shares = np.asarray(skfem.LinearForm(lambda v, _: 1.0 * v).assemble(part))
-        # Shape functions of other nodes, and some of the second order, give round-off.
-        shares[np.abs(shares) < 1e-12 * np.abs(shares).max()] = 0.0
-        return np.asarray(shares / shares.sum())
+        return _cleared(shares / shares.sum())
+
+    def facet_basis(self, facets: IntArray) -> Any:
+        """Scalar basis of scikit-fem on facets, which knows their normals."""
+        how = {"facets": facets, "intorder": self.quadrature}
+        return skfem.FacetBasis(self.mesh.mesh, self.element, **how)
+
+    def integrals(self, part: Any, value: FloatArray) -> FloatArray:
+        """Integrals (N, components) of a vector times each shape function.
+
+        ``part`` is a basis; ``value`` (components, its elements, points) is given at its points.
+        """
+        form = skfem.LinearForm(lambda v, w: w.value * v)
+        columns = [form.assemble(part, value=np.broadcast_to(v, part.dx.shape)) for v in value]
+        return _cleared(np.transpose(columns))
+
+
+def _cleared(shares: FloatArray) -> FloatArray:
+    """Without the round-off that shape functions of other nodes and of second order give."""
+    return np.asarray(np.where(np.abs(shares) < 1e-12 * np.abs(shares).max(), 0.0, shares))
 
 
 def _rows(parts: IntArray) -> tuple[IntArray, IntArray]:

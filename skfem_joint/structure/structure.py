@@ -58,12 +58,16 @@ class Load:
     ("x", "y" or "z") in place of ``on`` it is the acceleration (m/s2) of all supports and rigid
     bases together along that axis of the mesh; displacements are then relative to them, and damping
     acts on their rates.
+
+    On a boundary ``quantity`` may also be "traction", a force along ``direction`` by area (N/m2),
+    or "pressure" (N/m2), which acts against the outward normal and has no direction.
     """
 
     on: str | None = None
     amplitude: Any = None
     direction: tuple[float, ...] | None = None
     base: str | None = None
+    quantity: str = "force"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
@@ -316,7 +320,9 @@ class Structure(Nodes):
         that can move if none are given. Rows of ``P``: one named as each load, the displacement
         that it works on (another direction at the same place gets ".2" and so on), then what is
         observed: "name" in one dimension, else "name.x" and so on. An accelerated base becomes the
-        inertia force of all mass (N), named "mass_x": it works on the mean displacement by mass.
+        inertia force of all mass (N), named "mass_x": it works on the mean displacement by mass. A
+        traction or pressure becomes its force on the whole area (N), a pressure on the mean
+        displacement inwards.
 
         Raises
         ------
@@ -340,12 +346,21 @@ class Structure(Nodes):
                     f"The base is accelerated along {load.base}: displacements are relative to it, "
                     f"and the load on {on} is the inertia force of all {mass:.6g} kg."
                 )
-            else:
+            elif load.quantity == "force":
                 vector = T.T @ np.outer(self.even_shares(on), load.unit(self.dim)).ravel()
+            else:
+                mean, area = self._spread(load)
+                vector, amplitude = T.T @ mean.ravel(), scaled(amplitude, area)
+                notes.append(
+                    f"The {load.quantity} on {on} acts on {area:.6g} m2: what is told of this load "
+                    f"is its force on all of it, in N, and the mean displacement it works on."
+                )
             if not np.any(vector):
+                pressed = load.quantity == "pressure"
+                along = "its normal" if pressed else load.unit(self.dim).tolist()
                 problems.append(
-                    f"{load.label}: a support holds it along {load.unit(self.dim).tolist()}, a "
-                    "force there does nothing; load a free part"
+                    f"{load.label}: a support holds it along {along}, a force there does nothing; "
+                    "load a free part"
                 )
             name = _free_name(on, vector, rows)
             rows[name] = vector
@@ -362,6 +377,17 @@ class Structure(Nodes):
         system = self._assembled(M, K, tuple(applied), rows, tuple(dict.fromkeys(notes)))
         ratio = self.damping_ratio
         return system if ratio is None else system.with_damping_ratio(ratio)
+
+    def _spread(self, load: Load) -> tuple[FloatArray, float]:
+        """Means over a boundary of what a traction or pressure works on, (N, dim), and area, m2."""
+        part = self.facet_basis(self.mesh.boundaries[str(load.on)])
+        by_area = np.broadcast_to(self.across[part.tind, np.newaxis], part.dx.shape)
+        area = float(np.sum(by_area * part.dx))
+        if load.quantity == "pressure":
+            along = -np.asarray(part.normals)
+        else:
+            along = load.unit(self.dim)[:, np.newaxis, np.newaxis]
+        return self.integrals(part, along * by_area / area), area
 
     @property
     def free_points(self) -> tuple[str, ...]:
