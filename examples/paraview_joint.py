@@ -68,12 +68,13 @@ for k in range(1, rows.shape[1]):
 
 
 def blocks_by_model(reader):
-    """Paths of the blocks of each model; a block is called "MODEL: BODY" or "MODEL"."""
+    """Paths of the bodies of each model: blocks "MODEL: BODY" or "MODEL", not its faces."""
     tree = reader.GetDataInformation().GetHierarchy()
     models = {}
     for node in tree.GetChildNodes(tree.GetRootNode(), False):
         name = tree.GetAttributeOrDefault(node, "label", tree.GetNodeName(node))
-        models.setdefault(name.split(": ")[0], []).append(tree.GetNodePath(node))
+        if ": contact " not in name:
+            models.setdefault(name.split(": ")[0], []).append(tree.GetNodePath(node))
     return models
 
 

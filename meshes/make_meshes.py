@@ -163,7 +163,9 @@ def solid_lap_joint() -> NamedMesh:
             count += grid[0].size
         p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
         n, flat = p.shape[1], number.ravel()[np.hstack(cells)]
-        t = np.vstack([np.stack([flat[i] + n, flat[i]]) for i in range(4)])[[0, 1, 2, 4, 3, 5, 6, 7]]
+        t = np.vstack([np.stack([flat[i] + n, flat[i]]) for i in range(4)])[
+            [0, 1, 2, 4, 3, 5, 6, 7]
+        ]
         p = np.hstack([np.vstack([p, np.full(n, z)]) for z in (low, low + thick)])
         face = low + thick * (name == "lower")
         boundaries = {

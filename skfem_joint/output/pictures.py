@@ -10,11 +10,11 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,13 +23,17 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.plots import envelope, prefixed_unit
-from skfem_joint.output.series import Block, blocks_of
+from skfem_joint.output.series import Block, blocks_of, faces_of
+
+if TYPE_CHECKING:
+    from skfem_joint.structure import Structure
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
 #: Largest displacement in the picture, as a share of the structure's length.
 SHARE = 0.05
 
+_BETWEEN = 0.05  # of the width, between bodies and their faces
 _SPEED = 15.0  # frames a second of a film
 _WIDTH = 1400  # pixels
 _TITLE = 70  # pixels above the bodies
@@ -133,6 +137,8 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
 def still(path: str | Path, frames: Frames) -> None:
     """Draw the frame that tells most as a PNG: models side by side, forces below, with a mark.
 
+    The faces on which solids are pressed lie below each model once more, level, alone.
+
     InputError without a GL library or pyvista, and for a path that cannot be written.
     """
     with _picture(path, frames) as (temporary, picture):
@@ -166,15 +172,45 @@ def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, _Picture]
             plotter.close()
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A body of a model, or a face that is shown alone: turned, then moved."""
+
+    block: Block
+    turn: FloatArray  #: (3, 3)
+    shift: FloatArray  #: (3,), m
+
+    def placed(self, points: Any) -> FloatArray:
+        """Where points (n, 3) are drawn."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+
 @dataclass
 class _Body:
-    """One body of one model in the picture."""
+    """One part of one model in the picture."""
 
     field: Field
-    block: Block
+    part: _Part
     surface: Any
     edges: Any
-    shift: FloatArray
+
+    @property
+    def block(self) -> Block:
+        return self.part.block
+
+
+def _level(structure: Structure, block: Block) -> _Part | None:
+    """The face of a joint, turned to lie level; None of what is not pressed, only against it."""
+    for patch in structure.patches:
+        if block.label == f"contact {patch.joint.on}" and patch.normal is not None:
+            normal = patch.normal.sum(axis=0)
+            normal *= (1.0 if normal[2] >= 0.0 else -1.0) / max(np.linalg.norm(normal), 1e-300)
+            x, y, z = normal
+            tilt = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+            turn = np.eye(3) + tilt + tilt @ tilt / (1.0 + z)
+            middle = block.grid.points.mean(axis=0)
+            return _Part(block, turn, middle - turn @ middle)
+    return None
 
 
 class _Picture:
@@ -191,8 +227,8 @@ class _Picture:
     def _add_bodies(self) -> None:
         """Lay the models out in the window, aim the camera at them, and add their bodies."""
         fields, structure = self.frames.fields, self.frames.structure
-        blocks, n = blocks_of(structure), len(fields)
-        low, high = self._extents(blocks)
+        parts, low, high, names = self._parts()
+        n = len(fields)
         (wide, tall), label = high - low, _LABEL if n > 1 else 0
         layouts = []
         for columns, rows in ((1, n), (n, 1)):
@@ -210,9 +246,12 @@ class _Picture:
             if n > 1:
                 x, y = (np.array([low[0], high[1]]) + place - self.origin) / pixel
                 self._write(one.name, (x, y + 8.0), 13, f"model {one.name}")
+            for name, at in names.items():
+                x, y = (at + place - self.origin) / pixel
+                self._write(name, (x, y + 4.0), 10, f"{one.name} {name}")
             shift = np.array([place[0], place[1] / _PLANE[1, 1], 0.0])
-            for block in blocks if k == 0 else blocks_of(structure):
-                mapper = self._add_body(one, block, shift)
+            for part in parts if k == 0 else self._parts()[0]:
+                mapper = self._add_body(one, replace(part, shift=part.shift + shift))
         if not structure.patches:
             return
         bottom = 100 if self.frames.forces else 40
@@ -225,28 +264,47 @@ class _Picture:
             x = (0.74 + 0.08 * (k + 0.5)) * _WIDTH
             self._write(name, (x, bottom - 26.0), 10, name).prop.justification_horizontal = "center"
 
-    def _extents(self, blocks: Sequence[Block]) -> tuple[FloatArray, FloatArray]:
-        """Least and largest coordinates across and up the picture that a model reaches."""
+    def _parts(self) -> tuple[list[_Part], FloatArray, FloatArray, dict[str, FloatArray]]:
+        """Bodies and, below them, level faces; what they reach; the faces' names and places."""
+        structure, names = self.frames.structure, {}
+        parts = [_Part(block, np.eye(3), np.zeros(3)) for block in blocks_of(structure)]
+        low, high = self._extents(parts)
+        space = _BETWEEN * (high[0] - low[0])
+        for face in (_level(structure, block) for block in faces_of(structure)):
+            if face is not None:
+                least, most = self._extents([face])
+                down = low[1] - space - most[1]
+                shift = np.array([0.0, down / _PLANE[1, 1], 0.0])
+                parts.append(replace(face, shift=face.shift + shift))
+                names[face.block.label] = np.array([least[0], most[1] + down])
+                low = np.array([min(low[0], least[0]), least[1] + down])
+                high[0] = max(high[0], most[0])
+        return parts, low, high, names
+
+    def _extents(self, parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray]:
+        """Least and largest coordinates across and up the picture that some parts reach."""
         in_space, count = self.frames.structure.in_space, len(self.frames.times)
         reached = []
         for one in self.frames.fields:
-            moves = self.factor * (in_space(one.displacement[:count]) @ _PLANE)
-            for bound in (moves.min(axis=0), moves.max(axis=0)):
-                reached += [block.grid.points @ _PLANE + bound[block.nodes] for block in blocks]
+            u = self.factor * in_space(one.displacement[:count])
+            for part in parts:
+                moves = u[:, part.block.nodes] @ part.turn.T @ _PLANE
+                at = part.placed(part.block.grid.points) @ _PLANE
+                reached += [at + moves.min(axis=0), at + moves.max(axis=0)]
         points = np.concatenate(reached)
         return points.min(axis=0), points.max(axis=0)
 
-    def _add_body(self, field: Field, block: Block, shift: FloatArray) -> Any:
-        """Add a body, its edges and where they were; returns what gives it its colours."""
-        grid = block.grid
+    def _add_body(self, field: Field, part: _Part) -> Any:
+        """Add a part, its edges and where they were; returns what gives it its colours."""
+        grid = part.block.grid
         grid.point_data["point"] = np.arange(grid.n_points)
         grid.cell_data["cell"] = np.arange(grid.n_cells)
         surface = grid.extract_surface(algorithm="dataset_surface")
         edges = surface.extract_feature_edges(30.0, manifold_edges=False)
         still_edges = edges.copy()
-        still_edges.points = np.asarray(edges.points) + shift
+        still_edges.points = part.placed(np.asarray(edges.points))
         self.plotter.add_mesh(still_edges, color="#9aa0a6", line_width=1)
-        self.bodies.append(_Body(field, block, surface, edges, shift))
+        self.bodies.append(_Body(field, part, surface, edges))
         surface.cell_data["state"] = np.zeros(surface.n_cells)
         actor = self.plotter.add_mesh(
             surface, scalars="state", clim=(-1.5, 1.5), show_scalar_bar=False, ambient=0.7,
@@ -316,7 +374,8 @@ class _Picture:
                 if body.field is not one:
                     continue
                 grid, surface = body.block.fill(arrays), body.surface
-                points = body.shift + grid.points + self.factor * np.asarray(grid["displacement"])
+                moved = grid.points + self.factor * np.asarray(grid["displacement"])
+                points = body.part.placed(moved)
                 # Nearer to the eye, edges are not lost in the surface that they lie on.
                 for part, nearer in ((surface, 0.0), (body.edges, 2.0 * self.pixel)):
                     at = np.asarray(part.point_data["point"])

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
@@ -45,9 +46,9 @@ _HEXAHEDRON = (0, 3, 6, 2, 1, 5, 7, 4)
 
 @dataclass(frozen=True)
 class Block:
-    """One body as a grid."""
+    """One body, or the face of one that touches, as a grid."""
 
-    label: str  #: name of the body, empty for one that is alone
+    label: str  #: name of the body, empty for one that is alone; "contact NAME" for a face
     grid: Any  #: pyvista.UnstructuredGrid with what does not change in time
     nodes: IntArray  #: displacement node of each point
     cells: IntArray  #: linear sub-cell of each cell
@@ -64,15 +65,10 @@ class Block:
 
 def blocks_of(structure: Structure) -> list[Block]:
     """Each body of a structure as a grid with its cell data; see :func:`write_series`."""
-    pyvista, mesh = needed("pyvista", "vtk"), structure.mesh
-    region = np.full(mesh.n_elements, -1, dtype=np.int32)
-    names = list(mesh.regions)
-    for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
-        region[mesh.regions[name]] = names.index(name)
+    mesh = structure.mesh
     corners, directions, section = _corners(structure), _directions(structure), _section(structure)
     shift = _heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
     of_cell = mesh.body[structure.cell_element]
-    meanings = (POINT_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
     blocks = []
     for number, label in enumerate(_labels(structure)):
         cells = np.flatnonzero(of_cell == number)
@@ -90,16 +86,59 @@ def blocks_of(structure: Structure) -> list[Block]:
             nodes, size, dim = np.tile(nodes, 2), np.tile(size, (2, 1)), dim + 1
             other = connections[:, ::-1] if dim == 2 else connections  # a line's corners go around
             connections = np.hstack([connections, other + n])
-        kind = getattr(pyvista.CellType, _CELLS[dim, connections.shape[1]][0])
-        grid = pyvista.UnstructuredGrid({kind: connections}, points)
-        grid.cell_data["region"] = region[elements]
-        grid.cell_data["body"] = np.full(cells.size, number, dtype=np.int32)
+        grid = _grid(structure, _CELLS[dim, connections.shape[1]][0], connections, points, elements)
         if len(directions):
             grid.cell_data["thickness"] = section[elements, -1]
-        _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
-        _add_texts(grid, "region_names", names)
         blocks.append(Block(label, grid, nodes, cells))
     return blocks
+
+
+def faces_of(structure: Structure) -> list[Block]:
+    """Faces of solids that touch, by the names of joints and of what they are pressed against."""
+    mesh, blocks = structure.mesh, []
+    pairs = [(patch.joint.on, patch.joint.against) for patch in structure.patches]
+    for name in dict.fromkeys(name for pair in pairs for name in pair):
+        corners = structure.facet_cells(mesh.boundaries.get(name or "", np.zeros(0, np.intp)))[0]
+        if not corners.size or structure.dim < 3:  # an edge shows in the plate's own block
+            continue
+        nodes, place = np.unique(corners, return_inverse=True)
+        cells, number = _behind(structure.cells, corners), np.reshape(place, corners.shape)
+        kind, elements = _CELLS[2, corners.shape[1]][0], structure.cell_element[cells]
+        grid = _grid(structure, kind, number, structure.positions[nodes], elements)
+        blocks.append(Block(f"contact {name}", grid, nodes, cells))
+    return blocks
+
+
+def _behind(cells: IntArray, facets: IntArray) -> IntArray:
+    """Cell that has all corners of each facet on a border; both are given by their corners."""
+    n, ends = int(cells.max()) + 1, np.arange(max(len(cells), len(facets)))
+    cell, facet = (
+        sparse.csr_array((np.ones(some.size), (np.repeat(ends[: len(some)], some.shape[1]),
+                                               some.ravel())), shape=(len(some), n))
+        for some in (cells, facets)
+    )  # fmt: skip
+    shared = sparse.coo_array(facet @ cell.T)
+    whole = shared.data == facets.shape[1]
+    found = np.empty(len(facets), dtype=np.intp)
+    found[shared.row[whole]] = shared.col[whole]
+    return found
+
+
+def _grid(
+    structure: Structure, kind: str, corners: IntArray, points: FloatArray, elements: IntArray
+) -> Any:
+    """Grid of cells that are parts of elements, with what is told of these."""
+    pyvista, mesh = needed("pyvista", "vtk"), structure.mesh
+    region, names = np.full(mesh.n_elements, -1, dtype=np.int32), list(mesh.regions)
+    for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
+        region[mesh.regions[name]] = names.index(name)
+    grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
+    grid.cell_data["region"] = region[elements]
+    grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
+    meanings = (POINT_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
+    _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
+    _add_texts(grid, "region_names", names)
+    return grid
 
 
 def _add_texts(grid: Any, name: str, texts: Sequence[str]) -> None:
@@ -188,7 +227,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     else "full: body 1"; a body that is alone has the model's name. Models lie on each other: switch
     blocks off or move them in ParaView. A bar is swept to its width and thickness, a plate to its
     thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one are
-    moved apart: the pressed one lies above the other, with half of its thickness as a gap.
+    moved apart: the pressed one lies above the other, with half of its thickness as a gap. Faces of
+    solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
     Points carry `POINT_ARRAYS`. The body that is not pressed carries the reaction, and the other
     values as means over what lies on it: traction times nodal contact area adds up to the same
@@ -207,7 +247,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     if len({safe_name(name).casefold() for name in names}) < len(names):
         found = ", ".join(repr(name) for name in names)
         raise InputError(f"fields: the names {found} lead to files of the same name")
-    blocks, files = blocks_of(frames.structure), series_files(index, frames)
+    blocks = [*blocks_of(frames.structure), *faces_of(frames.structure)]
+    files = series_files(index, frames)
     try:
         index.with_suffix("").mkdir(parents=True, exist_ok=True)
         index.unlink(missing_ok=True)  # it would list old frames among new ones
@@ -235,7 +276,7 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
 
 def _names(frames: Frames) -> list[str]:
     """Names of the blocks of a series."""
-    labels = _labels(frames.structure)
+    labels = [*_labels(frames.structure), *(one.label for one in faces_of(frames.structure))]
     models = [field.name for field in frames.fields]
     return [f"{model}: {label}" if label else model for model in models for label in labels]
 
