@@ -39,6 +39,7 @@ SCENES = {
     "impulse": ("structure_impulse", "histories"),
     "plate_slip": ("plate_reference", "active_region_joint"),
     "two_plates_held": ("two_plates", "joint"),
+    "solid_lap_joint": ("solid_lap_joint", "joint"),
 }
 #: Pictures that take long: a script with its arguments, and the picture's name.
 READY_MADE = ("benchmarks/ready_made.py", str(HERE / "lap_joint_reference.toml"))

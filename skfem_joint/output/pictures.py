@@ -204,7 +204,7 @@ def _level(structure: Structure, block: Block) -> _Part | None:
     for patch in structure.patches:
         if block.label == f"contact {patch.joint.on}" and patch.normal is not None:
             normal = patch.normal.sum(axis=0)
-            normal *= (1.0 if normal[2] >= 0.0 else -1.0) / max(np.linalg.norm(normal), 1e-300)
+            normal *= (1.0 if normal[2] >= 0.0 else -1.0) / (np.linalg.norm(normal) or 1.0)
             x, y, z = normal
             tilt = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
             turn = np.eye(3) + tilt + tilt @ tilt / (1.0 + z)
