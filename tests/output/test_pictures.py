@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pictured import STEEL, bar, bars, blocks, lap, pulled, side
 
 from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_plate
+from skfem_joint.mesh import build_box, build_plate
 from skfem_joint.output import pictures
+from skfem_joint.output.series import faces_of
 from skfem_joint.structure import Joint, Structure
 
 Build = Callable[[], Structure]
@@ -64,6 +65,23 @@ def test_a_still_shows_stick_slip_and_no_contact(tmp_path: Path, build: Build) -
     bar_pixels = share_of(stuck, pictures.STATES["slip"]) * stuck[..., 0].size
     assert bar_pixels < 0.24 / 3 * stuck.shape[1] * 60
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize("side", ["left", "bottom", "back"])
+def test_the_face_of_a_joint_is_shown_level_and_as_large_as_it_is(side: str) -> None:
+    """Whichever way it looks."""
+    made = Structure(
+        build_box([("all", 0.1, 2)], (0.05, 0.02), (2, 2)), STEEL, fixed=["right"],
+        joints=[Joint(side, 50e6, 0.7)],
+    )  # fmt: skip
+    (block,) = faces_of(made)
+    before = np.asarray(block.grid.points)
+    part = pictures._level(made, block)
+    after = part.placed(before)
+    assert np.ptp(after[:, 2]) < 1e-12
+    assert np.linalg.det(part.turn) == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(after.mean(axis=0), before.mean(axis=0), atol=1e-12)
+    assert sorted(np.ptp(after, axis=0)) == pytest.approx(sorted(np.ptp(before, axis=0)), abs=1e-12)
 
 
 def test_the_frame_that_is_drawn_says_why_it_was_taken() -> None:

@@ -26,6 +26,7 @@ from pictured import (
     random_frames,
     side,
 )
+from scipy.spatial import cKDTree
 
 from skfem_joint.errors import InputError
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
@@ -47,10 +48,12 @@ PAIRS: list[Build] = [
 ]
 
 
-def read(path: Path, frame: int) -> list[Any]:
+def read(path: Path, frame: int, faces: bool = False) -> list[Any]:
+    """Blocks of bodies, or those of faces."""
     reader = pyvista.PVDReader(path)
     reader.set_active_time_value(reader.time_values[frame])
-    return list(reader.read()[0])
+    blocks = reader.read()[0]
+    return [one for one in blocks if (one.get_cell(0).dimension < 3) == faces]
 
 
 def node_of(block: Any, structure: Structure) -> NDArray[np.intp]:
@@ -175,6 +178,29 @@ def test_both_bodies_feel_the_same_friction_force(tmp_path: Path, build: Build) 
         expected = made.in_space(patch.area @ source.friction_traction[k, patch.nodes])
         np.testing.assert_allclose(force[1], expected, rtol=1e-11, atol=1e-6)
         np.testing.assert_allclose(force[0], -force[1], rtol=1e-11, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", BOXES)
+def test_faces_that_touch_are_blocks_by_name_with_the_values_of_their_bodies(
+    tmp_path: Path, kind: tuple[str, int]
+) -> None:
+    made = blocks(*kind)
+    frames = random_frames(made)
+    write_series(tmp_path / "a.pvd", frames)
+    bodies, faces = read(tmp_path / "a.pvd", 1)[::-1], read(tmp_path / "a.pvd", 1, faces=True)
+    names = pyvista.PVDReader(tmp_path / "a.pvd").read()[0].keys()
+    assert names[2:] == ["full: contact upper_front", "full: contact lower_back"]
+    for body, face, area in zip(bodies, faces, (0.1 * 0.05, 0.2 * 0.05), strict=True):
+        assert face.compute_cell_sizes()["Area"].sum() == pytest.approx(area, rel=1e-12)
+        distance, at = cKDTree(body.points).query(face.points)
+        assert distance.max() < 1e-12
+        for name in POINT_ARRAYS:
+            np.testing.assert_array_equal(face.point_data[name], body.point_data[name][at])
+        # Each cell has the values of the one behind it.
+        inwards = np.array([0.0, 0.0, 1e-5 if face is faces[0] else -1e-5])
+        behind = body.find_containing_cell(face.cell_centers().points + inwards)
+        for name in CELL_ARRAYS:
+            np.testing.assert_array_equal(face.cell_data[name], body.cell_data[name][behind])
 
 
 def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_not() -> None:

@@ -25,9 +25,10 @@ from bodies import (
 )  # fmt: skip
 from scipy import sparse
 from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
 
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import NamedMesh, build_bar
+from skfem_joint.mesh import NamedMesh, build_bar, build_box
 from skfem_joint.structure import Load, Material, Structure
 from skfem_joint.structure.nodes import Nodes
 
@@ -205,6 +206,46 @@ def test_tension_without_contraction_is_that_of_a_bar(shape: str, order: int) ->
     np.testing.assert_allclose(system.P @ u, expected, rtol=1e-9, atol=1e-9 * tip)
     # The row of a load is what it works on.
     np.testing.assert_allclose(system.P[[0]].toarray()[0], system.loads[0].vector)
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_an_even_pressure_all_round_compresses_evenly_and_is_in_balance(
+    shape: str, order: int
+) -> None:
+    """On a distorted body: Hooke's law, and the force of a traction is traction times area."""
+    body, p = any_body(shape, order), 3e6
+    mesh = body.mesh.with_boundaries({"skin": body.mesh.boundary_facets()})
+    some = structure(replace(body, mesh=mesh), fixed=(), free=True)
+    pull = (3.0, *[0.0] * (some.dim - 1))
+    loads = [Load("skin", Harmonic(p, 1.0), quantity="pressure"),
+             Load("left", Harmonic(p, 1.0), pull, quantity="traction"),
+             Load("left", Harmonic(1.0, 1.0), pull)]  # fmt: skip
+    system = some.system(loads, [])
+    pressure, traction, force = (one.amplitude.amplitude * one.vector for one in system.loads)
+    # Plane stress, or all three directions.
+    strain = -p * (1.0 - NU if some.dim == 2 else 1.0 - 2.0 * NU) / E
+    np.testing.assert_allclose(
+        system.K @ (strain * some.nodes).ravel(), pressure, atol=1e-10 * np.abs(pressure).max()
+    )
+    area = 0.3 * np.sqrt(1.04) * (THICKNESS if some.dim == 2 else 0.2)  # a slanted plane
+    np.testing.assert_allclose(traction, p * area * force, atol=1e-12 * p * area)
+    assert any("pressure on skin acts on" in note for note in system.notes)
+
+
+@pytest.mark.parametrize(("kind", "elements"), [("hexahedron", 8), ("tetrahedron", 10)])
+def test_slender_cantilevers_of_second_order_have_the_frequencies_of_beam_theory(
+    kind: Any, elements: int
+) -> None:
+    """Euler and Bernoulli's, in both directions, with one element across."""
+    sides = (0.02, 0.03)
+    some = Structure(
+        build_box([("beam", 1.0, elements)], sides, (1, 1), kind=kind, order=2),
+        Material(E, DENSITY, 0.0), fixed=["left"],
+    )  # fmt: skip
+    system = some.system()
+    squares = eigsh(system.K, 2, system.M, sigma=0.0, return_eigenvectors=False)
+    beam = 1.8751041**2 * np.array(sides) * np.sqrt(E / DENSITY / 12.0)
+    np.testing.assert_allclose(np.sort(np.sqrt(squares)), beam, rtol=5e-3)
 
 
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)

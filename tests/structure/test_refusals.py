@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bodies import LAP, SIDE, block, lap, mapped, pressed, side, structure
+from bodies import LAP, PLANE, SIDE, SOLID, block, lap, mapped, pressed, side, structure, turned
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
@@ -205,6 +205,35 @@ def test_loads_and_points_must_exist_have_a_direction_and_be_free() -> None:
         some.system([Load("left", LOAD, (1, 0))])
     with pytest.raises(InputError, match="points: 'left' is supported and does not move"):
         some.system(points=["left"])
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (Load("joint", LOAD, quantity="pressure"), "'joint', which is a region; a boundary is"),
+        (Load("top", LOAD, (1, 0, 0), quantity="pressure"), r"\[1, 0, 0\] beside quantity"),
+        (Load("middle", LOAD, quantity="pressure"), "it runs inside a body"),
+        (Load("left", LOAD, quantity="pressure"), "a support holds it along its normal"),
+        (Load("top", LOAD, quantity="traction"), "direction: missing"),
+        (Load("top", LOAD, quantity="stress"), "'stress', must be one of force, traction"),
+        (Load(None, LOAD, base="x", quantity="pressure"), "'pressure' beside base"),
+    ],
+)
+def test_pressures_and_tractions_act_on_borders(load: Load, message: str) -> None:
+    body = block("hex", n=2)
+    mesh = body.mesh.with_boundaries({"middle": lambda x: x[0] == 0.5}, boundaries_only=False)
+    with pytest.raises(InputError, match=message):
+        structure(replace(body, mesh=mesh)).system([load])
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+@pytest.mark.parametrize("across", [1, 2])
+def test_first_order_elements_that_span_the_thickness_are_said_to_lock(
+    shape: str, order: int, across: int
+) -> None:
+    some = structure(turned(block(shape, order, across, (0.4, 0.05, 0.02)), 20.0))
+    sentences = [one for one in doubts(some, some.system()) if "they lock" in one]
+    assert len(sentences) == (order == 1 and across == 1)
 
 
 def said(joint: Joint, force: float = 1e3, elements: int = 40, **changes: Any) -> list[str]:
