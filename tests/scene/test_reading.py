@@ -98,6 +98,11 @@ def test_a_solid_needs_no_section(kind: str) -> None:
     assert scene.structure().dim == 3
     assert scene.system().contact_points == 12
     assert scene.output_points == ()
+    text = SOLID.replace("direction = [1, 0, 0]", 'quantity = "pressure"')
+    (pressure,) = scene_from(tomllib.loads(text), box).system().loads
+    (force,) = scene.system().loads
+    assert pressure.amplitude.peak_value == pytest.approx(1e-3 * force.amplitude.peak_value)
+    np.testing.assert_allclose(pressure.vector, -force.vector, rtol=1e-12)
 
 
 def test_regions_supports_and_points_reach_the_structure(scene_file: Write) -> None:
@@ -160,6 +165,7 @@ BAD_PLATES: list[tuple[Change, list[str]]] = [
     (('fixed = ["left"]', 'fixed_x = ["left"]'), ["unsupported"]),
     (('against = "joint"', 'against = "right"'), ["'right'", "a boundary; a region is needed"]),
     (("direction = [1, 0]\n", ""), ["direction", "missing"]),
+    (("direction = [1, 0]\n", 'quantity = "pressure"\ndirection = [1, 0]\n'), ["leave it out"]),
     (
         ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"'),
         ["joint[0].axis: missing", "reference = 'static'"],
