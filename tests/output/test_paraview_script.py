@@ -30,7 +30,7 @@ PLACES = {
     "bar": (lambda: bar((3.0, 4.0, 0.0)), [""]),
     "bars": (bars, ["body 1", "Stoß"]),
     "plates": (lap, ["body 1", "body 2"]),
-    "solids": (blocks, ["below", "above"]),
+    "solids": (blocks, ["below", "above", "contact upper_front", "contact lower_back"]),
 }
 
 paraview = pytest.mark.skipif(shutil.which("pvpython") is None, reason="pvpython not installed")
