@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from skfem_joint.mesh import build_plate as build_plate
     from skfem_joint.mesh import load_meshes as load_meshes
     from skfem_joint.mesh import merged as merged
+    from skfem_joint.reduction import condense as condense
     from skfem_joint.reduction import reduce as reduce
     from skfem_joint.scene import load_scene as load_scene
     from skfem_joint.scene import load_sweep as load_sweep
@@ -81,7 +82,7 @@ _NAMES = {
     "errors": "ConvergenceError InputError",
     "loads": _SHAPES,
     "mesh": "build_bar build_box build_plate load_meshes merged",
-    "reduction": "reduce",
+    "reduction": "condense reduce",
     "scene": "load_scene load_sweep",
     "stepping.integrate": "integrate",
     "stepping.recording": "Save",

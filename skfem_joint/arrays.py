@@ -1,4 +1,4 @@
-"""Names of the arrays' types, once for the whole package."""
+"""Names of the arrays' types, and matrices of either kind, once for the whole package."""
 
 from __future__ import annotations
 
@@ -6,9 +6,24 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
 #: ndarray or scipy sparse array, shape (n, n) or (m, n).
 Matrix: TypeAlias = Any
+
+
+def as_dense(A: Matrix) -> FloatArray:
+    """Array of a matrix, its rows side by side."""
+    return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
+
+
+def as_compressed(A: Matrix) -> Matrix:
+    """Compressed rows of a sparse matrix, with sorted entries; a dense one as it is."""
+    if isinstance(A, np.ndarray):
+        return A
+    rows = sparse.csr_array(A)
+    rows.sort_indices()
+    return rows

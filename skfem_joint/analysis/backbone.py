@@ -27,7 +27,7 @@ from scipy import sparse
 
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.ring_down import RingDown, ring_down
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -35,7 +35,6 @@ from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.stepping.dense import as_dense
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.schemes import generalized_alpha

@@ -2,7 +2,7 @@
 
 `static_path` finds how the joints slip without a full run, `pod` decomposes snapshots of that or of
 a run, `basis` makes modes of them, or scales those of the paper's `reference` joint over the active
-`zones` (`active_length`); `friction_points` gives a reduced system as few points of friction as it
+`zones` (`active_length`); `condensed` keeps all contact unknowns; `friction_points` gives a reduced system as few points of friction as it
 can make use of.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
+from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.recording import Run

@@ -206,7 +206,7 @@ def shared_points(
     directions = system.directions[like]
     both = sparse.csr_array(sparse.kron(shares, np.eye(2)))  # as if all slipped in two directions
     new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
-    B = np.asarray(both[new][:, old] @ system.B)
+    B = both[new][:, old] @ system.B
     alike = {"beta": system.beta[like], "directions": directions}
     return replace(system, B=B, w=w, J=system.J @ shares.T, **alike), shares
 

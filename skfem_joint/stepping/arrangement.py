@@ -72,7 +72,7 @@ class Arranged:
 def arranged(system: System) -> Arranged:
     """System in unknowns of which each slip row picks one, in a row where that can be.
 
-    Left as they are: dense systems, those without friction, and small ones whose slip rows depend
+    Left as they are: dense systems, reduced or condensed to their slips, those without friction, and small ones whose slip rows depend
     on each other.
 
     Raises
@@ -82,8 +82,9 @@ def arranged(system: System) -> Arranged:
     """
     if system.contact_points == 0:
         return Arranged(system, "linear")
-    if system.is_dense:
-        return Arranged(system, "dense")
+    if system.is_dense:  # one that keeps its slips as unknowns says so by a sparse B
+        keeps = not isinstance(system.B, np.ndarray) and picks_unknowns(system.B)
+        return Arranged(system, "contact" if keeps else "dense")
     maps: tuple[Arrangement, ...] = ()
     if not picks_unknowns(system.B):
         try:

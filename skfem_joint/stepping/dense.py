@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.stepping.compiled import (
@@ -353,11 +353,6 @@ def found_alone(problem, memory, right, v, tolerance):
 def _slips_of_dense(problem, x, room):
     _slip(problem.contact.B, x, room)
     return room
-
-
-def as_dense(A: Any) -> FloatArray:
-    """Array of a matrix, its rows side by side."""
-    return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
 
 
 class DenseStepper(CompiledStepper):

@@ -23,14 +23,14 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.dense import Dense, as_dense, contact_of, found_alone
+from skfem_joint.stepping.dense import Dense, contact_of, found_alone
 from skfem_joint.stepping.dense import make_memory as make_dense_memory
 from skfem_joint.stepping.steppers import contact_unknowns
 from skfem_joint.system import System
@@ -72,7 +72,7 @@ class QuasiStatic:
             raise InputError("quasi-static slip: needs friction, no contact point carries any")
         self.tolerance = tolerance
         dense = self.to.kind == "dense"
-        self.K, self.M = (as_dense(A) if dense else sparse.csr_array(A) for A in (inner.K, inner.M))
+        self.K, self.M = (as_dense(A) if dense else as_compressed(A) for A in (inner.K, inner.M))
         self.shift = 0.0
         if is_singular(self.K):
             self.shift = _SHIFT * inner.mean_square_frequency
@@ -84,7 +84,7 @@ class QuasiStatic:
         else:
             first, second = (unknown[acting] for unknown in contact_unknowns(inner))
             self.problem = ContactProblem(
-                sparse.csr_array(A), first, second, inner.w[acting], self.beta
+                as_compressed(A), first, second, inner.w[acting], self.beta
             )
             self._limited = np.searchsorted(self.problem.first, first)
         self._fronts = _Fronts(self.problem.A, inner) if self.to.kind == "chain" else None

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import FloatArray, IntArray, as_compressed, as_dense
 from skfem_joint.factors import factorised
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import (
@@ -327,13 +327,13 @@ class _Condensed:
         self.n = n
         self.contact = points.unknowns()
         self.rest = np.setdiff1d(np.arange(n), self.contact)
-        self.H_rc = sparse.csr_array(H[self.rest][:, self.contact])
-        self.H_cr = sparse.csr_array(self.H_rc.T)
-        self.factor = factorised(sparse.csc_array(H[self.rest][:, self.rest]))
-        S = H[self.contact][:, self.contact].toarray()
-        columns = sparse.csc_array(self.H_rc)
+        self.H_rc = as_compressed(H[self.rest][:, self.contact])
+        self.H_cr = as_compressed(self.H_rc.T)
+        self.factor = factorised(H[self.rest][:, self.rest])
+        S = as_dense(H[self.contact][:, self.contact])
+        columns = self.H_cr.T  # compressed columns where it is sparse
         for k in range(0, self.contact.size, BLOCK):
-            S[:, k : k + BLOCK] -= self.H_cr @ self.factor(columns[:, k : k + BLOCK].toarray())
+            S[:, k : k + BLOCK] -= self.H_cr @ self.factor(as_dense(columns[:, k : k + BLOCK]))
         S = np.ascontiguousarray(0.5 * (S + S.T))
         self.problem = points.numbered(self.contact).problem(S)
 
@@ -358,7 +358,7 @@ class _Condensed:
 
 
 class ContactStepper(PlainStepper):
-    """Steps of a sparse system whose slip rows each pick an unknown of their own."""
+    """Steps of a system whose slip rows each pick an unknown of their own."""
 
     COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
 
@@ -387,7 +387,7 @@ class ContactStepper(PlainStepper):
         acceleration = np.zeros_like(right)
         if np.any(right) and np.any(at_rest):
             # The acceleration of points at rest obeys the law that their velocity will.
-            held = p.chosen(at_rest).problem(sparse.csr_array(s.M))
+            held = p.chosen(at_rest).problem(as_compressed(s.M))
             found = held.solve(right, np.zeros_like(right), self.tolerance)
             if not found.converged:
                 self.failure = Failure(found.residual, found.where)
@@ -406,15 +406,15 @@ class ContactStepper(PlainStepper):
         for problem in self._problems():
             problem.compile()
         if np.any(np.isinf(self.points.beta)):
-            self.points.problem(sparse.csr_array(self.system.M)).compile()
+            self.points.problem(as_compressed(self.system.M)).compile()
 
     def make(self, c: Coefficients) -> Any:
         """Step matrix as a contact problem, condensed where that is cheaper."""
         s = self.system
-        H = sparse.csr_array(c.c_M * s.M + s.C + c.c_K * s.K)
-        H.sort_indices()
+        H = as_compressed(c.c_M * s.M + s.C + c.c_K * s.K)
         contact = self.points.unknowns().size
-        if contact <= CONDENSED and contact**2 <= CONDENSED_SQUARE * s.n:
+        most = s.n - 1 if s.is_dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * s.n))
+        if contact <= most:
             self.counts["factorizations"] += 1
             return _Condensed(H, self.points)
         return self.points.problem(H)

@@ -1,0 +1,138 @@
+"""Condensed models: contact unknowns kept, all else by the method of Craig and Bampton.
+
+A basis of constraint modes (each slip that carries friction moved by one, all else following
+statically) and fixed-interface modes (natural ones with all these slips held): R. R. Craig and M.
+C. C. Bampton, AIAA J. 6 (1968). Static responses to the loads with the slips held stand beside
+them. Friction acts as in the full model, point by point and with its law, Coulomb's too; static
+response is exact, and what is left out is the dynamics of higher fixed-interface modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.factors import factorised
+from skfem_joint.modes import natural_modes
+from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.friction_points import shared_points
+from skfem_joint.reduction.pod import ProperModes, orthonormal
+from skfem_joint.reduction.static_path import NO_FRICTION
+from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.system import System
+from skfem_joint.unknowns import selection, slips_as_unknowns
+
+#: Fixed-interface modes are kept up to this many times the loads' highest frequency (1.5 to 2 is
+#: usual for linear structures; friction adds odd harmonics, of which the third counts), and so many
+#: at least.
+BEYOND, LEAST = 3.0, 8
+#: Constraint modes that are solved for at once; stiffness that holds what the slips do not, share
+#: of that of mass.
+_BLOCK, _HOLD = 64, 1e-12
+
+
+def condense(system: System, interface_modes: str | int = "auto") -> System:
+    """Condensed model: contact unknowns kept, all else by the method of Craig and Bampton.
+
+    It has the contact points that carry friction, each with its own slips as unknowns, so that it
+    runs with any law, Coulomb's too. Its matrices are dense: it pays off where contact is small, a
+    few hundred to a few thousand unknowns.
+
+    Parameters
+    ----------
+    system : System
+        With loads, as runs to come have them.
+    interface_modes : "auto" or int
+        Fixed-interface modes, the lowest ones; "auto": up to three times the loads' highest
+        frequency, at least eight. Static responses to the loads stand beside them.
+
+    Returns
+    -------
+    System
+        Its ``expand`` gives the displacement of all that the full one has.
+
+    Raises
+    ------
+    InputError
+        If no point carries friction, slip rows depend on each other, or the loads' highest
+        frequency is needed and not known.
+    """
+    return condensed_system(system, condensed_basis(system, interface_modes).V)
+
+
+def condensed_basis(system: System, interface_modes: str | int = "auto") -> Basis:
+    """Constraint modes, in the order of the rows of slip, and what stands beside them.
+
+    It is not orthonormal: its first coordinates are the slips. Parameters and errors are those of
+    :func:`condense`; what a run tells is left empty.
+    """
+    if system.contact_points == 0:
+        raise InputError(NO_FRICTION.replace("reduced", "condensed"))
+    inner, forward = carrying(system)[0], None
+    if not picks_unknowns(inner.B):
+        inner, new = slips_as_unknowns(inner)
+        forward = new.forward
+    kept = np.asarray(sparse.csr_array(inner.B).indices, dtype=np.intp)
+    rest = np.setdiff1d(np.arange(inner.n), kept)
+    V = np.zeros((inner.n, kept.size))
+    V[kept, np.arange(kept.size)] = 1.0
+    if rest.size:
+        K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))
+        M_rest = M[:, rest]
+        K_rest = K[:, rest] + _HOLD * inner.mean_square_frequency * M_rest
+        solve, coupling = factorised(sparse.csc_array(K_rest)), sparse.csc_array(K[:, kept])
+        for k in range(0, kept.size, _BLOCK):
+            V[rest, k : k + _BLOCK] = -solve(coupling[:, k : k + _BLOCK].toarray())
+        shapes = _fixed_interface(K_rest, M_rest, system, interface_modes)
+        forces = inner.load_vectors()[rest]
+        forces = forces[:, forces.any(axis=0)]
+        if forces.size:
+            # What the modes follow of a load is taken off first: some may have no stiffness.
+            forces = forces - M_rest @ (shapes @ (shapes.T @ forces))
+            shapes = orthonormal(np.hstack([shapes, solve(forces)]), M_rest)
+        held = np.zeros((inner.n, shapes.shape[1]))
+        held[rest] = shapes
+        V = np.hstack([V, held])
+    V = V if forward is None else np.asarray(forward @ V)
+    nothing, m = np.zeros(0), system.w.size
+    proper, points = ProperModes(V[:, :0], nothing), np.flatnonzero(system.w)
+    return Basis(V, 0, proper, 0.0, np.zeros((0, V.shape[1])), np.zeros(m), points, 0.0)
+
+
+def _fixed_interface(
+    K: sparse.csr_array, M: sparse.csr_array, system: System, asked: str | int
+) -> FloatArray:
+    """Natural modes of what the slips leave: so many, or up to a frequency."""
+    n = K.shape[0]
+    if not isinstance(asked, str):
+        return natural_modes(K, M, min(asked, n))[1] if asked else np.zeros((n, 0))
+    known = [load.amplitude.highest_frequency for load in system.loads]
+    if not known or None in known:
+        raise InputError(
+            "condense: the highest frequency of the loads is not known; say how many "
+            "interface_modes the condensed model is to have"
+        )
+    highest, count = BEYOND * max(f for f in known if f is not None), LEAST
+    while True:
+        frequency, shapes = natural_modes(K, M, min(count, n))
+        if count >= n or frequency[-1] > highest:
+            return shapes[:, : max(LEAST, int(np.count_nonzero(frequency <= highest)))]
+        count *= 2
+
+
+def condensed_system(system: System, V: FloatArray) -> System:
+    """Projection on a condensed basis: its slip rows pick the first unknowns."""
+    points = carrying(system)[0]
+    return replace(
+        points.project(V), B=selection(np.arange(points.B.shape[0], dtype=np.intp), V.shape[1])
+    )
+
+
+def carrying(system: System) -> tuple[System, sparse.csr_array]:
+    """System with only those contact points that carry friction; which they are comes second."""
+    points = np.flatnonzero(system.w)
+    return shared_points(system, selection(points, system.w.size), system.w[points])
