@@ -363,7 +363,7 @@ def _backbone(options: argparse.Namespace) -> int:
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
                 f"{state[0]} to {state[-1]} slip."
             )
-        if model.name == "reduced":
+        if model.name != "full":
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
             print(
                 f"It errs by {worst['frequency']:.2g} % in frequency and by "

@@ -32,6 +32,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.basis import stuck_basis
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
@@ -355,16 +356,17 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
     found.warnings += [warning for curve in curves for warning in curve.warnings]
     start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
     how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
-    for name in sorted(scene.models.run):
+    for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
         for curve in curves:
             one, own, begin = curve, system, start
-            if name == "reduced":
-                V, own = _reduced(scene, system, curve, found.warnings)
+            if name != "full":
+                V, own = _smaller(name, scene, system, curve, found.warnings)
                 levels = asked.levels, asked.up_to
                 (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at)
                 if start is not None:
-                    begin = V.T @ (system.M @ start[0]), V.T @ (system.M @ start[1])
+                    at_end = V.T @ (system.M @ np.array(start).T)
+                    begin = tuple(np.linalg.solve(own.M, at_end).T)
                 slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
                 one = replace(one, slip=slip)
             model.curves.append(one)
@@ -378,13 +380,14 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
     return found
 
 
-def _reduced(
+def _smaller(
+    name: str,
     scene: Scene,
     system: System,
     curve: Backbone,
     warn: list[str],
 ) -> tuple[FloatArray, System]:
-    """Basis and reduced system for a mode."""
+    """Basis and smaller system for a mode."""
     options, number = options_of(scene), curve.mode
     modes = MODES if isinstance(options.modes, str) else options.modes
     beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
@@ -393,17 +396,21 @@ def _reduced(
             f"backbone: mode {number}: nothing slips at any level, so that there is nothing to "
             "reduce; set up_to higher, or run 'full' alone"
         )
-    stuck = stuck_modes(system, number + beside)[1]
     frequency = curve.stuck_frequency
-    basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-    small, _ = reduced_system(
-        system,
-        basis,
-        friction_points=options.friction_points,
-        beta=options.beta,
-        periodic=False,
-        warn=warn,
-    )
+    if name == "condensed":
+        basis = condensed_basis(system, highest=frequency)
+        small = condensed_system(system, basis.V)
+    else:
+        stuck = stuck_modes(system, number + beside)[1]
+        basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+        small, _ = reduced_system(
+            system,
+            basis,
+            friction_points=options.friction_points,
+            beta=options.beta,
+            periodic=False,
+            warn=warn,
+        )
     return basis.V, small
 
 

@@ -30,8 +30,8 @@ def violated(study: Study, model: Model) -> list[str]:
     """What to beware of in a model's run, what assumptions it violates, and how far it may err."""
     run = model.run
     found = []
-    if model.basis is None:
-        found += gross_slip(study.structure, run.slip_peak, study.period)
+    if model.name != "reduced" and model.name == next(iter(study.models)):
+        found += gross_slip(study.structure, model.slip_peak, study.period)
         found += _creeping(study, model)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = study.scene.named_mesh.size
@@ -61,7 +61,7 @@ def violated(study: Study, model: Model) -> list[str]:
 def _creeping(study: Study, model: Model) -> Iterator[str]:
     """Sentences about joints whose law lets them creep where they should stick."""
     for patch in study.structure.patches:
-        slip = float(model.run.slip_peak[patch.points].max(initial=0.0))
+        slip = float(model.slip_peak[patch.points].max(initial=0.0))
         beta, name = patch.joint.beta, patch.joint.name
         if slip > 0.0 and study.period / beta > CREEP * slip:
             yield (
@@ -85,7 +85,7 @@ def _errs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
     }
     source = max(sources, key=lambda one: sources[one])
     cures = {
-        "law": "set reduction.beta higher" if model.basis else "choose a steeper beta",
+        "law": "set reduction.beta higher" if model.name == "reduced" else "choose a steeper beta",
         "points": "set reduction.friction_points higher, or 'all'",
         "mesh": "use smaller elements",
         "time_step": "use a shorter time step",

@@ -1,6 +1,6 @@
 """Estimated errors of results, by the source of error; none costs more than a run of its own kind.
 
-A reduced model is looked at four times, and no step of the full one is done:
+A reduced or condensed model is looked at four times, and no step of the full one is done:
 
 basis
     The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
@@ -16,6 +16,7 @@ time step
     Twice or half of it, with the first of what the basis lacks: a poor one is smoother than the
     truth.
 
+A condensed model has law and points of the full one: there its basis and time step alone err.
 Looks end with the cycle in which the reduced run has settled: a transient goes on to matter.
 Where contact points are very many they are merged in looks; what that leaves out is told by a
 shorter look at all of them. Fewer merged points are no bargain: with 40 instead of 150 stated
@@ -46,8 +47,10 @@ import numpy as np
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.condensed import condensed_system
 from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
@@ -152,7 +155,8 @@ def of_reduced(
     KeyboardInterrupt
         If a look is interrupted.
     """
-    steepest, points = float(reduced.beta.max()), _Points(system, basis)
+    steepest = float(reduced.beta.max())
+    points = _Points(system, basis, picks_unknowns(reduced.B))
     if how["cycle_steps"] is not None:
         cycles = _settles(again(reduced, how) if run is None else run)
         how = {**how, "n_steps": min(how["n_steps"], cycles * how["cycle_steps"])}
@@ -208,6 +212,11 @@ class _Points:
 
     system: System
     basis: Basis
+    condensed: bool  #: whether the basis keeps all of them as unknowns, which costs nothing
+
+    @property
+    def few(self) -> bool:
+        return self.condensed or self.system.contact_points <= MANY
 
     @cached_property
     def merged(self) -> tuple[System, Any]:
@@ -220,8 +229,10 @@ class _Points:
 
     def model(self, V: FloatArray, beta: float) -> System:
         """Reduced model on V."""
+        if self.condensed:
+            return condensed_system(self.system, V)
         small = replace(self.system.project(V), beta=np.minimum(self.system.beta, beta))
-        if self.system.contact_points <= MANY:
+        if self.few:
             return small
         few, shares = self.merged
         return shared_points(small, shares, few.w)[0]
@@ -230,7 +241,7 @@ class _Points:
 def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
     """What a look's points cause: none if it has all, else told by the start of a run with all."""
     system, V = points.system, points.basis.V
-    if system.contact_points <= MANY:
+    if points.few:
         return dict.fromkeys(QUANTITIES, 0.0)
     short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
     some = {**how, "n_steps": max(1, min(how["n_steps"], short))}

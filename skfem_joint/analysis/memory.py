@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import TRAINING_CYCLES
@@ -65,6 +67,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     joints = len(system.joints)
     nodes, dim, save = structure.n_nodes, structure.dim, save_of(scene)
     models, reduced = len(scene.models.run), "reduced" in scene.models.run
+    condensed = "condensed" in scene.models.run
     every, fields_every = save.strides
 
     stored = scene.n_steps // every + 1 if save.points else 0
@@ -98,12 +101,13 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     if scene.accuracy.estimate:
         # A run with twice the step; of a reduced model residuals and their static response too.
         estimated = stored * (named + joints + loads + 1)
-        if reduced:
+        if reduced or condensed:
             # Looks are whole runs where cycles never become alike; its own run is stored already.
             estimated += INSTANTS * (6 * n + 8 * rows) + stored * (7 * named + 2 * (loads + 1))
     if reduced:
         most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
         states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)
+    kept = np.count_nonzero(system.on_rows(system.w)) + _OF_MODES if condensed else 0
     in_element, elements = structure.of_element.shape
     unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + elements * (dim * in_element) ** 2 * _OF_AN_ENTRY
     share, power = _FILL[dim]
@@ -113,6 +117,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
         _POINTS: _NUMBER * (stored * history + estimated),
         _FIELDS: _NUMBER * frames * frame,
         "training run of the reduced model": _NUMBER * training,
+        "condensed model": _NUMBER * kept * (2 * structure.dim * nodes + 2 * n + 16 * kept),
         "unknowns": unknowns + factor + _NUMBER * states,
         "works of cycles": models * (scene.time.cycles or 0) * cycle,
     }

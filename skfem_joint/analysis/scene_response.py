@@ -18,6 +18,7 @@ from skfem_joint.analysis.response import Curve, at_frequency, linear_response, 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import Basis, make_basis
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
@@ -88,13 +89,17 @@ def scene_response(
     found = SceneResponse(scene, frequencies, stuck, free)
     found.warnings += doubts(scene.structure(), system)
     levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
-    for name in sorted(scene.models.run):
+    for name in scene.models.run:
         begin, model, basis, unit = time.perf_counter(), system, None, 1.0
         if name == "reduced":
             unit = levels[-1]
             top = float(frequencies[stuck.max(axis=1).argmax()])
             loaded = at_frequency(system, top, unit)
             basis, model = _reduced(scene, loaded, 1.0 / top / steps, scheme, found.warnings)
+        elif name == "condensed":
+            unit = levels[-1]
+            basis = condensed_basis(at_frequency(system, between.to, unit))
+            model = condensed_system(at_frequency(system, between.to, unit), basis.V)
         offline, begin = time.perf_counter() - begin, time.perf_counter()
         curves = response(
             model,

@@ -24,11 +24,14 @@ from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
+from skfem_joint.reduction.condensed import carrying, condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.steppers import CONDENSED
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
@@ -54,7 +57,7 @@ class Model:
         Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
         beside a full one.
     basis : Basis or None
-        What a reduced model is made of; None for the full model.
+        What a reduced or condensed model is made of; None for the full model.
     shares : sparse array, shape (points of the run's system, points of the full one), or None
         Contact points of the full model that each friction point of a reduced one stands for.
     errors : Errors or None
@@ -78,6 +81,19 @@ class Model:
     estimate_s: float = 0.0
 
     @property
+    def is_condensed(self) -> bool:
+        """Whether all contact points that carry friction are those of the full model."""
+        return self.name == "condensed"
+
+    @property
+    def slip_peak(self) -> FloatArray:
+        """Largest slip of each contact point of the full model, m, as far as it is known, (m,).
+
+        Of a reduced model in the run that its modes were made from.
+        """
+        return self.run.slip_peak if self.basis is None else self.basis.slip_peak
+
+    @property
     def modes(self) -> int | None:
         """Number of vectors of the basis; None for the full model."""
         return None if self.basis is None else int(self.basis.V.shape[1])
@@ -98,10 +114,14 @@ class Model:
         """Friction over its limit at all contact points of the full model, (frames, rows of B).
 
         A reduced model evaluates friction at points of its own; here its law is evaluated at its
-        velocities of the contact nodes.
+        velocities of the contact nodes. Points that a condensed one leaves out carry none.
         """
         if self.basis is None:
             return self.run.sigma
+        if self.is_condensed:
+            sigma = np.zeros((len(self.run.sigma), system.B.shape[0]))
+            sigma[:, np.flatnonzero(system.on_rows(system.w))] = self.run.sigma
+            return sigma
         beta = np.minimum(system.beta, self.run.system.beta.max())
         return friction.force_vectors(self.slips(system)[1], beta, system.directions)
 
@@ -165,7 +185,7 @@ def run_scene(
         elif study.system.contact_points and scene.reduction.reference != "self":
             with suppress(InputError):  # no reduced model: the full one's own estimate tells
                 study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
-    for name in sorted(scene.models.run):  # the full model first: others compare with it
+    for name in scene.models.run:
         how: dict[str, Any] = {}
         if checkpoints is not None:
             how["checkpoint"] = checkpoints.of(name, origin)
@@ -325,7 +345,26 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
     return Model("reduced", run, offline, length, *active, basis, shares, estimate=found)
 
 
-_MAKERS = {"full": _full, "reduced": _reduced}
+def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
+    begin, system = time.perf_counter(), study.system
+    basis = condensed_basis(system)
+    small, shares = condensed_system(system, basis.V), carrying(system)[1]
+    kept = small.B.shape[0]
+    if kept > CONDENSED or arranged(system).kind == "chain":
+        study.warnings.append(
+            f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
+            "the full one, which has few entries, will hardly cost more; a reduced one costs less."
+        )
+    before = time.perf_counter() - begin
+    run = integrate(small, **how_of(study.scene), **how)
+    peak = np.asarray(run.slip_peak @ shares)
+    active = active_fractions(study.structure, system, peak, study.period)
+    basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
+    lengths = measured_lengths(study.structure, peak)
+    return Model("condensed", run, offline, lengths, *active, basis, shares)
+
+
+_MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}
 
 
 def reduction_of(
@@ -365,7 +404,7 @@ def friction_work(study: Study, model: Model) -> FloatArray:
     system, rows = study.system, model.run.friction_work_rows
     if model.shares is None:
         return rows
-    if model.run.system.w.size == system.w.size:  # in another order
+    if model.shares.nnz == model.run.system.w.size:  # some of them, or in another order
         return np.asarray(rows @ model.shares)
     slip, sigma = model.slips(system)[0], model.normalised_friction(system)
     parts = system.on_rows(system.w) * 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(slip, axis=0)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 Rows = Sequence[Sequence[Any]]
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
-_LINES, _DOTS = {"full": "-", "reduced": "--"}, {"full": ".", "reduced": "x"}
+_LINES = {"full": "-", "condensed": ":", "reduced": "--"}
+_DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 
 def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
@@ -96,7 +97,7 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
         "largest_damping_ratio": float(c.damping_ratio.max()),
         "lowest_frequency_Hz": float(c.frequency.min()),
     }
-    if model.name == "reduced":
+    if model.name != "full":
         told["error"] = model.errors[k]
     for d in model.ring_downs[k : k + 1]:
         work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))

@@ -174,7 +174,7 @@ def _field_of(study: Study, model: Model) -> Field:
     steepest = model.run.system.beta.max(initial=0.0)
     slips, rates = model.slips(system)
     speed = system.slip_norm(rates)
-    grey = GREY_SHARE if model.basis is None else GREY_SHARE_REDUCED
+    grey = GREY_SHARE_REDUCED if model.name == "reduced" else GREY_SHARE
     state = slip_state(speed, np.minimum(system.beta, steepest), grey)
     work = friction_work(study, model)
     slip, traction = np.zeros((2, *u.shape))

@@ -178,7 +178,7 @@ def curves(study: Study) -> dict[str, Writer]:
             add("proper_orthogonal_modes.png", plots.modes_figure, basis.reference, whose)
     # Where a reduced model runs alone, the run that it was made from tells.
     model = next(iter(study.models.values()))
-    peak = model.run.slip_peak if model.basis is None else model.basis.slip_peak
+    peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)
     for k, patch in enumerate(study.structure.patches):
         if peak[patch.points].any():

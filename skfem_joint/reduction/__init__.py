@@ -2,8 +2,8 @@
 
 `static_path` finds how the joints slip without a full run, `pod` decomposes snapshots of that or of
 a run, `basis` makes modes of them, or scales those of the paper's `reference` joint over the active
-`zones` (`active_length`); `condensed` keeps all contact unknowns; `friction_points` gives a reduced system as few points of friction as it
-can make use of.
+`zones` (`active_length`); `friction_points` gives a reduced system as few points of friction as it
+can make use of; `condensed` keeps all of the contact, and reduces the rest.
 """
 
 from __future__ import annotations

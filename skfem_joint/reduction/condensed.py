@@ -64,11 +64,14 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
     return condensed_system(system, condensed_basis(system, interface_modes).V)
 
 
-def condensed_basis(system: System, interface_modes: str | int = "auto") -> Basis:
+def condensed_basis(
+    system: System, interface_modes: str | int = "auto", highest: float | None = None
+) -> Basis:
     """Constraint modes, in the order of the rows of slip, and what stands beside them.
 
     It is not orthonormal: its first coordinates are the slips. Parameters and errors are those of
-    :func:`condense`; what a run tells is left empty.
+    :func:`condense`; ``highest`` is a frequency (Hz) instead of that of the loads. What a run tells
+    is left empty.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
@@ -87,7 +90,8 @@ def condensed_basis(system: System, interface_modes: str | int = "auto") -> Basi
         solve, coupling = factorised(sparse.csc_array(K_rest)), sparse.csc_array(K[:, kept])
         for k in range(0, kept.size, _BLOCK):
             V[rest, k : k + _BLOCK] = -solve(coupling[:, k : k + _BLOCK].toarray())
-        shapes = _fixed_interface(K_rest, M_rest, system, interface_modes)
+        highest = _fastest(system) if highest is None else highest
+        shapes = _fixed_interface(K_rest, M_rest, interface_modes, highest)
         forces = inner.load_vectors()[rest]
         forces = forces[:, forces.any(axis=0)]
         if forces.size:
@@ -103,24 +107,30 @@ def condensed_basis(system: System, interface_modes: str | int = "auto") -> Basi
     return Basis(V, 0, proper, 0.0, np.zeros((0, V.shape[1])), np.zeros(m), points, 0.0)
 
 
+def _fastest(system: System) -> float | None:
+    """Highest frequency of the loads, Hz; None where one of them is not known."""
+    known = [load.amplitude.highest_frequency for load in system.loads]
+    return max((f for f in known if f is not None), default=0.0) if None not in known else None
+
+
 def _fixed_interface(
-    K: sparse.csr_array, M: sparse.csr_array, system: System, asked: str | int
+    K: sparse.csr_array, M: sparse.csr_array, asked: str | int, highest: float | None
 ) -> FloatArray:
-    """Natural modes of what the slips leave: so many, or up to a frequency."""
+    """Natural modes of what the slips leave: so many, or as many as a frequency (Hz) needs."""
     n = K.shape[0]
     if not isinstance(asked, str):
         return natural_modes(K, M, min(asked, n))[1] if asked else np.zeros((n, 0))
-    known = [load.amplitude.highest_frequency for load in system.loads]
-    if not known or None in known:
+    if highest is None:
         raise InputError(
             "condense: the highest frequency of the loads is not known; say how many "
             "interface_modes the condensed model is to have"
         )
-    highest, count = BEYOND * max(f for f in known if f is not None), LEAST
+    count = LEAST
     while True:
         frequency, shapes = natural_modes(K, M, min(count, n))
-        if count >= n or frequency[-1] > highest:
-            return shapes[:, : max(LEAST, int(np.count_nonzero(frequency <= highest)))]
+        if count >= n or frequency[-1] > BEYOND * highest:
+            below = int(np.count_nonzero(frequency <= BEYOND * highest))
+            return shapes[:, : max(LEAST, below)]
         count *= 2
 
 

@@ -17,9 +17,10 @@ import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.factors import factorised
 from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
@@ -62,6 +63,10 @@ class Residual:
         return sparse.csc_array(system.K + _HOLD * system.mean_square_frequency * system.M)
 
     @cached_property
+    def _carrying(self) -> IntArray:
+        return np.flatnonzero(self.system.on_rows(self.system.w))
+
+    @cached_property
     def _solve(self) -> Any:
         return factorised(self._stiffness)
 
@@ -73,14 +78,19 @@ class Residual:
         system, v = self.system, V @ run.v.T
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
         left -= system.M @ (V @ acceleration(run)) + system.C @ v + system.K @ (V @ run.u.T)
-        beta = np.minimum(system.beta, run.system.beta.max(initial=0.0))
-        sigma = friction.force_vectors((system.B @ v).T, beta, system.directions)
+        if picks_unknowns(run.system.B):  # condensed: its friction is that of the same points
+            sigma = np.zeros((v.shape[1], system.B.shape[0]))
+            sigma[:, self._carrying] = run.sigma
+        else:
+            beta = np.minimum(system.beta, run.system.beta.max(initial=0.0))
+            sigma = friction.force_vectors((system.B @ v).T, beta, system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 
     def lacking(self, V: FloatArray, run: Run, most: int) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
 
-        Orthonormal in mass, also against ``V``, in the order of the energy of the static response.
+        Orthonormal in mass, and against ``V``, in the order of the energy of the static response;
+        without slips where those are coordinates of ``V``.
         """
         R = self.forces(V, run)
         left, values, _ = linalg.svd(R, full_matrices=False)
@@ -90,7 +100,9 @@ class Residual:
         X = self._solve(np.ascontiguousarray(left[:, keep] * values[keep]))
         whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
         for _ in range(2):
-            X = X - V @ (V.T @ (self.system.M @ X))
+            X = X - V @ linalg.solve(run.system.M, V.T @ (self.system.M @ X), assume_a="pos")
+        if picks_unknowns(run.system.B):
+            X = X - V @ (run.system.B.T @ (self.system.B[self._carrying] @ X))
         sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
         most = min(most, self.system.n - V.shape[1])
         first = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1][:most]

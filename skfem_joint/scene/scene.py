@@ -242,13 +242,15 @@ def relations(scene: Scene, right: Collection[str]) -> Iterator[str]:
     """Mistakes between the tables of a scene, of those that are right in themselves."""
     if {"time", "load"} <= set(right):
         yield from _time_problems(scene)
-    if not {"models", "joint", "reduction"} <= set(right) or "reduced" not in scene.models.run:
+    if not {"models", "joint", "reduction"} <= set(right):
         return
-    if not scene.joint:
+    for name in {"condensed", "reduced"} & set(scene.models.run) if not scene.joint else ():
         yield (
-            "models.run: found 'reduced' in a scene without [[joint]]; a linear scene has nothing "
-            "to reduce by joint modes, run 'full' alone"
+            f"models.run: found '{name}' in a scene without [[joint]]; a linear scene has nothing "
+            "to reduce by its joints, run 'full' alone"
         )
+    if "reduced" not in scene.models.run:
+        return
     names, asked = {joint.on for joint in scene.joint}, scene.reduction.active_length
     for name in asked.keys() - names if isinstance(asked, dict) else ():
         where = key_path(("reduction", "active_length", name))

@@ -402,12 +402,17 @@ class Time(SceneTable):
         return self
 
 
+def in_order(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of models, the largest first: others compare with it."""
+    return tuple(sorted(has_no_repeats(names), key=("full", "condensed", "reduced").index))
+
+
 class Models(SceneTable):
     """``[models]``: which models are integrated."""
 
     run: Annotated[
-        tuple[Literal["full", "reduced"], ...], A_LIST, AfterValidator(has_no_repeats)
-    ] = key("list of models, run in this order", ("full",), min_length=1)
+        tuple[Literal["full", "condensed", "reduced"], ...], A_LIST, AfterValidator(in_order)
+    ] = key("list of models; the largest is run first", ("full",), min_length=1)
 
 
 class Reduction(SceneTable):

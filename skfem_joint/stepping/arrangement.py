@@ -72,8 +72,8 @@ class Arranged:
 def arranged(system: System) -> Arranged:
     """System in unknowns of which each slip row picks one, in a row where that can be.
 
-    Left as they are: dense systems, reduced or condensed to their slips, those without friction, and small ones whose slip rows depend
-    on each other.
+    Left as they are: dense systems, reduced or condensed, those without friction, and small ones
+    whose slip rows depend on each other.
 
     Raises
     ------
