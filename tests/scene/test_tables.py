@@ -156,7 +156,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     ],
     'run = ["full", "reduced"]': [
         ("run = []", "models.run", "1 or more"),
-        ('run = ["ful"]', "models.run[0]", "'full' or 'reduced'"),
+        ('run = ["ful"]', "models.run[0]", "'condensed' or 'reduced'"),
         ('run = ["full", "full"]', "models.run", "more than once"),
     ],
     "modes = 5": [
