@@ -217,7 +217,7 @@ def _check(options: argparse.Namespace) -> int:
     )
     found = describe(scene)
     print("\n".join(found.facts))
-    notes = *scene.named_mesh.notes, *doubts(scene.structure(), system), *found.doubts
+    notes = *doubts(scene.structure(), system), *found.doubts
     for note in dict.fromkeys(notes):
         print(f"Note: {note}")
     if scene.sweep is not None:

@@ -16,7 +16,7 @@ from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that
 #: those have at least.
-_LOOKED_AT, _RIGID = 12, 1e-12
+LOOKED_AT, _RIGID = 12, 1e-12
 #: Frequencies that differ by less than this share are the same.
 _SAME = 0.1
 
@@ -34,7 +34,7 @@ def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatAr
 
 
 def straining_modes(
-    K: Matrix, M: Matrix, held: IntArray, count: int = _LOOKED_AT
+    K: Matrix, M: Matrix, held: IntArray, count: int = LOOKED_AT
 ) -> tuple[FloatArray, FloatArray]:
     """Of the ``count`` lowest modes those that are no rigid motions: frequencies (Hz), (n, k).
 

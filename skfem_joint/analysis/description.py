@@ -21,10 +21,10 @@ from skfem_joint.analysis.backbone import first_slip
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import JointError
 from skfem_joint.factors import factorised
-from skfem_joint.modes import straining_modes
+from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.structure import PressureTable, Structure
+from skfem_joint.structure import AnyStructure, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
 
@@ -56,13 +56,8 @@ def describe(scene: Scene) -> Description:
     """
     structure, system = scene.structure(), scene.system()
     found = Description(list(_parts(structure)))
-    size = np.ptp(structure.positions, axis=0)
-    mass = float(
-        structure.basis.dx.sum(axis=1) @ (structure.properties["density"] * structure.across)
-    )
-    found.values |= {"mass_kg": mass, "length_m": float(size.max())}
-    extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-    found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+    if isinstance(structure, Structure):
+        _measured(structure, found)
     try:
         _moves(scene, structure, system, found)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -72,14 +67,31 @@ def describe(scene: Scene) -> Description:
     return found
 
 
-def _parts(structure: Structure) -> Iterator[str]:
-    """Sentences about bodies and joints."""
-    mesh = structure.mesh
-    bodies = int(mesh.body.max()) + 1
-    yield (
-        f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
-        f"{mesh.order}."
+def _measured(structure: Structure, found: Description) -> None:
+    """Add mass and extent."""
+    size = np.ptp(structure.positions, axis=0)
+    mass = float(
+        structure.basis.dx.sum(axis=1) @ (structure.properties["density"] * structure.across)
     )
+    found.values |= {"mass_kg": mass, "length_m": float(size.max())}
+    extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
+    found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+
+
+def _parts(structure: AnyStructure) -> Iterator[str]:
+    """Sentences about bodies and joints."""
+    if isinstance(structure, Structure):
+        mesh = structure.mesh
+        bodies = int(mesh.body.max()) + 1
+        yield (
+            f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
+            f"{mesh.order}."
+        )
+    else:
+        yield (
+            f"Matrices of {structure.n_nodes} degrees of freedom, {structure.fixed.size} of them "
+            "fixed; without positions there are no fields, pictures and active lengths."
+        )
     for patch in structure.patches:
         joint = patch.joint
         against = f" against {joint.against}" if joint.against else ""
@@ -94,11 +106,11 @@ def _parts(structure: Structure) -> Iterator[str]:
             place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
             text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
         yield text
-    for body in loose_bodies(structure, friction=False):
+    for body in loose_bodies(structure, friction=False) if isinstance(structure, Structure) else ():
         yield f"Friction alone holds {body}: it may slip away, and creeps under the arctan law."
 
 
-def _moves(scene: Scene, structure: Structure, system: System, found: Description) -> None:
+def _moves(scene: Scene, structure: AnyStructure, system: System, found: Description) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
     facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
@@ -111,8 +123,18 @@ def _moves(scene: Scene, structure: Structure, system: System, found: Descriptio
     if held.size:
         text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck"
     facts.append(f"{text}.")
+    looked_at = min(LOOKED_AT, system.n), min(LOOKED_AT, system.n - held.size)
+    rigid = [most - some.size for most, some in zip(looked_at, (loose, stuck[0]), strict=True)]
+    values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
+    if not isinstance(structure, Structure):
+        facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
+    if rigid[1]:
+        found.doubts.append(
+            f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the structure "
+            "floats. Is something to be fixed, or do joints lack pressure or pairs?"
+        )
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    if frequency > 0.0:
+    if frequency > 0.0 and isinstance(structure, Structure):
         speed, count = per_wavelength(structure, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
         facts.append(
@@ -150,17 +172,21 @@ def _moves(scene: Scene, structure: Structure, system: System, found: Descriptio
         )
 
 
-def _displaced(structure: Structure, system: System, u: FloatArray, found: Description) -> None:
+def _displaced(structure: AnyStructure, system: System, u: FloatArray, found: Description) -> None:
     """Add what is displaced and strained under static loads, and whether that is small."""
-    length = found.values["length_m"]
     moved = np.abs(np.asarray(system.P @ u))
     names = dict.fromkeys(load.on for load in system.loads)
     by_load = {name: float(moved[system.points.index(name)]) for name in names}
-    full = structure.expand(u)
+    found.values["static_displacement_m"] = by_load
+    if not isinstance(structure, Structure):
+        shown = ", ".join(f"{name} {x:.4g} m" for name, x in by_load.items())
+        found.facts.append(f"Under the peak of the loads at rest: {shown}.")
+        return
+    length, full = found.values["length_m"], structure.expand(u)
     largest, slope = float(np.linalg.norm(full, axis=1).max()), structure.gradient(full)
     strains = 0.5 * (slope + slope.swapaxes(1, 2))  # means of the elements
     strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
-    found.values |= {"static_displacement_m": by_load, "static_strain": strain}
+    found.values["static_strain"] = strain
     shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
     found.facts.append(
         f"Under the peak of the loads at rest, over the length of {length:.4g} m: {shown}; largest "

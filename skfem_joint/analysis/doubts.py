@@ -34,7 +34,7 @@ def violated(study: Study, model: Model) -> list[str]:
         found += gross_slip(study.structure, model.slip_peak, study.period)
         found += _creeping(study, model)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
-    size = study.scene.named_mesh.size
+    size = study.structure.size
     if largest > LARGE * size:
         found.append(
             f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "

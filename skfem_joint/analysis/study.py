@@ -37,7 +37,7 @@ from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.scene import Scene
-    from skfem_joint.structure import Structure
+    from skfem_joint.structure import AnyStructure
 
 _log = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ class Study:
     """
 
     scene: Scene
-    structure: Structure
+    structure: AnyStructure
     system: System
     models: dict[str, Model] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -176,7 +176,7 @@ def run_scene(
     origin = "" if checkpoints is None else origin_of(scene)
     study = Study(scene, scene.structure(), scene.system())
     study.description = describe(scene)
-    study.warnings += [*scene.named_mesh.notes, *doubts(study.structure, study.system)]
+    study.warnings += doubts(study.structure, study.system)
     study.warnings += study.description.doubts
     if scene.accuracy.asked:
         study.scene = accuracy.followed(scene)
@@ -225,12 +225,10 @@ def run_scene(
 
 def origin_of(scene: Scene) -> str:
     """Fingerprint of a scene, its mesh and the tables of its loads."""
-    mesh = scene.named_mesh
     return fingerprint(
         scene.model_dump(mode="json", exclude={"sweep"}),
         [load.amplitude for load in scene.loads()],
-        [mesh.mesh.p, mesh.mesh.t, mesh.order, mesh.coordinates],
-        [mesh.regions, mesh.boundaries, mesh.points],
+        *scene.structure().identity,
     )
 
 
@@ -288,7 +286,8 @@ def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
     except ConvergenceError as error:
         if error.unknown is None:
             raise
-        message = f"full model: {error} That unknown is {_place(study, error.unknown)}."
+        place = study.structure.place(error.unknown)
+        message = f"full model: {error} That unknown is {place}."
         raise ConvergenceError(message, error.unknown) from error
 
 
@@ -316,14 +315,6 @@ def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
     took = time.perf_counter() - begin
     _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
     study.models[model.name] = replace(model, estimate=found, estimate_s=took)
-
-
-def _place(study: Study, unknown: int) -> str:
-    """Say in words where an unknown of the full model is: the node that it moves most."""
-    one = np.bincount([unknown], minlength=study.system.n).astype(float)
-    node = int(np.linalg.norm(study.structure.expand(one), axis=-1).argmax())
-    position = ", ".join(f"{x:.6g}" for x in study.structure.nodes[node])
-    return f"of node {node}, at ({position}) m"
 
 
 def _reduced(study: Study, how: Mapping[str, Any]) -> Model:

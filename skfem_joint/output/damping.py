@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.backbone import ModelBackbone, SceneBackbone
     from skfem_joint.analysis.response import Curve
     from skfem_joint.analysis.scene_response import SceneResponse
-    from skfem_joint.structure import Structure
+    from skfem_joint.structure import AnyStructure
 
 Rows = Sequence[Sequence[Any]]
 
@@ -77,7 +77,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
 
 
 def _active_lengths(
-    structure: Structure, slips: Iterable[FloatArray]
+    structure: AnyStructure, slips: Iterable[FloatArray]
 ) -> tuple[list[str], list[list[float]]]:
     """Columns of the active lengths of joints with an axis, and a row for each slip (m,), m."""
     found = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]

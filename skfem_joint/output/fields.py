@@ -15,11 +15,12 @@ from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_st
 from skfem_joint.analysis.study import friction_work
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.structure import Structure
 from skfem_joint.unknowns import selection
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
-    from skfem_joint.structure import Patch, Structure
+    from skfem_joint.structure import Patch
 
 States = NDArray[np.int8]
 
@@ -152,8 +153,11 @@ def _mean_state(means: sparse.csr_array, state: States) -> States:
 def frames_of(study: Study) -> Frames:
     """Stored fields of a study's models, as far as all of them have come, with its loads.
 
-    InputError if the runs stored no fields.
+    InputError if the runs stored no fields, or the structure is given by matrices alone.
     """
+    structure = study.structure
+    if not isinstance(structure, Structure):
+        raise InputError("fields need a mesh: matrices do not tell where their nodes are")
     models = list(study.models.values())
     times = min((model.run.field_times for model in models), key=len)
     if times.size == 0:
@@ -162,13 +166,13 @@ def frames_of(study: Study) -> Frames:
     forces: dict[str, FloatArray] = {}
     for load, history in zip(study.system.loads, study.system.load_amplitudes(rows), strict=True):
         forces[load.on] = forces.get(load.on, 0.0) + history
-    fields = [_field_of(study, model) for model in models]
-    return Frames(study.structure, times, fields, rows, forces)
+    fields = [_field_of(study, structure, model) for model in models]
+    return Frames(structure, times, fields, rows, forces)
 
 
-def _field_of(study: Study, model: Model) -> Field:
+def _field_of(study: Study, structure: Structure, model: Model) -> Field:
     """Stored fields of a model on all displacement nodes."""
-    structure, system = study.structure, study.system
+    system = study.system
     u, v = (structure.unpacked(part) for part in model.fields())
     sigma = model.normalised_friction(system)
     steepest = model.run.system.beta.max(initial=0.0)

@@ -127,14 +127,15 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     """
     plan, names = curves(study), []
     output = study.scene.output
-    if output.plots or output.vtk:
+    pictured = output.plots and len(study.structure.nodes) > 0
+    if pictured or output.vtk:
         frames = frames_of(study)
     if output.vtk:
         plan[SERIES] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
         rows = series.series_files(folder / SERIES, frames)
         names = [file.relative_to(folder).as_posix() for row in rows for file in row]
-    if output.plots:
+    if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
     write_summary(folder, report.summary(study), [*plan, *names])
@@ -181,7 +182,7 @@ def curves(study: Study) -> dict[str, Writer]:
     peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)
     for k, patch in enumerate(study.structure.patches):
-        if peak[patch.points].any():
+        if peak[patch.points].any() and len(patch.cells):
             name = f"active_region_{safe_name(patch.joint.name)}.png"
             slip = (peak[patch.points], active[patch.points])
             add(name, plots.active_region_figure, study.structure, k, *slip)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.structure import Structure
+from skfem_joint.structure import AnyStructure
 from skfem_joint.system import System
 
 #: Damping ratio of a joint in micro-slip, independent of its active length, Eq. (20).
@@ -83,7 +83,9 @@ def estimate(
     return Estimate(factors[-1] * static_length, tuple(factors[1:]), ratio, converged)
 
 
-def slips(structure: Structure, system: System, slip_peak: FloatArray, period: float) -> BoolArray:
+def slips(
+    structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
+) -> BoolArray:
     """Contact points that slip rather than creep, shape (m,).
 
     Their largest slip, ``slip_peak`` (m), exceeds a thousandth of the largest in their joint, and
@@ -99,7 +101,7 @@ def slips(structure: Structure, system: System, slip_peak: FloatArray, period: f
 
 
 def active_fractions(
-    structure: Structure, system: System, slip_peak: FloatArray, period: float
+    structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of each joint's contact area, and of its nodes, that slips; held nodes do not.
 
@@ -116,7 +118,7 @@ def active_fractions(
     return areas, nodes
 
 
-def gross_slip(structure: Structure, slip_peak: FloatArray, period: float) -> list[str]:
+def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) -> list[str]:
     """Sentences about joints without a point that sticks.
 
     The largest slip of each point, ``slip_peak`` (m), is compared with that of a body strained

@@ -55,7 +55,7 @@ from skfem_joint.reduction.zones import (
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import Scheme
-from skfem_joint.structure import Structure
+from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
@@ -123,7 +123,7 @@ class Basis:
 
 
 def make_basis(
-    structure: Structure,
+    structure: AnyStructure,
     system: System,
     options: Options,
     *,
@@ -158,6 +158,11 @@ def make_basis(
             )
         basis = static_basis(system, path, modes, interface)
     elif options.reference == "paper":
+        if not isinstance(structure, Structure):
+            raise InputError(
+                "reduction.reference: found 'paper', whose modes are laid along a mesh; matrices "
+                "have none: take 'static' or 'self'"
+            )
         zones = active_zones(structure, system)
         probe = probed(system, zones, step, n_steps, cycle_steps)
         lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)

@@ -21,7 +21,7 @@ from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.structure import Joint, Patch, Structure
+from skfem_joint.structure import AnyStructure, Joint, Patch, Structure
 from skfem_joint.system import System
 
 #: Cycles of a quick run, least steps in one and in the shortest period of the loads.
@@ -108,13 +108,13 @@ class Zone:
         return max(measured(*self.profile(slip_peak)), float(self.distance[beside].max()))
 
 
-def axis_of(structure: Structure, joint: Joint) -> FloatArray | None:
+def axis_of(structure: AnyStructure, joint: Joint) -> FloatArray | None:
     """Unit vector along a joint, (dim,): trivial in one dimension, else None if none is named."""
     axis = np.ones(1) if joint.axis is None else np.asarray(joint.axis, dtype=float)
     return axis / np.linalg.norm(axis) if axis.size == structure.dim else None
 
 
-def stretches(structure: Structure, patch: Patch) -> list[Zone]:
+def stretches(structure: AnyStructure, patch: Patch) -> list[Zone]:
     """Connected parts of a joint's contact, seen from the low end; none without axis."""
     axis = axis_of(structure, patch.joint)
     if axis is None:
@@ -229,7 +229,7 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
     return sparse.csc_array(null_space(B.toarray(), rcond=_NO_SLIP))
 
 
-def measured_lengths(structure: Structure, slip_peak: FloatArray) -> dict[str, float]:
+def measured_lengths(structure: AnyStructure, slip_peak: FloatArray) -> dict[str, float]:
     """Active length (m) of each joint with an axis, from the end of each part that slips most."""
     lengths: dict[str, float] = {}
     for patch in structure.patches:

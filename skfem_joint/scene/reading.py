@@ -121,7 +121,8 @@ def scene_from(
     scene._path, scene._named_mesh = path, mesh
     found += relations(scene, right)
     lines = [f"{path}: {problem}" for problem in found]
-    if mesh is not None and right.keys() >= OF_STRUCTURE:
+    known = right.keys() >= OF_STRUCTURE and (mesh is not None or scene.matrices is not None)
+    if known:
         try:
             _ = scene.system() if right.keys() >= OF_SYSTEM else scene.structure()
         except InputError as error:

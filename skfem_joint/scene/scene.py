@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import PrivateAttr
+from pydantic import (
+    PrivateAttr,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
+from pydantic_core import PydanticKnownError
 
 from skfem_joint import structure as parts
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import steady_tables, tables
-from skfem_joint.scene.messages import key_path, listed
+from skfem_joint.scene.matrices import Matrices
+from skfem_joint.scene.messages import key_path, listed, mistake
 from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
@@ -25,7 +32,7 @@ from skfem_joint.system import System
 _log = logging.getLogger(__name__)
 
 #: Tables that the structure is built from, and those that its system needs beside them.
-OF_STRUCTURE = frozenset({"mesh", "material", "section", "support", "joint", "damping"})
+OF_STRUCTURE = frozenset({"matrices", "mesh", "material", "section", "support", "joint", "damping"})
 OF_SYSTEM = OF_STRUCTURE | {"load", "output"}
 
 
@@ -36,8 +43,16 @@ class Scene(SceneTable):
     """
 
     title: str = key("what the results are headed with", "")
-    mesh: tables.Mesh = key("the mesh file")
-    material: tables.Material = key("what the bodies are made of")
+    matrices: Matrices | None = key(
+        "matrices of the structure, in place of mesh, material, section and support",
+        None,
+    )
+    mesh: tables.Mesh | None = key(
+        "the mesh file; needed but beside matrices", None, validate_default=True
+    )
+    material: tables.Material | None = key(
+        "what the bodies are made of; needed but beside matrices", None, validate_default=True
+    )
     section: tables.Section = key("width and thickness", tables.Section())
     support: tables.Support = key("what is held", tables.Support())
     joint: Annotated[tuple[tables.Joint, ...], A_LIST] = key("joints with friction", ())
@@ -60,8 +75,23 @@ class Scene(SceneTable):
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
-    _structure: parts.Structure | None = PrivateAttr(None)
+    _structure: parts.AnyStructure | None = PrivateAttr(None)
     _system: System | None = PrivateAttr(None)
+
+    @field_validator("mesh", "material", "section", "support", mode="wrap")
+    @classmethod
+    def _is_mesh_or_matrices(
+        cls, given: Any, make: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> Any:
+        """Tables of a mesh are not beside those of matrices, and the needed ones not without."""
+        given_matrices = info.data.get("matrices", "wrong")  # in themselves: told already
+        if given is None:
+            if given_matrices is None:
+                raise PydanticKnownError("missing")
+            return None
+        if given_matrices not in (None, "wrong"):
+            raise mistake("found beside [matrices], which are all of the structure; leave it out")
+        return make(given)
 
     @property
     def path(self) -> Path:
@@ -74,34 +104,46 @@ class Scene(SceneTable):
     def named_mesh(self) -> NamedMesh:
         """The mesh of the scene."""
         if self._named_mesh is None:
-            raise InputError("scene: has no mesh, read it with load_scene or give it to scene_from")
+            raise InputError(
+                "scene: has no mesh; read it with load_scene or give it to scene_from, or leave "
+                "out what needs one beside [matrices]"
+            )
         return self._named_mesh
 
-    def structure(self) -> parts.Structure:
+    def structure(self) -> parts.AnyStructure:
         """Structure that the scene describes, built once.
 
         It and `system` raise `InputError` where the scene does not fit its mesh.
         """
         if self._structure is None:
-            regions: dict[str, dict[str, float]] = {}
-            for table in (self.material, self.section):
-                for region, override in table.regions.items():
-                    regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
-            material = self.material
             with self._naming():
-                self._structure = parts.Structure(
-                    self.named_mesh,
-                    parts.Material(material.E, material.density, material.poisson),
-                    **self.section.model_dump(exclude={"regions"}),
-                    **self.support.model_dump(),
-                    joints=[joint.to_joint() for joint in self.joint],
-                    stiffness_damping=self.damping.stiffness,
-                    mass_damping=self.damping.mass,
-                    damping_ratio=self.damping.ratio,
-                    mass=material.mass_matrix,
-                    regions=regions,
-                )
+                self._structure = self._made()
         return self._structure
+
+    def _made(self) -> parts.AnyStructure:
+        common: dict[str, Any] = {
+            "joints": [joint.to_joint() for joint in self.joint],
+            "stiffness_damping": self.damping.stiffness,
+            "mass_damping": self.damping.mass,
+            "damping_ratio": self.damping.ratio,
+        }
+        if self.matrices is not None:
+            return self.matrices.model((self._path or Path()).parent, common)
+        material, regions = self.material, dict[str, dict[str, float]]()
+        if material is None:
+            raise InputError("material: missing, must be given with a mesh")
+        for table in (material, self.section):
+            for region, override in table.regions.items():
+                regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
+        return parts.Structure(
+            self.named_mesh,
+            parts.Material(material.E, material.density, material.poisson),
+            **self.section.model_dump(exclude={"regions"}),
+            **self.support.model_dump(),
+            **common,
+            mass=material.mass_matrix,
+            regions=regions,
+        )
 
     def loads(self) -> tuple[parts.Load, ...]:
         """Loads of the structure."""
@@ -177,6 +219,12 @@ class Scene(SceneTable):
             copy._system = None
         return copy
 
+    def light(self, **keys_of: Any) -> Self:
+        """Copy without what was assembled, with other values of keys as `changed` takes them."""
+        copy = self.changed(**keys_of)
+        copy._structure = copy._system = None
+        return copy
+
     def finer(self, factor: int) -> Self:
         """Copy with so many times the steps, which stores the same times."""
         time: dict[str, Any] = {"steps_per_cycle": factor * self.time.steps_per_cycle}
@@ -238,10 +286,36 @@ def _time_problems(scene: Scene) -> Iterator[str]:
             )
 
 
-def relations(scene: Scene, right: Collection[str]) -> Iterator[str]:
+def _matrix_problems(scene: Scene, given: Matrices) -> Iterator[str]:
+    """Mistakes in what other tables ask of a scene with matrices."""
+    for i, joint in enumerate(scene.joint):
+        for name in sorted(joint.model_fields_set & {"against", "axis", "normal_force"}):
+            yield f"joint[{i}].{name}: found beside [matrices], whose contacts tell; leave it out"
+        if not isinstance(joint.pressure, float | int):
+            yield (
+                f"joint[{i}].pressure: found a table beside [matrices], must be a number in Pa; "
+                "what differs from pair to pair goes into the areas"
+            )
+    if given.C is not None and scene.damping.model_fields_set:
+        yield "damping: found beside matrices.C, must be one of the two"
+    if "reduced" in scene.models.run and scene.reduction.reference == "paper":
+        yield (
+            "reduction.reference: found 'paper' beside [matrices], which have no line that its "
+            "modes could be laid along; use reference = 'static'"
+        )
+    if scene.output.vtk:
+        yield (
+            "output.vtk: found true beside [matrices], which do not tell where nodes are; leave it "
+            "out"
+        )
+
+
+def relations(scene: Scene, right: Mapping[str, Any]) -> Iterator[str]:
     """Mistakes between the tables of a scene, of those that are right in themselves."""
     if {"time", "load"} <= set(right):
         yield from _time_problems(scene)
+    if right.keys() >= OF_SYSTEM and scene.matrices is not None:
+        yield from _matrix_problems(scene, scene.matrices)
     if not {"models", "joint", "reduction"} <= set(right):
         return
     for name in {"condensed", "reduced"} & set(scene.models.run) if not scene.joint else ():

@@ -62,7 +62,7 @@ def load_sweep(path: str | Path) -> Swept:
                 meshes[mesh_table] = read_mesh(changed, path.parent)
             mesh, wrong = meshes[mesh_table]
             scene = scene_from(changed, mesh, path, wrong)
-            scenes.append(scene.changed(mesh=mesh))  # without its matrices
+            scenes.append(scene.light())
         except InputError as error:
             for problem in error.problems:
                 problems.setdefault(problem, []).append(_named(row))

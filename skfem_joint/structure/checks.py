@@ -19,6 +19,7 @@ from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
 from skfem_joint.structure.pressure import PressureTable
 
 if TYPE_CHECKING:
+    from skfem_joint.structure import AnyStructure
     from skfem_joint.structure.structure import Load, Structure
     from skfem_joint.system import System
 
@@ -306,9 +307,9 @@ def _body_label(mesh: NamedMesh, body: int) -> str:
     return f"the body around {spot(middle)}"
 
 
-def doubts(structure: Structure, system: System) -> list[str]:
+def doubts(structure: AnyStructure, system: System) -> list[str]:
     """Sentences about values, size, loads and joints: what is allowed but looks like a slip."""
-    found = [*system.notes, *_unusual(structure), *_waves(structure, system), *_locking(structure)]
+    found = [*system.notes, *structure.unusual(system)]
     if not structure.patches:
         found.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
@@ -319,28 +320,27 @@ def doubts(structure: Structure, system: System) -> list[str]:
             )
         if isinstance(joint.pressure, Bolts):
             found += _bolt_doubts(structure, patch, joint.pressure)
+        force, area = patch.clamping_force, float(patch.area.sum()) + patch.held_area
+        if force > 0.0 and not _PRESSURES[0] <= force / area <= _PRESSURES[1]:
+            found.append(
+                f"Joint '{joint.name}' is pressed by {force / area:.4g} Pa; bolts press by "
+                "1e6 to 1e9 Pa: is it in Pa?"
+            )
+        if joint.friction > _MOST_FRICTION:
+            found.append(
+                f"Joint '{joint.name}' has a coefficient of friction of "
+                f"{joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
+            )
     return found
 
 
-def _unusual(structure: Structure) -> Iterator[str]:
+def unusual(structure: Structure) -> Iterator[str]:
     """Sentences about values that no structure has in SI units."""
     for name, (least, most, unit, steel) in _USUAL.items():
         values = structure.properties[name]
         if not least <= values.min() <= values.max() <= most:
             worst = values.min() if values.min() < least else values.max()
             yield f"material.{name} is {worst:.4g} {unit}; steel has {steel}: is it in {unit}?"
-    for patch in structure.patches:
-        force, area = patch.clamping_force, float(patch.area.sum()) + patch.held_area
-        if force > 0.0 and not _PRESSURES[0] <= force / area <= _PRESSURES[1]:
-            yield (
-                f"Joint '{patch.joint.name}' is pressed by {force / area:.4g} Pa; bolts press by "
-                "1e6 to 1e9 Pa: is it in Pa?"
-            )
-        if patch.joint.friction > _MOST_FRICTION:
-            yield (
-                f"Joint '{patch.joint.name}' has a coefficient of friction of "
-                f"{patch.joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
-            )
     size = float(np.ptp(structure.nodes, axis=0).max())
     across = {name: getattr(structure, name) for name in _SECTION[structure.dim]}
     across = {name: structure.properties[name].min() for name, value in across.items() if value}
@@ -365,7 +365,7 @@ def per_wavelength(structure: Structure, frequency: float) -> tuple[float, float
     return float(speed.min()), float((structure.mesh.order * speed / (frequency * size)).min())
 
 
-def _waves(structure: Structure, system: System) -> Iterator[str]:
+def waves(structure: Structure, system: System) -> Iterator[str]:
     """Sentence about elements that do not carry the waves of the loads."""
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     fewest = per_wavelength(structure, frequency)[1] if frequency > 0.0 else np.inf
@@ -377,7 +377,7 @@ def _waves(structure: Structure, system: System) -> Iterator[str]:
         )
 
 
-def _locking(structure: Structure) -> Iterator[str]:
+def locking(structure: Structure) -> Iterator[str]:
     """Sentence about elements of first order that bend too stiffly."""
     if structure.dim == 1 or structure.mesh.order > 1:
         return
@@ -401,7 +401,7 @@ def _locking(structure: Structure) -> Iterator[str]:
         )
 
 
-def _bolt_doubts(structure: Structure, patch: Patch, bolts: Bolts) -> Iterator[str]:
+def _bolt_doubts(structure: AnyStructure, patch: Patch, bolts: Bolts) -> Iterator[str]:
     for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
         where = f"The bolt at {spot(np.array(bolt.at))} in joint '{patch.joint.name}'"
         if share < _WHOLE_RING:

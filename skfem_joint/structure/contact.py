@@ -55,12 +55,12 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     outwards[held] = 0.0
     still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)
     H = [
-        _along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
-        _along(still, outwards[still], count),
+        along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
+        along(still, outwards[still], count),
     ]
     lone = dim * still + np.argmax(np.abs(outwards[still]), axis=1)
     return Contact(
-        B=_along(point, directions[point, which], m) @ relative,
+        B=along(point, directions[point, which], m) @ relative,
         w=w,
         beta=beta,
         directions=slips.astype(np.int64),
@@ -69,7 +69,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     )
 
 
-def _along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
+def along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
     """Rows that take the component along vectors of the displacements of ``m`` points."""
     k, dim = vectors.shape
     columns = dim * point[:, None] + np.arange(dim)

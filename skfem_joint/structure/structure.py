@@ -167,6 +167,35 @@ class Structure(Nodes):
         return fields
 
     @property
+    def size(self) -> float:
+        """Largest extent, m."""
+        return self.mesh.size
+
+    @property
+    def n_entries(self) -> int:
+        """Number of entries that the matrices are made from."""
+        in_element, elements = self.of_element.shape
+        return int(elements * (self.dim * in_element) ** 2)
+
+    @property
+    def identity(self) -> list[Any]:
+        """What tells its mesh from others."""
+        named = self.mesh
+        where = [named.mesh.p, named.mesh.t, named.order, named.coordinates]
+        return [where, [named.regions, named.boundaries, named.points]]
+
+    def unusual(self, system: System) -> list[str]:
+        """Sentences about its mesh, values, size and waves: what looks like a slip."""
+        found = *checks.unusual(self), *checks.waves(self, system), *checks.locking(self)
+        return [*self.mesh.notes, *found]
+
+    def place(self, unknown: int) -> str:
+        """Where an unknown is: the node that it moves most."""
+        one = np.bincount([unknown], minlength=self.T.shape[1]).astype(float)
+        node = int(np.linalg.norm(self.expand(one), axis=-1).argmax())
+        return f"of node {node}, at ({', '.join(f'{x:.6g}' for x in self.nodes[node])}) m"
+
+    @property
     def across(self) -> FloatArray:
         """Extent across the mesh: area of the section (m2), thickness (m) or 1, (elements,)."""
         return self.properties["width"] * self.properties["thickness"]

@@ -1,0 +1,313 @@
+"""Matrices from elsewhere as a scene: the same as the mesh that they come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from joint_scenes import harmonic, lap_joint, plate_scene
+from scipy import sparse
+from scipy.io import mmwrite, savemat
+
+from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.cli import main
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_box, build_plate, merged
+from skfem_joint.scene import Scene, load_scene, scene_from
+from skfem_joint.structure import Joint, MatrixModel, Structure
+
+
+def npz(folder: Path, name: str, A: Any) -> str:
+    sparse.save_npz(folder / f"{name}.npz", sparse.csr_array(A))
+    return f"{name}.npz"
+
+
+def mtx(folder: Path, name: str, A: Any) -> str:
+    mmwrite(folder / f"{name}.mtx", A, precision=17)
+    return f"{name}.mtx"
+
+
+def mat(folder: Path, name: str, A: Any) -> str:
+    path = folder / f"{name}.mat"
+    savemat(path, {name: sparse.csc_matrix(A), "other": np.eye(2)})
+    return f"{name}.mat:{name}"
+
+
+Store = Callable[[Path, str, Any], str]
+
+
+def pairs_of(structure: Structure) -> dict[str, Any]:
+    """Contacts of a structure whose nodes match, as another program would list them."""
+    dim, found = structure.dim, {}
+    for patch in structure.patches:
+        rows = np.full((patch.nodes.size, 10), -1.0)
+        rows[:, :dim] = dim * patch.nodes[:, None] + np.arange(dim)
+        if patch.other is not None:
+            other = np.asarray(patch.other.argmax(axis=1)).ravel()
+            rows[:, 3 : 3 + dim] = dim * other[:, None] + np.arange(dim)
+        rows[:, 6:9] = [0.0, 0.0, 1.0]
+        if patch.normal is not None:
+            rows[:, 6 : 6 + dim] = patch.normal
+        rows[:, 9] = patch.normal_force / patch.joint.pressure
+        found[patch.joint.name] = rows
+    return found
+
+
+def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -> dict[str, Any]:
+    """Tables of a scene as matrices in files of a folder, without its mesh."""
+    structure = scene.structure()
+    assert isinstance(structure, Structure)
+    M, K = structure.matrices()
+    contact = {}
+    for name, rows in pairs_of(structure).items():
+        header = "x1, y1, z1, x2, y2, z2, nx, ny, nz, area"
+        lines = [",".join("" if x == -1 else f"{x:.17g}" for x in row) for row in rows]
+        (folder / f"{name}.csv").write_text("\n".join([header, *lines]))
+        contact[name] = f"{name}.csv"
+    tables = scene.model_dump(exclude_unset=True)
+    kept = {k: v for k, v in tables.items() if k not in ("mesh", "material", "section", "support")}
+    joints = [{k: v for k, v in one.items() if k in _OF_JOINT} for one in tables["joint"]]
+    loads = [{k: v for k, v in one.items() if k != "direction"} for one in tables["load"]]
+    matrices = {
+        "K": store(folder, "K", K),
+        "M": store(folder, "M", M),
+        "contact": contact,
+        "fixed": np.flatnonzero(structure.held).tolist(),
+        "points": points,
+    }
+    return kept | {"joint": joints, "load": loads, "matrices": matrices}
+
+
+_OF_JOINT = ("on", "pressure", "friction", "law", "beta")
+
+
+def bar_export(folder: Path, store: Store = npz, *run: str, **changes: Any) -> Any:
+    scene = lap_joint(*run, bar="short_lap_joint", **changes)
+    end = scene.named_mesh.points["free_end"]
+    return scene, exported(folder, scene, store, {"free_end": end})
+
+
+def matrix_scene(folder: Path, tables: dict[str, Any]) -> Scene:
+    return scene_from(tables, None, folder / "scene.toml")
+
+
+@pytest.mark.parametrize("store", [npz, mtx, mat])
+def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path: Path, store: Store) -> None:
+    scene, tables = bar_export(tmp_path, store, "full", "reduced", reduction={})
+    one, other = run_scene(scene), run_scene(matrix_scene(tmp_path, tables))
+    for name in ("full", "reduced"):
+        a, b = one.models[name].run, other.models[name].run
+        assert b.point_u == pytest.approx(a.point_u, rel=0, abs=1e-10 * a.peak.max())
+        assert b.friction_energy == pytest.approx(a.friction_energy, rel=1e-10)
+    assert other.models["full"].slipping_fraction
+
+
+def plate_on_base() -> Scene:
+    return plate_scene("full", joint=[JOINT], time=SHORT)
+
+
+def plate_on_plate() -> Scene:
+    """Two plates whose nodes match where they overlap."""
+    joint = JOINT | {"on": "upper_joint", "against": "joint"}
+    lower = build_plate([("linear", 0.1, 3), ("joint", 0.1, 4)], 0.05, 2)
+    strips = [("upper_joint", 0.1, 4), ("upper_linear", 0.1, 3)]
+    upper = build_plate(strips, 0.05, 2, origin=(0.1, 0.0), prefix="upper_")
+    load = harmonic("upper_right", 14e3, 1000.0) | {"direction": [1.0, 0.0]}
+    mesh = merged([lower, upper])
+    return plate_scene("full", mesh=mesh, joint=[joint], load=[load], time=SHORT)
+
+
+def solid_on_base() -> Scene:
+    """A block pressed with its lower face, which is held from leaving the base."""
+    mesh = build_box([("inside", 0.1, 4)], (0.02, 0.02), (1, 1))
+    load = harmonic("right", 3e3, 1000.0) | {"direction": [1.0, 0.2, 0.0]}
+    tables = {
+        "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
+        "support": {"fixed": ["left"]},
+        "joint": [JOINT | {"on": "bottom"}],
+        "load": [load],
+        "time": SHORT,
+    }
+    return scene_from(tables, mesh)
+
+
+JOINT = {"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}
+SHORT = {"cycles": 1, "steps_per_cycle": 50}
+
+
+@pytest.mark.parametrize("make", [plate_on_base, plate_on_plate, solid_on_base])
+def test_pairs_with_two_slips_move_as_their_mesh(tmp_path: Path, make: Callable[[], Scene]) -> None:
+    scene = make()
+    structure, (load,) = scene.structure(), scene.loads()
+    assert isinstance(structure, Structure)
+    push = np.outer(structure.even_shares(str(load.on)), load.unit(structure.dim)).ravel()
+    np.savez(tmp_path / "push.npz", push=push)
+    tables = exported(tmp_path, scene, npz, {str(load.on): "push.npz:push"})
+    a = run_scene(scene).models["full"].run
+    b = run_scene(matrix_scene(tmp_path, tables)).models["full"].run
+    assert b.system.directions.tolist() == a.system.directions.tolist()
+    assert max(a.friction_energy.values()) > 0.0
+    assert b.point_u[:, 0] == pytest.approx(a.point_u[:, 0], rel=0, abs=1e-10 * a.peak.max())
+    assert b.friction_energy == pytest.approx(a.friction_energy, rel=1e-10)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_a_unit_motion_of_one_side_is_a_unit_slip(seed: int) -> None:
+    """Along any tangent, with the sign of the first side; both sides alike do not slip."""
+    random = np.random.default_rng(seed)
+    normal = random.normal(size=(3, 3))
+    tangent = np.cross(normal, random.normal(size=(3, 3)))
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    dofs = random.permutation(18).reshape(3, 6)
+    model = MatrixModel(
+        sparse.eye_array(18),
+        sparse.eye_array(18),
+        contacts={"lap": np.hstack([dofs, normal, np.ones((3, 1))])},
+        joints=[Joint("lap", 1e6, 0.3)],
+    )
+    assert model.contact is not None
+    u = np.zeros((18, 2))
+    u[dofs[:, :3], 0] = u[dofs[:, :3], 1] = u[dofs[:, 3:], 1] = tangent
+    slip = np.asarray(model.contact.B @ u).reshape(3, 2, 2)
+    (patch,) = model.patches
+    assert np.einsum("kdc,kd->kc", patch.directions, slip[..., 0]) == pytest.approx(tangent)
+    assert slip[..., 1] == pytest.approx(0.0, abs=1e-12)
+    assert model.contact.held @ u == pytest.approx(0.0, abs=1e-12)
+
+
+def test_rigid_motions_are_counted_and_a_floating_structure_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, tables = bar_export(tmp_path)
+    tables["matrices"]["fixed"] = []
+    tables["joint"][0]["friction"] = 0.0
+    scene = matrix_scene(tmp_path, tables)
+    found = describe(scene)
+    assert found.values["rigid_motions_loose"] == found.values["rigid_motions_stuck"] == 1
+    assert any("the structure floats" in doubt for doubt in found.doubts)
+
+
+def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
+    def text(value: Any) -> str:
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{k} = {text(v)}" for k, v in value.items()) + "}"
+        if isinstance(value, list | tuple):
+            return "[" + ", ".join(map(text, value)) + "]"
+        return json.dumps(value)
+
+    path = folder / "scene.toml"
+    path.write_text("\n".join(f"{k} = {text(v)}" for k, v in tables.items()))
+    return path
+
+
+@pytest.mark.parametrize(
+    "command", ["check", "run", "response", "backbone", "error-time", "sweep", "resume"]
+)
+def test_every_command_takes_matrices(
+    tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, tables = bar_export(tmp_path, npz, "full", "reduced", reduction={}, time=SHORT)
+    tables["output"] = {"plots": command == "run"}
+    extra: dict[str, Any] = {
+        "response": {"from": 900.0, "to": 1000.0, "points": 2, "levels": [1.0]},
+        "backbone": {"modes": [1], "levels": 3},
+        "sweep": {"parameters": {"joint[0].friction": [0.5, 0.7]}},
+    }
+    tables |= {command: extra[command]} if command in extra else {}
+    path, out = scene_file(tmp_path, tables), tmp_path / "out"
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    options = {"error-time": ["--quick"], "resume": ["--checkpoint-every", "10"]}
+    arguments = [] if command == "check" else ["--out", str(out), *options.get(command, [])]
+    assert main([command.replace("resume", "run"), str(path), *arguments]) == 0
+    if command == "run":
+        assert {"summary.json", "history.npz", "histories.png"} <= {p.name for p in out.iterdir()}
+
+
+GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
+
+
+@pytest.mark.parametrize(
+    ("keys", "contact", "told"),
+    [
+        ({"K": "none.npz"}, GOOD_PAIR, r"matrices\.K: .*none\.npz: cannot be read"),
+        ({"K": "K.txt"}, GOOD_PAIR, r"matrices\.K: .*K\.txt: unknown ending '\.txt'.*\.mtx"),
+        ({"K": "two.mat"}, GOOD_PAIR, r"matrices\.K: .*two\.mat: name one.*a, b"),
+        ({"K": "two.mat:c"}, GOOD_PAIR, r"two\.mat: found no 'c'.*a, b"),
+        ({"K": "damaged.npz"}, GOOD_PAIR, r"damaged\.npz: is damaged"),
+        ({"K": "damaged.mtx"}, GOOD_PAIR, r"damaged\.mtx: is damaged"),
+        ({"K": "damaged.mat"}, GOOD_PAIR, r"damaged\.mat: is damaged"),
+        ({"K": "text.npz:text"}, GOOD_PAIR, r"text\.npz: found .* values, must be real"),
+        ({"K": "flat.mtx"}, GOOD_PAIR, r"matrices\.K: flat\.mtx: found shape \(2, 3\)"),
+        ({"M": "small.mtx"}, GOOD_PAIR, r"matrices\.K: K\.mtx: found shape \(3, 3\)"),
+        ({"K": "skew.mtx"}, GOOD_PAIR, r"matrices\.K: skew\.mtx: is not symmetric"),
+        ({"K": "negative.mtx"}, GOOD_PAIR, r"matrices\.K: negative\.mtx: is indefinite"),
+        ({"M": "negative.mtx"}, GOOD_PAIR, r"matrices\.M: negative\.mtx: is not positive"),
+        ({"fixed": [3]}, GOOD_PAIR, r"matrices\.fixed: found 3, must be .* from 0 to 2"),
+        ({"points": {"tip": 3}}, GOOD_PAIR, r"matrices\.points\.tip: found 3"),
+        ({"points": {"tip": "flat.mtx"}}, GOOD_PAIR, r"points\.tip: flat\.mtx: found shape"),
+        ({"points": {"end": 2}}, GOOD_PAIR, r"load on 'tip': no point has this name.*'end'"),
+        ({"fixed": [2]}, GOOD_PAIR, r"points: 'tip' is supported"),
+        ({"contact": {"other": "lap.csv"}}, GOOD_PAIR, r"joint 'lap': no contact.*'other'"),
+        ({}, "0,,,3,,,0,0,1,1", r"matrices\.contact\.lap: lap\.csv: pair 1.*0 to 2"),
+        ({"first": 1}, "4,,,1,,,0,0,1,1", r"pair 1, found 4, .*1 to 3"),
+        ({}, "0,,,0,,,0,0,1,1", r"pair 1.*must stand in it once"),
+        ({}, ",,,1,,,0,0,1,1", r"pair 1.*first node must have"),
+        ({}, "0,,,1,,,0,0,0,1", r"pair 1.*normal"),
+        ({}, "0,,,1,,,0,0,1,-1", r"pair 1.*area"),
+        ({}, "0,,,1,,,0,0,1", r"found shape \(1, 9\), must have 10"),
+        ({}, GOOD_PAIR + "\nx" + GOOD_PAIR, r"lap\.csv: is damaged.*line 2"),
+        ({}, GOOD_PAIR + "\n" + GOOD_PAIR, "slip rows depend on each other"),
+    ],
+)
+def test_what_is_wrong_with_matrices_is_told_by_key_and_file(
+    tmp_path: Path, keys: dict[str, Any], contact: str, told: str
+) -> None:
+    K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    files = {"K": K, "M": np.eye(3), "flat": np.ones((2, 3)), "small": np.eye(2)}
+    files |= {"skew": K + np.eye(3, k=1), "negative": -K}
+    for name, A in files.items():
+        mmwrite(tmp_path / f"{name}.mtx", A)
+    savemat(tmp_path / "two.mat", {"a": K, "b": K})
+    np.savez(tmp_path / "text.npz", text=np.array(["K"]))
+    for ending in ("npz", "mtx", "mat"):
+        (tmp_path / f"damaged.{ending}").write_bytes(b"PK nothing of the kind")
+    (tmp_path / "lap.csv").write_text(contact)
+    matrices = {"K": "K.mtx", "M": "M.mtx", "contact": {"lap": "lap.csv"}, "points": {"tip": 2}}
+    tables = {
+        "matrices": matrices | keys,
+        "joint": [{"on": "lap", "pressure": 1e6, "friction": 0.3}],
+        "load": [harmonic("tip", 1.0, 1.0)],
+        "time": {"cycles": 1},
+    }
+    with pytest.raises(InputError, match=told):
+        load_scene(scene_file(tmp_path, tables))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"material": {"E": 1.0, "density": 1.0}}, r"material: found beside \[matrices\]"),
+        ({"support": {"fixed": ["a"]}}, r"support: found beside \[matrices\]"),
+        ({"output": {"vtk": True}}, r"output\.vtk: found true beside \[matrices\]"),
+        ({"matrices": None}, "mesh: missing.*\n.*material: missing"),
+        (
+            {"models": {"run": ["reduced"]}, "reduction": {"reference": "paper"}},
+            "reduction.reference: found 'paper'",
+        ),
+    ],
+)
+def test_tables_of_a_mesh_are_refused_beside_matrices(
+    tmp_path: Path, changes: dict[str, Any], told: str
+) -> None:
+    tables = bar_export(tmp_path)[1] | changes
+    tables = {name: table for name, table in tables.items() if table is not None}
+    with pytest.raises(InputError, match=told):
+        matrix_scene(tmp_path, tables)
