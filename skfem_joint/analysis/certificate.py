@@ -100,13 +100,17 @@ def looks(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> tuple[list[Source], Results]:
-    """Errors of a full model from its mesh and its law, and its results on the finest mesh."""
+    """Errors of a full model from its mesh and its law, and its results on the finest mesh.
+
+    Matrices have no mesh that could be refined.
+    """
     steep = any(joint.law == "arctan" for joint in scene.joint)
-    halvings = HALVINGS[scene.named_mesh.dim]
+    halvings = HALVINGS[scene.named_mesh.dim] if scene.matrices is None else 0
     report = partial(progress or (lambda *_: None), "certifying the full model")
-    mesh, scenes, runs = scene.named_mesh, [], [base]
+    scenes: list[Scene] = []
+    runs = [base]
     for _ in range(halvings):
-        mesh = refined(mesh)
+        mesh = refined(scenes[-1].named_mesh if scenes else scene.named_mesh)
         points: dict[str, Any] = {"points": scene.output_points}
         scenes.append(scene.changed(mesh=mesh, output=points))
     if steep:
@@ -115,7 +119,7 @@ def looks(
     for found in (executor.map if executor else map)(full_results, scenes):
         runs.append(found)
         report(len(runs) - 1, len(scenes))
-    sources = [halved("mesh", runs[: halvings + 1])]
+    sources = [halved("mesh", runs[: halvings + 1])] if halvings else []
     if steep:
         sources.append(Source("law", difference(base, runs[-1])))
     return sources, runs[halvings]

@@ -124,4 +124,6 @@ def make_reference(
 
     names = ("point_u", *QUANTITIES[1:])
     truth = replace(finest, **{name: extrapolate(name) for name in names})
+    if scene.matrices is not None:  # of which there is no finer mesh
+        fine_mesh = truth
     return Reference(system, grid, parts, order, truth, fine_mesh, [in_time, *others])

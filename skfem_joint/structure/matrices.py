@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.structure.contact import along
 from skfem_joint.structure.patch import SMALL, Joint, Patch, slip_directions, unit_vectors
@@ -103,10 +104,16 @@ class MatrixModel:
         return tuple(patch for patch, _ in self._made)
 
     @cached_property
-    def _made(self) -> list[tuple[Patch, sparse.csr_array]]:
-        """Patch of each joint, and the rows that vanish because its contact stays closed."""
-        made: list[tuple[Patch, sparse.csr_array]] = []
+    def contact(self) -> Contact | None:
+        """Slip rows of all joints; None without."""
+        return reduce(add, [rows for _, rows in self._made]) if self._made else None
+
+    @cached_property
+    def _made(self) -> list[tuple[Patch, Contact]]:
+        """Patch of each joint, and its rows."""
+        made: list[tuple[Patch, Contact]] = []
         problems: list[str] = []
+        taken: set[int] = set()
         for joint in self.joints:
             if joint.on not in self.contacts:
                 names = ", ".join(map(repr, sorted(self.contacts))) or "none"
@@ -114,27 +121,45 @@ class MatrixModel:
             elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
                 problems += [f"contact.{joint.on}: {problem}" for problem in found]
             else:
-                made.append(self._patch(joint, sum(patch.points.size for patch, _ in made)))
+                start = sum(patch.points.size for patch, _ in made)
+                made.append(self._pressed(joint, start, taken))
         if problems:
             raise InputError(problems)
         return made
 
-    def _patch(self, joint: Joint, start: int) -> tuple[Patch, sparse.csr_array]:
+    def _pressed(self, joint: Joint, start: int, taken: set[int]) -> tuple[Patch, Contact]:
+        """Patch and rows of a joint; degrees of freedom that they determine are then ``taken``."""
         rows = self.contacts[joint.on]
         force = np.asarray(joint.pressure, dtype=float) * rows[:, -1]
         pressed = np.flatnonzero(force > 0.0)
-        normal, area = unit_vectors(rows[pressed, 6:9]), rows[pressed, -1]
-        there = self._there(rows[pressed])
-        directions = slip_directions(normal, ~there.any(axis=1))
-        slips = np.any(directions[:, 0] != 0.0, axis=1)
-        closed = along(np.arange(pressed.size), normal, pressed.size) @ self._relative(
-            pressed, joint
+        rows, force, k = rows[pressed], force[pressed], pressed.size
+        normal, area = unit_vectors(rows[:, 6:9]), rows[:, -1]
+        dofs = rows[:, :6].reshape(-1, 2, 3)
+        moves = self._moving(dofs)
+        pair, side, component = np.nonzero(moves)
+        entries = 1.0 - 2.0 * side, (3 * pair + component, dofs[moves].astype(np.intp))
+        # Displacement of the first nodes less that of the second.
+        relative = sparse.csr_array(sparse.coo_array(entries, shape=(3 * k, self.n_nodes)))
+        there = np.asarray(moves.any(axis=1))
+        directions = slip_directions(normal, ~there)
+        acting = np.any(directions != 0.0, axis=2)
+        point, which = np.nonzero(acting)
+        slips = acting.any(axis=1)
+        closed = np.linalg.norm(normal * there, axis=1) > SMALL
+        held, free = self._pivots(joint, pressed, closed, acting.sum(axis=1), taken)
+        contact = Contact(
+            B=along(point, directions[point, which], k) @ relative,
+            w=joint.friction * force[slips],
+            beta=np.full(np.count_nonzero(slips), joint.beta),
+            directions=np.count_nonzero(acting[slips], axis=1).astype(np.int64),
+            held=along(np.flatnonzero(closed), normal[closed], k) @ relative,
+            pivots=np.array(held + free, dtype=np.intp),
         )
         patch = Patch(
             joint=joint,
             nodes=pressed[slips],
             points=start + np.arange(np.count_nonzero(slips)),
-            normal_force=force[pressed[slips]],
+            normal_force=force[slips],
             area=area[slips],
             directions=directions[slips],
             normal=normal[slips],
@@ -142,46 +167,42 @@ class MatrixModel:
             other=None,
             held_nodes=np.zeros(0, dtype=np.intp),
             held_normal=None,
-            held_force=float(force[pressed[~slips]].sum()),
+            held_force=float(force[~slips].sum()),
             held_area=float(area[~slips].sum()),
             bolt_shares=(),
         )
-        return patch, closed[np.flatnonzero(np.sqrt(closed.multiply(closed).sum(axis=1)) > SMALL)]
+        return patch, contact
 
-    def _there(self, rows: FloatArray) -> Any:
-        """Whether both nodes of pairs have degrees of freedom that move, (k, 2, 3)."""
-        dofs = rows[:, :6].reshape(-1, 2, 3)
+    def _moving(self, dofs: FloatArray) -> Any:
+        """Whether there are degrees of freedom that move."""
         return (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
 
-    def _relative(self, pairs: IntArray, joint: Joint) -> sparse.csr_array:
-        """Displacement of the first nodes of pairs less that of the second, (3 k, N)."""
-        rows = self.contacts[joint.on][pairs]
-        pair, side, component = np.nonzero(self._there(rows))
-        dofs = rows[:, :6].reshape(-1, 2, 3)[pair, side, component].astype(np.intp)
-        entries = 1.0 - 2.0 * side, (3 * pair + component, dofs)
-        return sparse.csr_array(sparse.coo_array(entries, shape=(3 * pairs.size, self.n_nodes)))
+    def _pivots(
+        self, joint: Joint, pressed: IntArray, closed: BoolArray, slips: IntArray, taken: set[int]
+    ) -> tuple[list[int], list[int]]:
+        """Degrees of freedom that closed contact and slips of pairs determine: of the first nodes.
 
-    @cached_property
-    def contact(self) -> Contact | None:
-        """Slip rows of all joints; None without."""
-        if not self._made:
-            return None
-        slips, limits, betas, counts = [], [], [], []
-        for patch, _ in self._made:
-            acting = np.any(patch.directions != 0.0, axis=2)
-            point, which = np.nonzero(acting)
-            relative = self._relative(patch.nodes, patch.joint)
-            slips.append(along(point, patch.directions[point, which], patch.nodes.size) @ relative)
-            limits.append(patch.joint.friction * patch.normal_force)
-            betas.append(np.full(patch.nodes.size, patch.joint.beta))
-            counts.append(np.count_nonzero(acting, axis=1))
-        return Contact(
-            B=stacked(slips, self.n_nodes),
-            w=np.concatenate(limits),
-            beta=np.concatenate(betas),
-            directions=np.concatenate(counts).astype(np.int64),
-            held=stacked([closed for _, closed in self._made], self.n_nodes),
-        )
+        Those of the second ones where the first's are not there or are taken by other pairs.
+        """
+        dofs = self.contacts[joint.on][pressed, :6].reshape(-1, 2, 3)
+        moves = self._moving(dofs)
+        held: list[int] = []
+        free: list[int] = []
+        for i, pair in enumerate(pressed):
+            own: list[int] = []
+            for component in range(3):
+                left = dofs[i, moves[i, :, component], component].astype(int).tolist()
+                own += [dof for dof in left if dof not in taken][:1]
+            count = int(closed[i])
+            if len(own) < count + slips[i]:
+                raise InputError(
+                    f"contact.{joint.on}: pair {pair + 1}: other pairs of its nodes determine its "
+                    "slip already; leave it out"
+                )
+            taken.update(own)
+            held += own[:count]
+            free += own[count : count + slips[i]]
+        return held, free
 
     @cached_property
     def _unloaded(self) -> System:

@@ -47,7 +47,7 @@ def pairs_of(structure: Structure) -> dict[str, Any]:
     """Contacts of a structure whose nodes match, as another program would list them."""
     dim, found = structure.dim, {}
     for patch in structure.patches:
-        rows = np.full((patch.nodes.size, 10), -1.0)
+        rows = np.full((patch.nodes.size, 10), np.nan)
         rows[:, :dim] = dim * patch.nodes[:, None] + np.arange(dim)
         if patch.other is not None:
             other = np.asarray(patch.other.argmax(axis=1)).ravel()
@@ -68,7 +68,7 @@ def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -
     contact = {}
     for name, rows in pairs_of(structure).items():
         header = "x1, y1, z1, x2, y2, z2, nx, ny, nz, area"
-        lines = [",".join("" if x == -1 else f"{x:.17g}" for x in row) for row in rows]
+        lines = [",".join("" if np.isnan(x) else f"{x:.17g}" for x in row) for row in rows]
         (folder / f"{name}.csv").write_text("\n".join([header, *lines]))
         contact[name] = f"{name}.csv"
     tables = scene.model_dump(exclude_unset=True)
@@ -89,7 +89,7 @@ _OF_JOINT = ("on", "pressure", "friction", "law", "beta")
 
 
 def bar_export(folder: Path, store: Store = npz, *run: str, **changes: Any) -> Any:
-    scene = lap_joint(*run, bar="short_lap_joint", **changes)
+    scene = lap_joint(*run, **({"bar": "short_lap_joint"} | changes))
     end = scene.named_mesh.points["free_end"]
     return scene, exported(folder, scene, store, {"free_end": end})
 
@@ -198,7 +198,7 @@ def test_rigid_motions_are_counted_and_a_floating_structure_is_told(
 def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
     def text(value: Any) -> str:
         if isinstance(value, dict):
-            return "{" + ", ".join(f"{k} = {text(v)}" for k, v in value.items()) + "}"
+            return "{" + ", ".join(f"{json.dumps(k)} = {text(v)}" for k, v in value.items()) + "}"
         if isinstance(value, list | tuple):
             return "[" + ", ".join(map(text, value)) + "]"
         return json.dumps(value)
@@ -214,17 +214,22 @@ def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
 def test_every_command_takes_matrices(
     tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, tables = bar_export(tmp_path, npz, "full", "reduced", reduction={}, time=SHORT)
+    changes = {"reduction": {}, "time": SHORT, "bar": "coarse"}
+    _, tables = bar_export(tmp_path, npz, "full", "reduced", **changes)
     tables["output"] = {"plots": command == "run"}
     extra: dict[str, Any] = {
-        "response": {"from": 900.0, "to": 1000.0, "points": 2, "levels": [1.0]},
+        "response": {"frequencies": {"from": 900.0, "to": 1000.0, "points": 2}},
         "backbone": {"modes": [1], "levels": 3},
-        "sweep": {"parameters": {"joint[0].friction": [0.5, 0.7]}},
+        "sweep": {"joint[0].friction": [0.5, 0.7]},
     }
     tables |= {command: extra[command]} if command in extra else {}
     path, out = scene_file(tmp_path, tables), tmp_path / "out"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    options = {"error-time": ["--quick"], "resume": ["--checkpoint-every", "10"]}
+    options = {
+        "error-time": ["--quick"],
+        "resume": ["--checkpoint-every", "10"],
+        "sweep": ["--workers", "1"],
+    }
     arguments = [] if command == "check" else ["--out", str(out), *options.get(command, [])]
     assert main([command.replace("resume", "run"), str(path), *arguments]) == 0
     if command == "run":
@@ -264,7 +269,8 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({}, "0,,,1,,,0,0,1,-1", r"pair 1.*area"),
         ({}, "0,,,1,,,0,0,1", r"found shape \(1, 9\), must have 10"),
         ({}, GOOD_PAIR + "\nx" + GOOD_PAIR, r"lap\.csv: is damaged.*line 2"),
-        ({}, GOOD_PAIR + "\n" + GOOD_PAIR, "slip rows depend on each other"),
+        ({}, GOOD_PAIR + "\n" + GOOD_PAIR, "slips depend on each other"),
+        ({}, "\n".join(3 * [GOOD_PAIR]), "pair 3: other pairs of its nodes determine"),
     ],
 )
 def test_what_is_wrong_with_matrices_is_told_by_key_and_file(
