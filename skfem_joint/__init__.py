@@ -8,7 +8,7 @@ The house, room by room; a room uses only those above it:
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
 structure    material, joints, pressure and bolts, the contact manifold, assembly to a `System`;
-             `contact` and `point_friction` for matrices of one's own
+             `contact`, `point_friction` and `MatrixModel` for matrices of one's own
 stepping     time integration: schemes, the steppers for what a system's matrices allow, recording,
              checkpoints, and whether a step is short enough
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
