@@ -263,6 +263,11 @@ class MatrixModel:
                 )
             elif load.on not in self.points:
                 yield self._unknown(load.label)
+            elif load.quantity != "force":
+                yield (
+                    f"{load.label}: quantity: found {load.quantity!r}, must be 'force': matrices "
+                    "have no faces"
+                )
             elif load.direction is not None:
                 yield f"{load.label}: direction: found beside [matrices], which tell; leave it out"
 

@@ -100,9 +100,10 @@ def matrix_scene(folder: Path, tables: dict[str, Any]) -> Scene:
 
 @pytest.mark.parametrize("store", [npz, mtx, mat])
 def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path: Path, store: Store) -> None:
-    scene, tables = bar_export(tmp_path, store, "full", "reduced", reduction={})
+    models = ("full", "condensed", "reduced")
+    scene, tables = bar_export(tmp_path, store, *models, reduction={})
     one, other = run_scene(scene), run_scene(matrix_scene(tmp_path, tables))
-    for name in ("full", "reduced"):
+    for name in models:
         a, b = one.models[name].run, other.models[name].run
         assert b.point_u == pytest.approx(a.point_u, rel=0, abs=1e-10 * a.peak.max())
         assert b.friction_energy == pytest.approx(a.friction_energy, rel=1e-10)
