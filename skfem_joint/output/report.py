@@ -160,7 +160,7 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
             yield f"friction energy of {name} over the run, J", "{:.4g}", energy, 1.0
         by_bolt = [bolts or () for bolts in at("joints", name, "friction_energy_by_bolt_J")]
         for number, energies in enumerate(zip(*by_bolt, strict=True), 1):
-            label = f"friction energy of {name} at bolt {number}, J"
+            label = f"friction energy of {name} at bolt {number} over the run, J"
             yield label, "{:.4g}", list(energies), 1.0
         for label, key, scale in (
             ("largest slip of {}, mm", "largest_slip_m", 1e3),

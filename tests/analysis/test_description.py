@@ -75,7 +75,8 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law: str) -> None:
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_sound_scenes_raise_no_doubt(path: Path) -> None:
-    assert said(load_scene(path)) == []
+    scene = load_scene(path)
+    assert [one for one in said(scene) if one not in scene.system().notes] == []
 
 
 @pytest.mark.parametrize(

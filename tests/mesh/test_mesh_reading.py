@@ -180,7 +180,6 @@ def test_script_makes_the_shipped_meshes(tmp_path):
     runpy.run_path(str(MESHES / "make_meshes.py"))["main"](tmp_path)
     made = sorted(path.name for path in tmp_path.iterdir())
     assert made == sorted(path.name for path in MESHES.glob("*.msh"))
-    assert len(made) == 7
     for name in made:
         assert_same(load_meshes([tmp_path / name]), load_meshes([MESHES / name]), sorted_alike=True)
 
