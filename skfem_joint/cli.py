@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
@@ -111,9 +111,11 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
     said, given, written, shared = (argparse.ArgumentParser(add_help=False) for _ in range(4))
-    more = said.add_mutually_exclusive_group()
-    more.add_argument("-v", "--verbose", action="store_true", help="tell what is done, when")
-    more.add_argument("-q", "--quiet", action="store_true", help="tell nothing but errors")
+    for place, default in ((parser, False), (said, argparse.SUPPRESS)):  # of it and of a command
+        more = place.add_mutually_exclusive_group()
+        how: dict[str, Any] = {"action": "store_true", "default": default}
+        more.add_argument("-v", "--verbose", help="tell what is done, when", **how)
+        more.add_argument("-q", "--quiet", help="tell nothing but errors", **how)
     shared.add_argument(
         "--executor", choices=("processes", "dask", "mpi"), default="processes", help="what runs it"
     )

@@ -104,7 +104,7 @@ def test_as_much_is_said_as_is_asked_for(scene: Write, tmp_path: Path, capsys: C
     assert "Written to" in shown.out
     for words in ("200 unknowns", "200 of 200 steps", "newton iterations", "errors of the full"):
         assert words in shown.err
-    assert cli.main(["check", str(tmp_path / "none.toml"), "-q"]) == 2
+    assert cli.main(["-q", "check", str(tmp_path / "none.toml")]) == 2
     assert "none.toml" in capsys.readouterr().err
 
 
