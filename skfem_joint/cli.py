@@ -138,17 +138,13 @@ def _parser() -> argparse.ArgumentParser:
         ("check", _check, (given,), "validate a scene without running it"),
         ("keys", _keys, (), "every key of a scene: unit, default, what is allowed, meaning"),
         ("backbone", _backbone, (given, written), "frequency and damping of modes over amplitude"),
+        ("response", _response, (given, written, shared), "steady vibration over frequency"),
+        ("error-time", _error_time, (given, written), "error against run time of many models"),
         (
-            *("response", _response, (given, written, shared)),
-            "steady vibration over frequency at several levels of load",
-        ),
-        (
-            *("error-time", _error_time, (given, written)),
-            "error against run time of many models and steps on one scene",
-        ),
-        (
-            *("sweep", _sweep, (given, written, shared)),
-            "run the scenes of a [sweep] by several processes; run it again to go on",
+            "sweep",
+            _sweep,
+            (given, written, shared),
+            "run the scenes of a [sweep] or go on",
         ),
     ):
         made[name] = commands.add_parser(name, parents=[said, *parents], help=text)

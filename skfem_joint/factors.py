@@ -123,9 +123,11 @@ class BlockFactors:
     def factorised(self, blocks: FloatArray, held: BoolArray) -> Callable[[FloatArray], FloatArray]:
         """Solver with symmetric blocks (m, 3), stored as (11, 12, 22), added; zero where held."""
         values = np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
+        moving = np.flatnonzero(~held)
+        solve: Callable[[FloatArray], FloatArray]
+        solve = self._solver(values, ~held if held.any() else None)
         if not held.any():
-            return self._solver(values, None)  # type: ignore[no-any-return]
-        solve, moving = self._solver(values, ~held), np.flatnonzero(~held)
+            return solve
 
         def factor(x: FloatArray) -> FloatArray:
             y = np.zeros_like(x)

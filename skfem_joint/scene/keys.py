@@ -21,8 +21,12 @@ Schema = Mapping[str, Any]
 _UNIT = re.compile(r", (Pa|kg/m³|m|s|Hz|N|rad|degrees|s/m|1/s)(?=[;:,]|$)")
 _LIMITS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 _TYPES = {
-    **{"number": "number", "integer": "whole number", "string": "text", "object": "table"},
-    **{"boolean": "true or false", "None": "value"},
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "object": "table",
+    "boolean": "true or false",
+    "None": "value",
 }
 _FORMS = ("anyOf", "oneOf", "allOf")
 _PAGE = """# Keys of a scene

@@ -167,7 +167,7 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(
             now, longest = now + took, max(longest, took)
             return steps
 
-        stepper.advance = slower  # type: ignore[method-assign]
+        monkeypatch.setattr(stepper, "advance", slower)
         stepper.first_call = 1
         return stepper
 
