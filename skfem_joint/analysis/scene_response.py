@@ -133,6 +133,14 @@ def scene_response(
 
 def _too_long_steps(name: str, curve: Curve, steps: int) -> Iterator[str]:
     """Sentence about where a curve errs much by its time step."""
+    known = np.isfinite(curve.column("step_error"))
+    failed = np.array([point.failure is not None for point in curve.points])
+    if known.any() and not (known | failed).all():
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration with twice the "
+            "step at every frequency: where step_error is empty in response.csv the error of the "
+            "step is not known."
+        )
     error = np.nan_to_num(curve.column("step_error"))
     doubtful = curve.column("frequency")[error > DOUBTFUL]
     if doubtful.size:

@@ -95,18 +95,22 @@ def blocks_of(structure: Structure) -> list[Block]:
 
 def faces_of(structure: Structure) -> list[Block]:
     """Faces of solids that touch, by the names of joints and of what they are pressed against."""
-    mesh, blocks = structure.mesh, []
-    pairs = [(patch.joint.on, patch.joint.against) for patch in structure.patches]
-    for name in dict.fromkeys(name for pair in pairs for name in pair):
-        corners = structure.facet_cells(mesh.boundaries.get(name or "", np.zeros(0, np.intp)))[0]
-        if not corners.size or structure.dim < 3:  # an edge shows in the plate's own block
-            continue
+    blocks = []
+    for label, corners in _touching(structure).items():
         nodes, place = np.unique(corners, return_inverse=True)
         cells, number = _behind(structure.cells, corners), np.reshape(place, corners.shape)
         kind, elements = _CELLS[2, corners.shape[1]][0], structure.cell_element[cells]
         grid = _grid(structure, kind, number, structure.positions[nodes], elements)
-        blocks.append(Block(f"contact {name}", grid, nodes, cells))
+        blocks.append(Block(label, grid, nodes, cells))
     return blocks
+
+
+def _touching(structure: Structure) -> dict[str, IntArray]:
+    """Corners of the faces that touch; none but of solids: an edge shows in its plate's block."""
+    bounds = structure.mesh.boundaries if structure.dim == 3 else {}
+    pairs = [(patch.joint.on, patch.joint.against) for patch in structure.patches]
+    names = dict.fromkeys(name for pair in pairs for name in pair if name in bounds)
+    return {f"contact {name}": structure.facet_cells(bounds[name])[0] for name in names}
 
 
 def _behind(cells: IntArray, facets: IntArray) -> IntArray:
@@ -276,7 +280,7 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
 
 def _names(frames: Frames) -> list[str]:
     """Names of the blocks of a series."""
-    labels = [*_labels(frames.structure), *(one.label for one in faces_of(frames.structure))]
+    labels = [*_labels(frames.structure), *_touching(frames.structure)]
     models = [field.name for field in frames.fields]
     return [f"{model}: {label}" if label else model for model in models for label in labels]
 
