@@ -26,6 +26,8 @@ from skfem_joint.arrays import FloatArray
 
 #: Kinds of points: of the arctan law, of set-valued Coulomb friction, without friction.
 ARCTAN, COULOMB, FREE = 0, 1, 2
+#: Share of its limit from which on friction counts as having reached it: the arctan law never does.
+AT_LIMIT = 0.99
 
 #: Friction law names that a scene may use.
 LAWS = ("arctan", "coulomb")

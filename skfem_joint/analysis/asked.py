@@ -25,6 +25,7 @@ def save_of(scene: Scene) -> Save:
     return Save(
         every=output.every,
         points=output.history or output.plots or len(scene.models.run) > 1,
+        slips=output.history,
         fields=output.vtk or output.plots,
         fields_every=stride,
     )

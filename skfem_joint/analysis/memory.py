@@ -73,6 +73,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     stored = scene.n_steps // every + 1 if save.points else 0
     # Stored, and once more where they are compared or written; loads and times with each model.
     history = (models + 1) * (2 * named + joints) + (models + 2) * (loads + 1)
+    history += 2 * (models + 1) * joints if save.slips else 0
     history += 20 if scene.output.plots else 0
 
     frames = scene.n_steps // fields_every + 1 if save.fields else 0

@@ -38,7 +38,9 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
 
     Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
-    ``<model>_<joint>_friction_energy`` (J), what it has dissipated so far.
+    ``<model>_<joint>_friction_energy`` (J), what it has dissipated so far, ``<model>_<joint>_slip``
+    (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction that
+    is at its limit.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}
@@ -50,6 +52,9 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
             arrays[f"{model}_{point}_velocity"] = run.point_v[:, k]
         for k, joint in enumerate(run.system.joints):
             arrays[f"{model}_{joint}_friction_energy"] = run.joint_work[:, k]
+            if run.joint_slip.size:
+                arrays[f"{model}_{joint}_slip"] = run.joint_slip[:, k]
+                arrays[f"{model}_{joint}_slipping"] = run.joint_slipping[:, k]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
 

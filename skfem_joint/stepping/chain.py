@@ -20,16 +20,8 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.factors import factorised
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
-from skfem_joint.stepping.compiled import (
-    Bands,
-    Found,
-    Places,
-    compiled,
-    compiled_for,
-    make_room,
-    slips,
-    solve,
-)
+from skfem_joint.stepping.compiled import compiled, compiled_for
+from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
 from skfem_joint.stepping.recording import compressed
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved

@@ -34,7 +34,8 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.factors import BlockFactors
 from skfem_joint.friction import potential
-from skfem_joint.stepping.compiled import Full, arctangent, compiled, compiled_for, resolvent
+from skfem_joint.stepping.compiled import arctangent, compiled, compiled_for, resolvent
+from skfem_joint.stepping.march import Full
 from skfem_joint.stepping.recording import Compressed, compressed
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.

@@ -21,19 +21,8 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
-from skfem_joint.stepping.compiled import (
-    Found,
-    Full,
-    Places,
-    aligned,
-    compiled,
-    compiled_for,
-    forces,
-    make_room,
-    slips,
-    solve,
-    sums_in_any_order,
-)
+from skfem_joint.stepping.compiled import compiled, compiled_for, forces, sums_in_any_order
+from skfem_joint.stepping.march import Found, Full, Places, aligned, make_room, slips, solve
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import CompiledStepper, Saved
 

@@ -23,6 +23,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.friction import AT_LIMIT
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -38,6 +39,7 @@ class Save:
     every: int = 1  #: stride in steps of the named points, from the start on
     fields: bool = False  #: displacement, velocity and friction of all unknowns too
     points: bool = True  #: displacement and velocity of the named points
+    slips: bool = False  #: slip of the joints too, where points are stored
     fields_every: int | None = None  #: stride of the fields; ``every`` if not given
 
     def __post_init__(self) -> None:
@@ -104,6 +106,9 @@ class Run:
     point_u: FloatArray  #: (rows, points) displacement of the named points, m
     point_v: FloatArray  #: (rows, points) their velocity, m/s
     joint_work: FloatArray  #: (rows, joints) dissipation in each joint up to the row, J
+    #: (rows, joints) largest slip of its points that carry friction, m; empty if not asked for.
+    joint_slip: FloatArray
+    joint_slipping: FloatArray  #: (rows, joints) share of its friction that is at its limit; alike
     amplitudes: FloatArray  #: (rows, loads) load amplitudes, N
     field_times: FloatArray  #: (frames,) of the stored fields, s; empty if none were asked for
     u: FloatArray  #: (frames, n) unknowns
@@ -181,7 +186,7 @@ def compressed(A: Any) -> Compressed:
 
 
 class Rows(NamedTuple):
-    """Where rows are stored: fields, and motion of the named points and work of the joints.
+    """Where rows are stored: fields, and motion of the named points and what the joints do.
 
     They are named as in `Run`.
     """
@@ -193,6 +198,8 @@ class Rows(NamedTuple):
     point_u: FloatArray
     point_v: FloatArray
     joint_work: FloatArray
+    joint_slip: FloatArray
+    joint_slipping: FloatArray
 
 
 @dataclass
@@ -219,6 +226,8 @@ class Recorder:
         self.friction_work_rows = np.zeros((fields, m))
         self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
         self.joint_work = np.zeros((points, joints))
+        self.joint_slip, self.joint_slipping = np.zeros((2, self.save.slips * points, joints))
+        self._limits = sparse.csr_array(self.system.J).toarray() * self.system.w  # in each joint
         self.input_work = np.zeros(len(self.system.loads))
         self.friction_work = np.zeros(m)
         self.peak, self.run_peak = np.zeros(p), np.zeros(p)
@@ -235,11 +244,11 @@ class Recorder:
         """Views of the stored rows from the next free one on."""
         k, f = self.rows, self.field_rows
         fields = self.u[f:], self.v[f:], self.sigma[f:], self.friction_work_rows[f:]
-        return Rows(*fields, self.point_u[k:], self.point_v[k:], self.joint_work[k:])
+        return Rows(*fields, *(getattr(self, name)[k:] for name in Rows._fields[4:]))
 
     def _filled(self) -> dict[str, FloatArray]:
         """Rows that are stored so far, by their names in `Run`."""
-        ends = 4 * [self.field_rows] + 3 * [self.rows]
+        ends = 4 * [self.field_rows] + (len(Rows._fields) - 4) * [self.rows]
         return {n: getattr(self, n)[:end] for n, end in zip(Rows._fields, ends, strict=True)}
 
     def store(self, step: int, state: State) -> None:
@@ -249,12 +258,23 @@ class Recorder:
             k = self.rows
             self.point_u[k], self.point_v[k] = self.system.P @ state.u, self.system.P @ state.v
             self.joint_work[k] = self.system.J @ self.friction_work
+            if self.save.slips:
+                self._store_slip(k, state)
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
             self.u[k], self.v[k], self.sigma[k] = state.u, state.v, state.sigma
             self.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
+
+    def _store_slip(self, row: int, state: State) -> None:
+        """Store the slip of each joint, and how much of its friction is at its limit."""
+        slip = self.system.slip_norm(self.system.B @ state.u)
+        reached = self.system.slip_norm(state.sigma) >= AT_LIMIT
+        for k, limit in enumerate(self._limits):
+            if limit.any():
+                self.joint_slip[row, k] = slip[limit > 0.0].max()
+                self.joint_slipping[row, k] = limit[reached].sum() / limit.sum()
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""

@@ -170,7 +170,7 @@ _READY: set[type[Stepper]] = set()
 class CompiledStepper(Stepper):
     """Steps of which a compiled loop does many at a time, in place.
 
-    A subclass sets what :func:`skfem_joint.stepping.compiled.march` takes: ``dynamics`` (mass,
+    A subclass sets what :func:`skfem_joint.stepping.march.march` takes: ``dynamics`` (mass,
     damping and stiffness), ``memory``, ``room``, the friction ``limits`` of its slip rows, and the
     ``places`` of the system's among them; its problem is what it makes.
     """
@@ -190,20 +190,23 @@ class CompiledStepper(Stepper):
     def prepare(self, h: float) -> None:
         """Compile the loop, once in a process, and prepare a step of ``h``."""
         self.problem(self.start.coefficients(h))
-        joints = compressed(self.system.J)
-        self.joints = joints._replace(column=self.places.point[joints.column])
+        joints, w = compressed(self.system.J * (self.system.w > 0.0)), self.system.w
+        parts = joints.value * w[joints.column]
+        row = np.repeat(np.arange(joints.start.size - 1), np.diff(joints.start))
+        shares = parts / np.bincount(row, parts, joints.start.size - 1)[row]
+        self.joints = joints.start, self.places.point[joints.column], joints.value, shares
         if type(self) not in _READY:
             self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
             _READY.add(type(self))
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
-        from skfem_joint.stepping import compiled
+        from skfem_joint.stepping.march import COUNTS, march
 
         c, r = self.start.coefficients(h), self.recorder
         problem = self.problem(c)
-        counted = np.array([self.counts.get(name, 0) for name in compiled.COUNTS])
-        steps, rows, field_rows, residual, unknown = compiled.march(
+        counted = np.array([self.counts.get(name, 0) for name in COUNTS])
+        steps, rows, field_rows, residual, unknown = march(
             amplitudes.shape[1] - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
@@ -217,7 +220,7 @@ class CompiledStepper(Stepper):
             tuple(self.loads),
             np.ascontiguousarray(amplitudes),
             tuple(self.observed),
-            tuple(self.joints),
+            self.joints,
             tuple(self.now),
             tuple(self.room),
             r.sums(),
@@ -226,7 +229,7 @@ class CompiledStepper(Stepper):
         )
         r.rows += rows
         r.field_rows += field_rows
-        found = dict(zip(compiled.COUNTS, counted.tolist(), strict=True))
+        found = dict(zip(COUNTS, counted.tolist(), strict=True))
         self.counts |= {name: found[name] for name in self.COUNTS}
         self.failure = Failure(residual, unknown)
         self.start.done(steps)

@@ -31,6 +31,7 @@ from skfem_joint.analysis.study import (
     run_scene,
 )
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.friction import AT_LIMIT
 from skfem_joint.mesh import build_bar, build_box
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Run
@@ -105,6 +106,13 @@ def test_energy_balances_close_and_joints_add_up(what: str, request: pytest.Fixt
         ends = run.joint_work[:: results.scene.cycle_steps].sum(axis=1)[1:]
         assert ends == pytest.approx(run.cycles.friction.cumsum(), rel=1e-12)
         assert run.cycles.by_joint.sum(axis=1) == pytest.approx(run.cycles.friction, rel=1e-12)
+        farthest = [run.slip_peak[points].max() for points in run.system.joint_points]
+        assert run.joint_slip.max(axis=0) == pytest.approx(farthest, rel=1e-12)
+        frames = np.searchsorted(run.times, run.field_times * (1.0 - 1e-9))
+        reached = run.system.slip_norm(run.sigma) >= AT_LIMIT
+        share = (reached * run.system.w) @ run.system.J.T / (run.system.J @ run.system.w)
+        assert run.joint_slipping[frames] == pytest.approx(share, abs=1e-12)
+        assert 0.0 < share.max() < 1.0
         work = friction_work(results, model)
         assert work.shape[1] == results.system.w.size
         joints = work @ results.system.J.T

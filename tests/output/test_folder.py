@@ -153,11 +153,14 @@ def test_not_a_number_is_never_written(tmp_path: Path) -> None:
 def test_history_is_read_back_without_pickles(study: Study, tmp_path: Path) -> None:
     runs = {name: model.run for name, model in study.models.items()}
     # A model that was interrupted is shorter.
-    runs["short"] = integrate(study.system, step=study.scene.time_step, n_steps=30)
+    runs["short"] = integrate(
+        study.system, step=study.scene.time_step, n_steps=30, save=Save(slips=True)
+    )
     report.write_history(tmp_path / "history.npz", runs)
     with np.load(tmp_path / "history.npz", allow_pickle=False) as file:
         parts = [f"{model}_tip_{what}" for model in runs for what in ("displacement", "velocity")]
-        parts += [f"{model}_{joint}_friction_energy" for model in runs for joint in JOINTS]
+        kept = ("friction_energy", "slip", "slipping")
+        parts += [f"{model}_{joint}_{what}" for model in runs for joint in JOINTS for what in kept]
         assert set(file) == {"time", "load_0_tip", *parts}
         energies = [file[f"reduced_{joint}_friction_energy"][-1] for joint in JOINTS]
         assert sum(energies) == pytest.approx(runs["reduced"].friction_work.sum(), rel=1e-12)
