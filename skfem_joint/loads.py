@@ -31,6 +31,15 @@ _SAMPLES_PER_PERIOD = 64
 _MOST_PROBLEMS_LISTED = 10
 _LEAST_JUMP = 1e-6  # of the largest force
 _REAL = "biuf"  # kinds of numbers that a function of time may return
+_MEANING = {
+    "amplitude": "force, N",
+    "frequency": "Hz",
+    "phase": "at time zero, rad",
+    "peak": "largest force, N",
+    "rise_time": "time from start to peak, s",
+    "duration": "time that the force lasts, s",
+    "start": "time at which the force sets in, s",
+}
 _LARGEST = 1e20  # of the numbers in a file: slopes and energies must not overflow
 
 
@@ -91,14 +100,14 @@ class Amplitude(ABC):
 def _check(amplitude: Any, positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
     problems = []
-    for field in fields(amplitude):
-        value = getattr(amplitude, field.name)
-        if not math.isfinite(value):
-            problems.append(f"{field.name}: found {value!r}, must be finite")
-        elif field.name == positive and value <= 0:
-            problems.append(f"{field.name}: found {value!r}, must be > 0")
-        elif field.name == "start" and value < 0:
-            problems.append(f"{field.name}: found {value!r}, must be >= 0")
+    for name, value in (
+        (field.name, getattr(amplitude, field.name)) for field in fields(amplitude)
+    ):
+        finite = math.isfinite(value)
+        right = finite and (name != positive or value > 0) and (name != "start" or value >= 0)
+        if not right:
+            allowed = "finite" if not finite else "> 0" if name == positive else ">= 0"
+            problems.append(f"{name}: found {value!r}, must be {allowed} ({_MEANING[name]})")
     if problems:
         raise InputError(problems)
 
