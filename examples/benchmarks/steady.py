@@ -37,6 +37,7 @@ from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
 from skfem_joint.arrays import FloatArray
+from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
@@ -116,12 +117,14 @@ def backbones(quick: bool) -> None:
 
 
 def periods(systems: list[sj.System], memory: int) -> int:
-    """Periods that steady states take from rest with so many states mixed."""
-    kept, steady.MEMORY = steady.MEMORY, memory
+    """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
+    kept, halves = steady.MEMORY, stepping.turns_over
     try:
+        if not memory:
+            steady.MEMORY, stepping.turns_over = 0, lambda loads: False
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     finally:
-        steady.MEMORY = kept
+        steady.MEMORY, stepping.turns_over = kept, halves
     return sum(run.steady.periods for run in runs if run.steady)
 
 

@@ -27,7 +27,7 @@ from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
-from skfem_joint.stepping.steady import copied, periodic_state
+from skfem_joint.stepping.steady import copied, periodic_state, turns_over
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
@@ -322,21 +322,26 @@ class _Driver:
     def steady(self, system: System, cycle_steps: int | None) -> Run:
         """Run of the period at which vibration has become steady."""
         save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
-        quarters = sorted({max(1, k * self.n_steps // 4) for k in (1, 2, 3, 4)})
+        loads = self.system.load_amplitudes(self.h * np.arange(self.n_steps + 1.0))
+        odd = turns_over(loads)
 
-        def period(start: State, save: Save = nothing) -> tuple[State, float, float]:
-            """Go through one period."""
+        def period(start: State, save: Save | None = None) -> tuple[State, float, float]:
+            """Go through one period, or half of one whose other half is its mirror image."""
             self.done, energy, stepper = 0, 0.0, self.stepper
+            steps = self.n_steps // 2 if odd and save is None else self.n_steps
+            save = nothing if save is None else save
             self.recorder = stepper.recorder = Recorder(self.system, save, self.n_steps, self.h)
             stepper.now = start
             self.recorder.store(0, stepper.state())
             self.recorder.observe(start.u)
-            for end in quarters:
+            for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
                 self.advance(end)
                 energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
+            if steps < self.n_steps:
+                stepper.now = State(*(-part for part in stepper.now))
             return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
 
-        start, periods, change = periodic_state(self.system, self.stepper.now, period)
+        start, periods, change = periodic_state(self.system, self.stepper.now, period, odd)
         start = copied(start)
         period(copied(start), save)
         if cycle_steps is not None:

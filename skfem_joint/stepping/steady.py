@@ -8,6 +8,11 @@ Anal. 49, 2011) with a safeguard: a state whose change is more than twice the le
 way to the plain iterate of that, whose change never grows. All that a step starts from is mixed
 with the same coefficients, and stepped on without a restart: displacement, velocity, and the
 scheme's accelerations, which do not follow from them where points stick.
+
+Loads that change their sign every half period, as harmonic ones do, have a steady vibration that
+does so as well, for friction is odd. There the map is half a period and a change of sign: as
+non-expansive, half as long, and of all steady vibrations of Coulomb points, which differ by where
+these come to rest, it gives the one without an offset.
 """
 
 from __future__ import annotations
@@ -26,10 +31,12 @@ from skfem_joint.system import System
 #: energy; and of the energy, over what is put in: it tells how far a slowly decaying part still is.
 CHANGE, ENERGY = 1e-6, 2e-4
 #: Most periods, and states that are mixed; singular values of their products that are round-off.
-PERIODS, MEMORY, ROUND_OFF = 2000, 8, 1e-13
+PERIODS, MEMORY, ROUND_OFF = 2000, 12, 1e-13
 #: Largest change over the least one yet that a mixture may have: with 1 a bar that slips as a whole
 #: took 570 periods instead of 73.
 GROWTH = 2.0
+#: Share of the largest force by which halves of a period may differ and count as mirror images.
+_ODD = 1e-10
 
 
 @dataclass
@@ -68,10 +75,20 @@ class Anderson:
         return np.append(share, 1.0 - share.sum()) @ np.array(self.states)
 
 
+def turns_over(amplitudes: FloatArray) -> bool:
+    """Whether loads (loads, steps + 1), N, of a period are in its second half minus the first."""
+    half = amplitudes.shape[1] // 2
+    if amplitudes.shape[1] % 2 == 0:
+        return False
+    left = np.abs(amplitudes[:, half:] + amplitudes[:, : half + 1]).max(initial=0.0)
+    return bool(left <= _ODD * np.abs(amplitudes).max(initial=0.0))
+
+
 def periodic_state(
     system: System,
     start: State,
     period: Callable[[State], tuple[State, float, float]],
+    halves: bool = False,
 ) -> tuple[State, int, float]:
     """State at the start of a period that ends as it began.
 
@@ -82,6 +99,8 @@ def periodic_state(
     period : callable
         From the state at the start of a period, that at its end, the largest energy (J) in it, and
         the energy put in (J).
+    halves : bool
+        The callable goes through half a period and changes the sign of the state at its end.
 
     Returns
     -------
@@ -97,7 +116,8 @@ def periodic_state(
     mixing = Anderson(system)
     x = plain = np.concatenate(start)
     least, left = np.inf, np.inf
-    for count in range(1, PERIODS + 1):
+    parts = 2 if halves else 1  # of a period
+    for count in range(1, parts * PERIODS + 1):
         before = State(*np.split(x, ends))
         state, energy, work = period(copied(before))
         after = np.concatenate(state)
@@ -105,7 +125,7 @@ def periodic_state(
         size, scale = mixing.add(after, after - x), np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         if left <= CHANGE and abs(gained) <= ENERGY * work:
-            return state, count, left
+            return state, -(-count // parts), left
         if size > GROWTH * least and x is not plain:
             x = plain
             continue
@@ -114,7 +134,7 @@ def periodic_state(
         x = mixing.mixed()
     raise ConvergenceError(
         f"no steady vibration was found in {PERIODS} periods: the state still changes by "
-        f"{left:.2g} of its size over a period. Is there damping that every motion feels? Try "
+        f"{left:.2g} of its size over the last. Is there damping that every motion feels? Try "
         "rho_infinity below 1, or follow the transient by cycles"
     )
 

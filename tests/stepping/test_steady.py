@@ -12,10 +12,11 @@ from stepping_systems import STEEL, struts
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import HalfSine, Harmonic, MultiHarmonic
 from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
 from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.structure import Joint, Load, Structure
 from skfem_joint.system import System
@@ -105,7 +106,26 @@ def test_mixing_takes_a_fifth_of_the_periods(monkeypatch: pytest.MonkeyPatch) ->
 
     mixed = periods()
     monkeypatch.setattr(steady, "MEMORY", 0)
+    monkeypatch.setattr(stepping, "turns_over", lambda loads: False)
     assert 5 * mixed < periods()
+
+
+def test_halves_of_a_period_are_mirror_images_where_those_of_the_load_are() -> None:
+    system = bar(600.0, 0.3)
+    odd = (Harmonic(1e5, 600.0, 0.3), Harmonic(5e4, 1800.0))
+    for parts, mirrored in ((odd, True), ((*odd, Harmonic(2e4, 1200.0)), False)):
+        load = replace(system.loads[0], amplitude=MultiHarmonic(parts))
+        run = integrate(
+            replace(system, loads=(load,)),
+            until="steady",
+            steps_per_cycle=200,
+            save=Save(fields=True),
+        )
+        assert run.steady is not None
+        largest = np.abs(run.u).max()
+        assert np.abs(run.u[-1] - run.u[0]).max() < 1e-4 * largest
+        left = np.abs(run.u[100:] + run.u[:101]).max() / largest
+        assert left < 1e-4 if mirrored else left > 1e-2
 
 
 def test_the_period_of_several_harmonics_is_the_common_one() -> None:
