@@ -107,7 +107,8 @@ WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
               r"12 of its 12 pressed nodes do not overlap with 'lower above'; the farthest, at"),
     "no friction": ("tet4_lower", "tet4_upper", [("friction = 0.3", "friction = 0.0")],
                     "body with the region 'upper' is left unsupported"),
-    "no support": ("hex8_lower", "hex8_upper", [('["lower left"]', "[]")], "body with the region 'lower' is left unsupported"),
+    "no support": ("hex8_lower", "hex8_upper", [('["lower left"]', "[]")],
+                   "body with the region 'lower' is left unsupported"),
     "one face, two joints": ("tet10_lower", "tet10_twice", [("[damping]", JOINT.format("sole"))],
                              "joint 'sole' overlaps joint 'upper below'"),
     "one face, a joint and a support": (
