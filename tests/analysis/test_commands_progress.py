@@ -54,7 +54,7 @@ def test_a_response_tells_every_vibration_that_it_looks_for(estimated: bool) -> 
     found = [one for one in told if len(one) == 2]
     assert [done for done, _ in found] == list(range(1, looked_for + 1))
     assert found[-1] == (looked_for, looked_for)
-    assert all(one[2].startswith("period ") for one in told if len(one) > 2)
+    assert all("periods" in one[2] for one in told if len(one) > 2)
     assert found[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
 
 
@@ -75,7 +75,7 @@ def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from
     notes = dict.fromkeys(note.partition(", change ")[2] for *_, note in told)
     changes = [float(note.split()[0]) for note in notes if note]
     assert run.steady is not None
-    assert len(changes) <= told[-1][0] == run.steady.periods
+    assert told[-1][0] >= run.steady.periods  # and the one that is stored
     assert changes[-1] == pytest.approx(run.steady.change, rel=0.1)
     assert changes[-1] <= CHANGE < changes[-2]
 
@@ -112,7 +112,7 @@ def test_ctrl_c_ends_a_search_within_a_second(tmp_path: Path, command: str) -> N
         os.close(terminal)
         try:
             shown = b""
-            while not re.search(rb"full model.*\d%|period [2-9]", shown):
+            while not re.search(rb"full model.*\d%|[1-9][.]\d periods", shown):
                 assert select.select([screen], [], [], 60.0)[0], shown
                 shown += screen.read(4096)
             begin = time.monotonic()
