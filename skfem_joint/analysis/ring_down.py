@@ -76,6 +76,7 @@ def ring_down(
     ).finished()
     low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
     q = sosfiltfilt(low, run.point("modal"))
+    q *= np.sign(q[np.abs(q).argmax()])  # a mode has no sign of its own
     tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
     tops = tops[tops >= steps_per_cycle // 2]  # which the filter sees whole, as below
     bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]
