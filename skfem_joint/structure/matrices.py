@@ -307,7 +307,7 @@ class MatrixModel:
         names = [f"pair {k + 1} of contact.{name}" for name, some in rows for k in range(len(some))]
         return [
             "Matrices: K lets the structure move rigidly, which should move both nodes of a pair "
-            f"alike, but {names[worst]} slips by up to {100.0 * share[worst].max():.2g} % of the "
+            f"alike, but {names[worst]} slips by up to {100.0 * share[worst].max():.3g} % of the "
             "motion: do its nodes lie in one place, and are the degrees of freedom of both in the "
             "order x, y, z and in the same directions?"
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import re
@@ -17,12 +18,15 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_files import MESHES
+from rich.console import Console
+from rich.progress import Progress as Bar
 from scene_texts import GOOD, with_changes
 
 from skfem_joint.analysis.backbone import CHECKED, INCREMENTS, TRIALS, backbone
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar
+from skfem_joint.progress import told as telling
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.steady import CHANGE
 from skfem_joint.structure import Joint, Load, Material, Structure
@@ -78,6 +82,17 @@ def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from
     assert told[-1][0] >= run.steady.periods  # and the one that is stored
     assert changes[-1] == pytest.approx(run.steady.change, rel=0.1)
     assert changes[-1] <= CHANGE < changes[-2]
+
+
+def test_a_line_holds_the_note_of_what_cannot_be_counted() -> None:
+    now, said = [0.0], list[str]()
+    progress = telling(
+        Bar(console=Console(file=io.StringIO()), get_time=lambda: now[0]), said.append
+    )
+    for done, total in ((3, 0), (3, 40)):
+        now[0] += 20.0
+        progress("full model", done, total, "3.5 periods")
+    assert said == ["full model: 3.5 periods", "full model: 3 of 40, 3.5 periods"]
 
 
 #: Changes of the scene that make each command search for longer than anybody waits.
