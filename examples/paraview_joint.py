@@ -1,5 +1,7 @@
 """The warped joint in ParaView, coloured by stick and slip, with the load's history below it.
 
+Of solids, whose joints lie hidden between them, the first face that is pressed is shown once more.
+
     pvpython examples/paraview_joint.py out/fields.pvd picture.png
 
 Options: --time SECONDS (default: where the largest displacement is), --factor NUMBER (scale of the
@@ -68,14 +70,36 @@ for k in range(1, rows.shape[1]):
 
 
 def blocks_by_model(reader):
-    """Paths of the bodies of each model: blocks "MODEL: BODY" or "MODEL", not its faces."""
+    """Paths of the bodies of each model, blocks "MODEL: BODY" or "MODEL", and of faces by name."""
     tree = reader.GetDataInformation().GetHierarchy()
     models = {}
     for node in tree.GetChildNodes(tree.GetRootNode(), False):
         name = tree.GetAttributeOrDefault(node, "label", tree.GetNodeName(node))
-        if ": contact " not in name:
-            models.setdefault(name.split(": ")[0], []).append(tree.GetNodePath(node))
+        model, _, part = name.partition(": ")
+        bodies, faces = models.setdefault(model, ([], {}))
+        if part.startswith("contact "):
+            faces[part] = tree.GetNodePath(node)
+        else:
+            bodies.append(tree.GetNodePath(node))
     return models
+
+
+def below(reader, face, low, high, reach):
+    """How far to move a face towards the eye so that it lies clear of the bodies in the picture.
+
+    Also its back corner on the left then, and how far it comes to the front; in the box that they
+    move in.
+    """
+    extracted = simple.ExtractBlock(Input=reader, Selectors=[face])
+    extracted.UpdatePipeline()
+    bounds = extracted.GetDataInformation().GetBounds()
+    first, last = ([bounds[2 * k + end] + sign * reach[k] for k in range(3)]
+                   for end, sign in ((0, -1.0), (1, 1.0)))  # fmt: skip
+    tall = (high[1] - low[1]) * RISE - (high[2] - low[2]) * BACK
+    top, bottom = (at[1] * RISE - at[2] * BACK for at in (last, low))
+    drop = (top - bottom + 0.15 * tall) / RISE
+    front = first[1] - drop - (first[2] - low[2]) * BACK / RISE
+    return drop, (first[0], last[1] - drop + 0.03 * tall / RISE, last[2]), front
 
 
 def largest_displacement(reader):
@@ -272,12 +296,21 @@ def joint(reader, time=None, factor=None):
     view.OrientationAxesVisibility = 0
 
     models = blocks_by_model(reader)
-    low = [bounds[2 * k] - factor * reach[k] for k in range(3)]
-    high = [bounds[2 * k + 1] + factor * reach[k] for k in range(3)]
+    reach = [factor * part for part in reach]
+    low = [bounds[2 * k] - reach[k] for k in range(3)]
+    high = [bounds[2 * k + 1] + reach[k] for k in range(3)]
+    drop, label = 0.0, None
+    for _, faces in list(models.values())[:1]:
+        for path in list(faces.values())[:1]:
+            drop, label, low[1] = below(reader, path, low, high, reach)
     pixels = (SIZE[0], SIZE[1] * (TOP if has_load else 1.0))
     shifts, places, middle, pixel = laid_out(low, high, len(models), pixels)
-    for (name, paths), shift, place in zip(models.items(), shifts, places, strict=True):
-        show_model(reader, name, paths, view, factor, shift)
+    for (name, parts), shift, place in zip(models.items(), shifts, places, strict=True):
+        show_model(reader, name, parts[0], view, factor, shift)
+        for face, path in list(parts[1].items())[:1]:
+            down = shift[0], shift[1] - drop
+            show_model(reader, f"{name}: {face}", [path], view, factor, down)
+            write(view, face, place=(label[0] + shift[0], label[1] + shift[1], label[2]), size=18)
         if len(models) > 1:
             write(view, name, place=place, size=18)
     colour_by_state(view)

@@ -350,7 +350,8 @@ def _backbone(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     needed("matplotlib", "plot")
     with kept(options.out) as notes:
-        found = backbone.scene_backbone(scene)
+        with _progress(options) as progress:
+            found = backbone.scene_backbone(scene, progress)
         found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:

@@ -29,7 +29,8 @@ def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatAr
     else:
         K, M = sparse.csc_array(K), sparse.csc_array(M)
         inverse = LinearOperator((n, n), matvec=factorised(K), dtype=float)
-        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=np.ones(n), OPinv=inverse)
+        start = np.random.default_rng(1).normal(size=n)  # an even one misses modes of equal bodies
+        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
 
 
@@ -44,13 +45,25 @@ def straining_modes(
     if not free.size:
         return np.zeros(0), np.zeros((K.shape[0], 0))
     K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
+    squares, modes = _lowest(K, M, count)
+    strains = squares > 0.0
+    shapes = np.zeros((held.size + free.size, int(strains.sum())))
+    shapes[free] = modes[:, strains]
+    return np.sqrt(squares[strains]) / (2.0 * np.pi), shapes
+
+
+def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
+    """Motions (n, k) that strain nothing, at ``most`` so many of them, of unit mass."""
+    squares, modes = _lowest(sparse.csr_array(K), sparse.csr_array(M), most)
+    return modes[:, squares == 0.0]
+
+
+def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
+    """Squares of the lowest natural frequencies (1/s2), zero of rigid motions, and modes."""
     small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
     frequency, modes = natural_modes(K + small * M, M, count)
     shifted = (2.0 * np.pi * frequency) ** 2
-    strains = shifted > 2.0 * small
-    shapes = np.zeros((held.size + free.size, int(strains.sum())))
-    shapes[free] = modes[:, strains]
-    return np.sqrt(shifted[strains] - small) / (2.0 * np.pi), shapes
+    return np.where(shifted > 2.0 * small, shifted - small, 0.0), modes
 
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:

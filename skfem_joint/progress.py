@@ -5,20 +5,42 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-#: Called with what is done, steps done, steps in all.
-Progress = Callable[[str, int, int], None]
+#: Called with what is done, steps done, steps in all (0: not known), and a note that tells more.
+Progress = Callable[..., None]
 
 #: A line comes after so many seconds, and after such a share of all the time that has passed.
 LINE_S, LINE_SHARE = 10.0, 0.1
 #: The time that remains goes by the pace of so many last seconds.
 PACE_S = 120.0
+
+
+@dataclass
+class Tally:
+    """What is done of what is asked for, as far as that is known; ``tell`` is called with both."""
+
+    tell: Callable[..., None] | None = None
+    asked: int = 0
+    done: int = 0
+
+    def add(self, count: int = 1) -> None:
+        """Count so many more that are done."""
+        self.done += count
+        self.asked = max(self.asked, self.done)
+        if self.tell is not None:
+            self.tell(self.done, self.asked)
+
+    def within(self, *found: Any) -> None:
+        """Tell the note that comes last of what one that is not done yet tells."""
+        if self.tell is not None:
+            self.tell(self.done, self.asked, found[-1])
 
 
 @contextmanager
@@ -42,18 +64,20 @@ def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
     tasks: dict[str, TaskID] = {}
     begin = last = bar.get_time()
 
-    def progress(label: str, done: int, total: int) -> None:
+    def progress(label: str, done: int, total: int, note: str = "") -> None:
         nonlocal last
         if label not in tasks:
-            tasks[label] = bar.add_task(label, total=total)
+            tasks[label] = bar.add_task(label, total=None)
         (task,) = (one for one in bar.tasks if one.id == tasks[label])
-        if done < task.completed or total != task.total:  # another run of the same name
-            bar.reset(task.id, total=total)
-        bar.update(task.id, completed=done)
+        if done < task.completed:  # another run of the same name
+            bar.reset(task.id)
+        shown = f"{label}: {note}" if note else label
+        bar.update(task.id, completed=done, total=total or None, description=shown)
         now = bar.get_time()
         if say is not None and now - last >= max(LINE_S, LINE_SHARE * (now - begin)):
             last, left = now, task.time_remaining
             rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
-            say(f"{label}: {done} of {total}{rest}")
+            counted = f"{done} of {total}" if total else ""
+            say(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
 
     return progress

@@ -18,8 +18,9 @@ near an odd multiple of the mode's, friction excites it and the true damping is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.modes import natural_modes
+from skfem_joint.progress import Progress, Tally
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
@@ -119,6 +121,7 @@ def backbone(
     levels: int = 20,
     up_to: float = 0.7,
     slips_at: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
 
@@ -135,6 +138,8 @@ def backbone(
         The highest, as a share of the level at which the first joint slips as a whole.
     slips_at : float, optional
         That level, m/s² kg^1/2, as in the `Backbone` of the full model; found if not given.
+    progress : callable, optional
+        Called with (levels done, levels in all as far as they are known), loops' included.
 
     Raises
     ------
@@ -150,7 +155,8 @@ def backbone(
     numbers = np.asarray(modes, dtype=int)
     if numbers.size == 0 or numbers.min() < 1:
         raise InputError(f"backbone: found modes {list(modes)}, must be numbers from 1")
-    path = QuasiStatic(to.system, TOLERANCE)
+    known = len(modes) * (levels + INCREMENTS * min(CHECKED, levels))
+    path = QuasiStatic(to.system, TOLERANCE, Tally(progress, known))
     frequency, shapes = stuck_modes(to.system, int(numbers.max()) + 10)
     if numbers.max() > frequency.size:
         raise InputError(
@@ -200,6 +206,7 @@ def _curve(
     count = CHECKED if masing else level.size
     around = np.unique(np.linspace(0, level.size - 1, count).round().astype(int))
     around = around[work[around] > 0.0]
+    path.tally.asked += INCREMENTS * (around.size - min(CHECKED, level.size))
     parts = [_loop(path, level[k] * force, states[k]) for k in around]
     loops = np.reshape(parts, (-1, system.n))
     rubbed = system.slip_norm((system.B @ loops.T).T) @ system.w
@@ -272,6 +279,7 @@ def first_slip(
     level, sticks = nominal * (1.0 + WITHIN), 1.0
     u = before = 0.0 * force
     for _ in range(TRIALS):
+        path.tally.asked += 1
         u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
         last, sticks = sticks, min(_sticking(path, slip, points) for points in loaded)
@@ -340,10 +348,11 @@ class SceneBackbone:
     warnings: list[str] = field(default_factory=list)
 
 
-def scene_backbone(scene: Scene) -> SceneBackbone:
+def scene_backbone(scene: Scene, progress: Progress = lambda *_: None) -> SceneBackbone:
     """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
 
-    A reduced model is made for each mode, of the full one's states at its levels.
+    A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
+    called with (what is done, how much, of how much).
 
     Raises
     ------
@@ -351,7 +360,8 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
         As :func:`backbone` and :func:`ring_down`.
     """
     asked, system, structure = scene.backbone, scene.system(), scene.structure()
-    curves = backbone(system, asked.modes, asked.levels, asked.up_to)
+    full = partial(progress, "full model")
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
     found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
     found.warnings += [warning for curve in curves for warning in curve.warnings]
     start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
@@ -363,7 +373,8 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
             if name != "full":
                 V, own = _smaller(name, scene, system, curve, found.warnings)
                 levels = asked.levels, asked.up_to
-                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at)
+                report = partial(progress, f"{name} model, mode {curve.mode}")
+                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report)
                 if start is not None:
                     at_end = V.T @ (system.M @ np.array(start).T)
                     begin = tuple(np.linalg.solve(own.M, at_end).T)
@@ -375,7 +386,9 @@ def scene_backbone(scene: Scene) -> SceneBackbone:
             )
             model.errors.append({k: float(np.abs(ratio - 1.0).max()) for k, ratio in both})
             if asked.ring_down:
-                model.ring_downs.append(ring_down(own, one, asked.ring_down, *how, begin))
+                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+                ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
+                model.ring_downs.append(ringing)
         found.models.append(model)
     return found
 

@@ -20,6 +20,7 @@ from scipy.sparse.linalg import splu
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
+from skfem_joint.progress import Tally
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
@@ -126,7 +127,7 @@ def response(
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> list[Curve]:
     """Steady vibration over frequency, a curve for each level.
 
@@ -147,7 +148,8 @@ def response(
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
-        Called with (levels done, levels in all).
+        Called with (frequencies done, frequencies in all as far as they are known), and between
+        them with a note on the search; by whole levels with an executor.
 
     Raises
     ------
@@ -164,11 +166,14 @@ def response(
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
     one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined, estimated)
+    each = frequencies.size * (2 if estimated else 1)
+    tally = Tally(progress, each * len(levels))
+    if executor is None:
+        return [one(level, tally) for level in levels]
     curves = []
-    for curve in map(one, levels) if executor is None else executor.map(one, levels):
+    for curve in executor.map(one, levels):
         curves.append(curve)
-        if progress is not None:
-            progress(len(curves), len(levels))
+        tally.add(each)
     return curves
 
 
@@ -180,14 +185,18 @@ def _curve(
     refined: bool,
     estimated: bool,
     level: float,
+    tally: Tally | None = None,
 ) -> Curve:
     points: list[SteadyPoint] = []
+    tally = tally or Tally()
 
     def add(frequency: float, near: SteadyPoint | None) -> SteadyPoint:
         start = None if near is None else near.state
-        found = steady_point(system, frequency, level, steps_per_cycle, scheme, start)
+        how = steps_per_cycle, scheme, start, tally.within
+        found = steady_point(system, frequency, level, *how)
         points.append(found)
         points.sort(key=lambda point: point.frequency)
+        tally.add()
         return found
 
     last = None
@@ -202,6 +211,7 @@ def _curve(
             wanted = next(_wanted(Curve(level, tuple(points))), None)
             if wanted is None:
                 break
+            tally.asked += 2 if estimated else 1
             add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)))
     curve = Curve(level, tuple(points))
     if not estimated or steps_per_cycle < 4:
@@ -213,6 +223,7 @@ def _curve(
         if point.failure is not None:
             return np.nan
         other = steady_point(system, point.frequency, level, coarse, scheme, point.state)
+        tally.add()
         return float(abs(other.amplitude[largest] / point.amplitude[largest] - 1.0) / order)
 
     return Curve(level, tuple(replace(point, step_error=error(point)) for point in points))
@@ -255,6 +266,7 @@ def steady_point(
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
     start: tuple[FloatArray, FloatArray] | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> SteadyPoint:
     """Steady vibration at one frequency (Hz); one that is not found says so."""
     loaded = at_frequency(system, frequency, level)
@@ -266,6 +278,7 @@ def steady_point(
             scheme=scheme,
             save=Save(fields=system.is_dense),
             initial=start,
+            progress=progress,
         )
     except ConvergenceError as error:
         nothing = np.full(len(system.points), np.nan)

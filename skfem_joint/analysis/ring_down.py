@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,7 @@ def ring_down(
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
     start: tuple[FloatArray, FloatArray] | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> RingDown:
     """Free vibration of a mode, released at rest from the highest level of its curve or as it is.
 
@@ -49,7 +51,7 @@ def ring_down(
     run whose pulse has ended; the loads act no more. The system's own law acts. Of modes that ring
     together one is told by its modal displacement, phi^T M u; half of peak to peak has no part of
     what joints come to rest at. What is left above twice the mode's frequency is filtered out,
-    forwards and backwards so that peaks stay where they are.
+    forwards and backwards so that peaks stay where they are. ``progress`` is that of `integrate`.
 
     Raises
     ------
@@ -70,9 +72,11 @@ def ring_down(
         scheme=scheme,
         save=Save(fields=True, fields_every=steps_per_cycle),
         initial=(curve.states[-1], np.zeros(system.n)) if start is None else start,
+        progress=progress,
     ).finished()
     low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
     q = sosfiltfilt(low, run.point("modal"))
+    q *= np.sign(q[np.abs(q).argmax()])  # a mode has no sign of its own
     tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
     tops = tops[tops >= steps_per_cycle // 2]  # which the filter sees whole, as below
     bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]

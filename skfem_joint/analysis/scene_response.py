@@ -17,6 +17,7 @@ from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.progress import Progress
 from skfem_joint.reduction.basis import Basis, make_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
@@ -64,7 +65,7 @@ class SceneResponse:
 def scene_response(
     scene: Scene,
     executor: Executor | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = lambda *_: None,
 ) -> SceneResponse:
     """Response of each model of a scene with a table ``[response]``, at its levels.
 
@@ -109,7 +110,7 @@ def scene_response(
             scheme=scheme,
             estimated=scene.accuracy.estimate,
             executor=executor,
-            progress=None if progress is None else partial(progress, f"{name} model"),
+            progress=partial(progress, f"{name} model"),
         )
         wall = time.perf_counter() - begin
         slips = None if basis is None else system.B @ basis.V
@@ -117,8 +118,9 @@ def scene_response(
         estimates = []
         if scene.accuracy.estimate:
             for curve in curves:
+                report = partial(progress, f"errors of the {name} model")
                 parts = system, basis, model, unit, steps, scheme
-                estimates.append(_errors(curve, *parts))
+                estimates.append(_errors(curve, *parts, report))
         found.models.append(ModelResponse(name, curves, offline, wall, estimates))
         for curve in curves:
             lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
@@ -200,6 +202,7 @@ def _errors(
     unit: float,
     steps: int,
     scheme: Scheme,
+    progress: Callable[..., None],
 ) -> Estimate:
     """Estimated errors at the peak of a curve."""
     at = curve.peak[0]
@@ -210,6 +213,7 @@ def _errors(
         "save": Save(),
         "cycle_steps": steps,
         "until": "steady",
+        "progress": progress,
     }
     full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
     run = integrate(own, **how)

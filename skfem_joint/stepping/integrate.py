@@ -27,7 +27,7 @@ from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
-from skfem_joint.stepping.steady import copied, periodic_state, turns_over
+from skfem_joint.stepping.steady import CHANGE, copied, periodic_state, turns_over
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ def integrate(
     until: Literal["end", "steady"] = "end",
     initial: tuple[FloatArray, FloatArray] | None = None,
     tolerance: float = TOLERANCE,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Run:
     """Integrate a system over equal steps: ``n_steps`` or a ``duration`` of them, or ``cycles``.
@@ -89,7 +89,7 @@ def integrate(
     tolerance : float
         Largest force residual of a step relative to its largest force.
     progress : callable, optional
-        Called with (steps done, steps in all).
+        Called with (steps done, steps in all); until "steady" with (periods done, 0, a note).
     checkpoint : Checkpoint, optional
         Where to save the run and to take it up again; neither changes a bit of the result.
 
@@ -124,7 +124,7 @@ def integrate(
     if saved is not None:
         driver.take_up(*saved)
     if until == "steady":
-        return driver.steady(system, cycle_steps)
+        return driver.steady(system, cycle_steps, progress)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
     energy = 0.0 if initial is None else system.stored_energy(*start)
     return driver.finish(system, energy, interrupted)
@@ -319,11 +319,15 @@ class _Driver:
         final = to.outer(run.final[0]), to.outer(run.final[1])
         return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
 
-    def steady(self, system: System, cycle_steps: int | None) -> Run:
+    def steady(
+        self, system: System, cycle_steps: int | None, progress: Callable[..., None] | None
+    ) -> Run:
         """Run of the period at which vibration has become steady."""
         save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
         loads = self.system.load_amplitudes(self.h * np.arange(self.n_steps + 1.0))
         odd = turns_over(loads)
+        parts = 2 if odd else 1  # of a period
+        changes: list[float] = []
 
         def period(start: State, save: Save | None = None) -> tuple[State, float, float]:
             """Go through one period, or half of one whose other half is its mirror image."""
@@ -335,14 +339,21 @@ class _Driver:
             self.recorder.store(0, stepper.state())
             self.recorder.observe(start.u)
             for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
-                self.advance(end)
+                while self.done < end:
+                    self.advance(end, CHUNK_S)
+                    if progress is not None:
+                        gone = len(changes) / parts + self.done / self.n_steps
+                        note = f"{gone:.1f} periods"
+                        if changes:
+                            note += f", change {changes[-1]:.1e} (steady: {CHANGE:.0e})"
+                        progress(int(gone), 0, note)
                 energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
             if steps < self.n_steps:
                 stepper.now = State(*(-part for part in stepper.now))
             return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
 
-        start, periods, change = periodic_state(self.system, self.stepper.now, period, odd)
-        start = copied(start)
+        start = periodic_state(self.system, self.stepper.now, period, changes, parts)
+        start, periods = copied(start), -(-len(changes) // parts)
         period(copied(start), save)
         if cycle_steps is not None:
             self.recorder.end_cycle()
@@ -350,7 +361,7 @@ class _Driver:
         energy = self.system.stored_energy(*start[:2])
         run = self.finish(system, energy, False)
         counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
-        return replace(run, steady=Steady(periods, change), counters=counters)
+        return replace(run, steady=Steady(periods, changes[-1]), counters=counters)
 
     def _lay(self, t: float, jump: bool) -> None:
         """Cut the step in which a load jumps or kinks."""

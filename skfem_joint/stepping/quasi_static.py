@@ -26,6 +26,7 @@ from scipy.sparse.linalg import splu
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised
+from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
@@ -57,6 +58,8 @@ class QuasiStatic:
         Its limits ``w`` count, its law and masses do not.
     tolerance : float
         Largest force residual relative to the largest force.
+    tally : Tally, optional
+        Takes each level that is found.
 
     Raises
     ------
@@ -64,13 +67,13 @@ class QuasiStatic:
         If no point carries friction, or slip rows of a large sparse system depend on each other.
     """
 
-    def __init__(self, system: System, tolerance: float = 1e-8) -> None:
+    def __init__(self, system: System, tolerance: float = 1e-8, tally: Tally | None = None) -> None:
         self.to = arranged(system)
         inner = self.to.system
         acting = inner.w > 0.0
         if not acting.any():
             raise InputError("quasi-static slip: needs friction, no contact point carries any")
-        self.tolerance = tolerance
+        self.tolerance, self.tally = tolerance, tally or Tally()
         dense = self.to.kind == "dense"
         self.K, self.M = (as_dense(A) if dense else as_compressed(A) for A in (inner.K, inner.M))
         self.shift = 0.0
@@ -132,6 +135,7 @@ class QuasiStatic:
             before, f = f, self.to.force(force)
             rate = np.inf if times is None else self.beta / lasting[level]
             u = path[level] = self._state(u, before, f, held, rate)
+            self.tally.add()
         return self.to.outer(path)
 
     def limit(self, force: FloatArray) -> float:

@@ -88,8 +88,9 @@ def periodic_state(
     system: System,
     start: State,
     period: Callable[[State], tuple[State, float, float]],
-    halves: bool = False,
-) -> tuple[State, int, float]:
+    changes: list[float],
+    parts: int = 1,
+) -> State:
     """State at the start of a period that ends as it began.
 
     Parameters
@@ -99,13 +100,10 @@ def periodic_state(
     period : callable
         From the state at the start of a period, that at its end, the largest energy (J) in it, and
         the energy put in (J).
-    halves : bool
-        The callable goes through half a period and changes the sign of the state at its end.
-
-    Returns
-    -------
-    tuple
-        The state, how many periods that took, and the change over the last one, see `CHANGE`.
+    changes : list
+        Takes the change over each period as it is found, see `CHANGE`.
+    parts : int
+        2 where the callable goes through half a period and changes the state's sign at its end.
 
     Raises
     ------
@@ -116,16 +114,16 @@ def periodic_state(
     mixing = Anderson(system)
     x = plain = np.concatenate(start)
     least, left = np.inf, np.inf
-    parts = 2 if halves else 1  # of a period
-    for count in range(1, parts * PERIODS + 1):
+    for _ in range(parts * PERIODS):
         before = State(*np.split(x, ends))
         state, energy, work = period(copied(before))
         after = np.concatenate(state)
         gained = system.stored_energy(*state[:2]) - system.stored_energy(*before[:2])
         size, scale = mixing.add(after, after - x), np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
+        changes.append(left)
         if left <= CHANGE and abs(gained) <= ENERGY * work:
-            return state, -(-count // parts), left
+            return state
         if size > GROWTH * least and x is not plain:
             x = plain
             continue

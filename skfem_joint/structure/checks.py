@@ -175,6 +175,13 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
         others = sorted({repr(one.on) for one in taken[kind] if _share(table[one.on], parts[0])})
         if others:
             yield f"{where} overlaps joint {', '.join(others)}; joints must not overlap"
+        for one in taken[kind] if kind == "boundary" else ():  # a face touches one other thing
+            crossed = (one.on, joint.against), (one.against, joint.on)
+            if any(a and b and _share(table[a], table[b]) for a, b in crossed):
+                yield (
+                    f"{where}: it lies on a part of {one.label}, by this or another name; "
+                    "a face touches one thing: leave one of the joints out, or split the face"
+                )
         taken[kind].append(joint)
         if isinstance(joint.pressure, PressureTable):
             corners = mesh.mesh.t if kind == "region" else mesh.mesh.facets

@@ -11,15 +11,19 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.contact import along
 from skfem_joint.structure.patch import SMALL, Joint, Patch, slip_directions, unit_vectors
 from skfem_joint.structure.structure import Load
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import Contact, stacked
 
+#: Slip of a pair over what a rigid motion moves the pairs by, from which on it is told.
+ALIKE = 1e-3
 #: Columns of a contact: degrees of freedom of both nodes of a pair, normal, area.
 COLUMNS = 10
 
@@ -276,8 +280,37 @@ class MatrixModel:
         return f"{what}: no point has this name; points: {names}"
 
     def unusual(self, system: System) -> list[str]:
-        """Nothing can be told of values whose units are not known."""
-        return []
+        """Sentence about pairs that slip as the whole moves rigidly, where nothing in K holds it.
+
+        Nothing can be told of values whose units are not known.
+        """
+        rows = [(joint.on, self.contacts[joint.on]) for joint in self.joints]
+        dofs = np.vstack([np.zeros((0, 6)), *(some[:, :6] for _, some in rows)]).reshape(-1, 2, 3)
+        there = np.asarray(dofs >= 0.0)
+        two_sided = np.asarray(there[:, 1].any(axis=1))
+        axes = np.count_nonzero(there[two_sided].any(axis=1).any(axis=0))
+        if not axes:
+            return []
+        bodies, whole = connected_components(self.K)[0], axes * (axes + 1) // 2
+        loose = rigid_motions(self.K, self.M, 6 * bodies)
+        if loose.shape[1] < bodies * whole:
+            return []
+        at = np.where(there[..., np.newaxis], loose[np.where(there, dofs, 0).astype(np.intp)], 0.0)
+        slips = (at[:, 0] - at[:, 1]) * two_sided[:, np.newaxis, np.newaxis]
+        # As little as so many motions can slip, over how far they move the pairs.
+        least = np.linalg.svd(slips.reshape(-1, loose.shape[1]))[2][-whole:].T
+        moved = np.abs(at @ least).max(axis=(0, 1, 2))
+        share = np.linalg.norm(slips @ least, axis=1) / np.where(moved > 0.0, moved, 1.0)
+        worst = int(share.max(axis=1).argmax())
+        if share[worst].max() <= ALIKE:
+            return []
+        names = [f"pair {k + 1} of contact.{name}" for name, some in rows for k in range(len(some))]
+        return [
+            "Matrices: K lets the structure move rigidly, which should move both nodes of a pair "
+            f"alike, but {names[worst]} slips by up to {100.0 * share[worst].max():.3g} % of the "
+            "motion: do its nodes lie in one place, and are the degrees of freedom of both in the "
+            "order x, y, z and in the same directions?"
+        ]
 
     def place(self, unknown: int) -> str:
         """Where an unknown is: the degree of freedom that it moves most."""

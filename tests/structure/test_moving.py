@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from scipy import sparse
 
 from skfem_joint.analysis.history import compare
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar, build_box, build_plate
+from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Load, Structure
@@ -88,22 +87,6 @@ def test_any_plate_without_contraction_is_the_strut_to_its_mesh(kind: str, order
     errors = compare(strut(400), found)
     assert errors.displacement_max < 1e-3
     assert errors.displacement_rms < 1e-3
-    assert abs(errors.friction_energy) < 1e-3
-
-
-@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
-def test_a_thin_solid_without_contraction_is_the_strut(kind: Any) -> None:
-    """Within 0.1 %, 1 mm thick: the strut has no shear over its height."""
-    thick, load = 1e-3, Harmonic(6.3e3, 1000.0)
-    joint, common = pressed(pressure=0.8e6), {"stiffness_damping": 1e-5}
-    bar = build_bar([("joint", 0.25, 200)], {"left": 0.0, "right": 0.25})
-    strut = structure(bar, [joint], thickness=thick, **common).system([Load("right", load)])
-    body = build_box([("all", 0.25, 40)], (WIDTH, thick), (1, 1), kind=kind)
-    material = replace(structure(block("hex")).material, poisson=0.0)
-    solid = structure(body, [replace(joint, on="front")], material=material, **common)
-    found = cycle(solid.system([Load("right", load, (1.0, 0.0, 0.0))], []), steps=40)
-    errors = compare(cycle(strut, steps=40), found)
-    assert errors.displacement_max < 1e-3
     assert abs(errors.friction_energy) < 1e-3
 
 

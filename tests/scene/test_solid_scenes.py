@@ -1,0 +1,155 @@
+"""Scenes of solids from files that Gmsh 4.15 wrote; and what is wrong with others, by command.
+
+The files ``gmsh/KIND_lower.msh`` (100 x 20 x 10 mm) and ``KIND_upper.msh`` (60 x 20 x 10 mm, on the
+lower one from x = 40 mm on) hold a block each, with its volume, sides and corner named; hexahedra
+lie in format 4.1 and 2.2. Their faces do not match.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.cli import main
+from skfem_joint.scene import load_scene
+
+FILES = Path(__file__).parent / "gmsh"
+KINDS = ("tet4", "tet10", "hex8", "hex20", "hex27")
+SCENE = """\
+[mesh]
+file = ["{folder}/{kind}_lower.msh", "{folder}/{kind}_upper.msh"]
+[material]
+E = 200e9
+density = 8000.0
+poisson = 0.3
+[material.regions.upper]
+E = 70e9
+density = 2700.0
+[support]
+fixed_x = ["lower left"]
+fixed_y = ["lower front"]
+fixed_z = ["lower below"]
+[[joint]]
+on = "upper below"
+against = "lower above"
+pressure = 10e6
+friction = 0.3
+law = "coulomb"
+[damping]
+stiffness = 1e-6
+[[load]]
+on = "upper right"
+quantity = "traction"
+direction = [1.0, 0.2, 0.0]
+kind = "harmonic"
+amplitude = 10e6
+frequency = 500.0
+[[load]]
+on = "upper back"
+quantity = "pressure"
+kind = "harmonic"
+amplitude = 1e6
+frequency = 500.0
+[[load]]
+on = "upper corner"
+direction = [0.0, 0.0, 1.0]
+kind = "harmonic"
+amplitude = 10.0
+frequency = 500.0
+[[load]]
+on = "upper above"
+direction = [1.0, 0.0, 0.0]
+kind = "harmonic"
+amplitude = 500.0
+frequency = 500.0
+[time]
+cycles = 1
+steps_per_cycle = 60
+[models]
+run = ["full"]
+"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(
+    tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
+    study = run_scene(load_scene(path))
+    run = study.models["full"].run
+    mass = 0.02 * 0.01 * (0.1 * 8000.0 + 0.06 * 2700.0)
+    assert study.description.values["mass_kg"] == pytest.approx(mass, rel=1e-12)
+    (patch,) = study.structure.patches
+    assert patch.clamping_force == pytest.approx(10e6 * 0.06 * 0.02, rel=1e-12)
+    peaks = np.abs(run.system.load_amplitudes(np.linspace(0.0, 2e-3, 61))).max(axis=1)
+    expected = [10e6 * 0.02 * 0.01, 1e6 * 0.06 * 0.01, 10.0, 500.0]  # N
+    np.testing.assert_allclose(peaks, expected, rtol=1e-12)
+    assert run.energy_residual < 1e-10
+    assert run.friction_work.sum() > 0.1 * np.abs(run.input_work).sum()
+    locks = [sentence for sentence in study.warnings if "they lock" in sentence]
+    assert len(locks) == (kind in ("tet4", "hex8"))
+
+
+JOINT = '[[joint]]\non = "{}"\npressure = 1e6\nfriction = 0.3\n[damping]'
+#: What is wrong, the lower and the upper file, changes of the scene (of its first such text), and
+#: what is told.
+WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
+    "inverted hexahedra": ("hex8_pushed", "hex8_upper", [], r"hexahedron crosses itself or is not"),
+    "inverted tetrahedra": ("tet10_pushed", "tet10_upper", [], "or an element is inverted"),
+    "hexahedra on tetrahedra": ("tet4_lower", "hex8_upper", [], "elements of the same kind and"),
+    "two orders": ("hex20_lower", "hex8_upper", [], "elements of the same kind and order"),
+    "a gap": ("hex8_lower", "hex8_upper", [('"upper below"', '"upper above"')],
+              r"12 of its 12 pressed nodes do not overlap with 'lower above'; the farthest, at"),
+    "no friction": ("tet4_lower", "tet4_upper", [("friction = 0.3", "friction = 0.0")],
+                    "body with the region 'upper' is left unsupported"),
+    "no support": ("hex8_lower", "hex8_upper", [('["lower left"]', "[]")],
+                   "body with the region 'lower' is left unsupported"),
+    "one face, two joints": ("tet10_lower", "tet10_twice", [("[damping]", JOINT.format("sole"))],
+                             "joint 'sole' overlaps joint 'upper below'"),
+    "one face, a joint and a support": (
+        "tet10_lower", "tet10_twice", [('["lower left"]', '["sole", "lower left"]')],
+        "'upper below': 49 of its nodes are supported"),
+    "one face on two things": ("hex8_lower", "hex8_upper",
+                               [("[damping]", JOINT.format("lower above"))],
+                               "joint 'lower above': it lies on a part of joint 'upper"),
+    "a side of no element": ("hex8_lower", "hex8_upper", [('"upper right"', '"upper rihgt"')],
+                             "did you mean 'upper right'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(
+    tmp_path: Path, wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lower, upper, changes, told = WRONG[wrong]
+    files = {file.stem: file.read_text() for file in FILES.iterdir()}
+    for kind in ("hex8", "tet10"):  # a corner is pushed through the elements beside it
+        head, nodes = files[f"{kind}_lower"].split("$Nodes")
+        files[f"{kind}_pushed"] = f"{head}$Nodes" + nodes.replace("\n0.1 0 0.01\n", "\n0 .03 .02\n")
+    text = files["tet10_upper"]  # its lower side has a second name
+    for old, new in (
+        ("\n8\n", "\n9\n"),
+        ("\n3 1 ", '\n2 9 "sole"\n3 1 '),
+        (" 1 6 4 ", " 2 6 9 4 "),
+    ):
+        text = text.replace(old, new, 1)
+    files["tet10_twice"] = text
+    for name in (lower, upper):
+        (tmp_path / f"{name}.msh").write_text(files[name])
+    scene = SCENE.format(folder=".", kind="hex8")
+    scene = scene.replace("hex8_lower", lower).replace("hex8_upper", upper)
+    for old, new in changes:
+        scene = scene.replace(old, new, 1)
+    path = tmp_path / "scene.toml"
+    path.write_text(scene)
+    assert main(["check", str(path)]) == 2
+    printed, said = capsys.readouterr()
+    assert printed == ""
+    assert said.startswith(f"skfem-joint: {path}: ")
+    assert re.search(told, said)
+    assert "Traceback" not in said

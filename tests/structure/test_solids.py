@@ -1,0 +1,210 @@
+"""Solids against what they must agree with: the strut, plates, beams, balances of forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import (
+    DENSITY,
+    ELEMENTS,
+    MU,
+    PLANE,
+    SOLID,
+    E,
+    block,
+    distorted,
+    mapped,
+    pressed,
+    structure,
+)
+from scipy.sparse.linalg import eigsh, spsolve
+
+from skfem_joint.analysis.history import compare
+from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate, merged
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.structure import Load, Material, Structure
+
+KINDS: Any = ["hexahedron", "tetrahedron"]
+
+
+def slanted(body: NamedMesh, lean: float = 0.3) -> NamedMesh:
+    """The same body distorted inside and within its flat sides, which lean over."""
+
+    def moved(p: np.ndarray) -> np.ndarray:
+        q, size = p.copy(), np.ptp(p, axis=1)
+        for i in range(len(p)):
+            waves = [np.sin(np.pi * p[k] / size[k] * (2 if k == i else 1)) for k in range(len(p))]
+            beside = [0.5 + 0.5 * wave for k, wave in enumerate(waves) if k != i]
+            q[i] += 0.06 * size[i] * waves[i] * np.prod(beside, axis=0)
+        q[0] += lean * p[-1]
+        return q
+
+    return mapped(distorted(body), moved)
+
+
+@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
+def test_only_rigid_motions_strain_nothing(shape: str, order: int) -> None:
+    """No element has a motion of its own that its quadrature does not feel."""
+    some = structure(slanted(block(shape, order, 1, (0.4, 0.3, 0.2))), fixed=(), free=True)
+    values = np.linalg.eigvalsh(some.matrices()[1].toarray())
+    rigid = some.dim * (some.dim + 1) // 2
+    assert np.abs(values[:rigid]).max() < 1e-12 * values[-1]
+    assert values[rigid] > 1e-4 * values[-1]
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_an_even_pressure_goes_through_closed_contact_evenly(shape: str, order: int) -> None:
+    """Weakly: a linear motion meets nodal forces with the work that it meets the pressure with.
+
+    Quadratic shape functions would give the vertices of a ten-node tetrahedron no force at all.
+    """
+    p, body = 3e6, slanted(block(shape, order, 3, (0.4, 0.3, 0.2)), 0.0)
+    no_contraction = Material(E, DENSITY, 0.0)
+    some = structure(body, [pressed("base", pressure=p)], fixed=(), material=no_contraction)
+    (patch,) = some.patches
+    part = some.facet_basis(body.boundaries["base"])
+    linear = np.array([np.ones_like(part.dx), *np.asarray(part.global_coordinates())])
+    exact = p * np.einsum("ifq,fq->i", linear, part.dx) * some.across[0]
+    at_nodes = np.vstack([np.ones(patch.nodes.size), some.nodes[patch.nodes].T])
+    np.testing.assert_allclose(at_nodes @ patch.normal_force, exact, rtol=1e-12, atol=1e-9)
+    assert patch.normal_force.min() > 0.0
+    # The same pressure on the other side strains all of the body alike.
+    system = some.system([Load("top", Harmonic(p, 1.0), quantity="pressure")], [])
+    u = np.zeros_like(some.nodes)
+    u[:, -1] = -p / E * some.nodes[:, -1]
+    (load,) = system.loads
+    force = load.amplitude.amplitude * load.vector
+    found = system.K @ (some.arrangement.inverse @ u.ravel())
+    np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "elements"),
+    [("triangle", 16), ("quadrilateral", 10), ("tetrahedron", 12), ("hexahedron", 10)],
+)
+def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind: Any, elements: int) -> None:
+    """Euler and Bernoulli's, of second order, distorted, one element across: within 0.5 %."""
+    if kind in KINDS:
+        body = build_box([("beam", 1.0, elements)], (0.02, 0.03), (1, 1), kind=kind, order=2)
+        depths = np.array([0.02, 0.03])
+    else:
+        body = build_plate([("beam", 1.0, elements)], 0.02, 1, kind=kind, order=2)
+        depths = np.array([0.02])
+    body = mapped(
+        body,
+        lambda p: np.vstack(
+            [p[0] + 0.02 * np.sin(np.pi * p[0]) * np.sin(40 * p[0] + 90 * p[1]), p[1:]]
+        ),
+    )
+    system = structure(body, material=Material(E, DENSITY, 0.0)).system()
+    squares = eigsh(system.K, depths.size, system.M, sigma=0.0, return_eigenvectors=False)
+    beam = 1.8751041**2 * depths * np.sqrt(E / DENSITY / 12.0)
+    np.testing.assert_allclose(np.sort(np.sqrt(squares)), beam, rtol=5e-3)
+
+
+LENGTH, WIDE, THIN, PRESSURE = 0.25, 0.01, 1e-3, 0.8e6
+#: Nearly what the joint can hold.
+PULL = Harmonic(0.9 * MU * PRESSURE * LENGTH * WIDE, 1000.0)
+JOINT = pressed(pressure=PRESSURE)
+
+
+def cycle(some: Structure, *direction: float, steps: int = 40) -> Run:
+    """The first period of a pull at the right end, from rest."""
+    system = some.system([Load("right", PULL, direction or None)], [])
+    return integrate(system, cycles=1, steps_per_cycle=steps)
+
+
+def alike(one: Run, other: Run, within: float) -> None:
+    errors = compare(one, other)
+    assert one.friction_work.sum() > 0.05 * np.abs(one.input_work).sum()
+    assert errors.displacement_max < within
+    assert abs(errors.friction_energy or 1.0) < within
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_pulled_along_itself_without_contraction_a_solid_is_the_strut(
+    kind: Any, order: int
+) -> None:
+    """Within 0.1 % in displacement and friction energy; thin, as the strut has no shear."""
+    common = {"stiffness_damping": 1e-5, "material": Material(E, DENSITY, 0.0)}
+    bar = build_bar([("joint", LENGTH, 200)], {"left": 0.0, "right": LENGTH})
+    strut = structure(bar, [JOINT], width=WIDE, thickness=THIN, **common)
+    body = build_box([("all", LENGTH, 40 // order)], (WIDE, THIN), (1, 1), kind=kind, order=order)
+    solid = structure(body, [replace(JOINT, on="front")], **common)
+    alike(cycle(strut), cycle(solid, 1.0, 0.0, 0.0), 1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind: Any) -> None:
+    """Plane stress; pulled askew, it slips in two directions: within 0.5 %."""
+    flat: Any = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}[kind]
+    plate = build_plate([("joint", LENGTH, 12)], WIDE, 2, kind=flat, order=2)
+    box = build_box([("all", LENGTH, 12)], (WIDE, THIN), (2, 1), kind=kind, order=2)
+    in_plan = structure(plate, [JOINT], thickness=THIN, stiffness_damping=1e-5)
+    solid = structure(box, [replace(JOINT, on="front")], stiffness_damping=1e-5)
+    alike(cycle(in_plan, 1.0, 0.1), cycle(solid, 1.0, 0.1, 0.0), 5e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_solid_held_across_its_width_is_the_plate_from_the_side(kind: Any) -> None:
+    """Plane strain, ten times as thick, on its edge: within 0.5 %."""
+    flat: Any = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}[kind]
+    plate = build_plate([("all", LENGTH, 20)], 10 * THIN, 2, kind=flat, order=2)
+    box = build_box([("all", LENGTH, 20)], (WIDE, 10 * THIN), (1, 2), kind=kind, order=2)
+    from_the_side = structure(
+        plate, [replace(JOINT, on="bottom")], thickness=WIDE, plane="strain",
+        stiffness_damping=1e-5,
+    )  # fmt: skip
+    solid = structure(
+        box, [replace(JOINT, on="front")], fixed_y=["bottom", "top"], stiffness_damping=1e-5
+    )
+    alike(cycle(from_the_side, 1.0, 0.05), cycle(solid, 1.0, 0.0, 0.05), 5e-3)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_faces_that_do_not_match_action_is_reaction_energy_is_kept_and_what_sticks_rests(
+    kind: Any, order: int
+) -> None:
+    """Forces and moments of the whole contact, closed and rubbing, to 1e-9; Coulomb friction."""
+    lower, upper = (
+        build_box([(f"{name} joint", 0.1, n), (f"{name} rest", 0.1, 2)], (0.04, 0.02), (n - 1, 1),
+                  origin=(0.0, 0.0, z), kind=kind, order=order, prefix=f"{name} ",
+                  boundaries={f"{name} face": (side, f"{name} joint"), f"{name} end": "right"})
+        for name, n, z, side in (("lower", 3, 0.0, "back"), ("upper", 4, 0.02, "front"))
+    )  # fmt: skip
+    joint = pressed("upper face", against="lower face", beta=np.inf)
+    some = structure(merged([lower, upper]), [joint], ["lower end"], stiffness_damping=1e-6)
+    loads = [Load("upper end", Harmonic(12e3, 800.0), (1.0, 0.3, 0.0))]
+    system = some.system(loads, [])
+    run = integrate(system, cycles=1, steps_per_cycle=60, save=Save(fields=True))
+    assert run.energy_residual < 1e-11
+    slip = system.slip_norm((system.B @ run.v.T).T)
+    stuck = system.slip_norm(run.sigma) < 1.0 - 1e-9
+    np.testing.assert_array_equal(slip[stuck], 0.0)
+    assert 0.05 < (~stuck[1:]).mean() < 0.95
+    # All that elasticity, inertia and loads leave over is what acts in the contact.
+    k = int((~stuck).sum(axis=1).argmax())
+    u, v, t = run.u[k], run.v[k], run.field_times[k]
+    force = system.load_vectors() @ system.load_amplitudes(np.array([t]))[:, 0]
+    rubbed = system.B.T @ (system.on_rows(system.w) * run.sigma[k])
+    a = spsolve(system.M.tocsc(), force - rubbed - system.C @ v - system.K @ u)
+    M, K = some.matrices()
+    full = [some.T @ one for one in (u, v, a)]
+    on_nodes = some.even_shares("upper end")[:, None] * loads[0].unit(3)
+    outer = on_nodes.ravel() * loads[0].amplitude(np.array([t]))[0]
+    left = M @ full[2] + K @ (full[0] + some.stiffness_damping * full[1]) - outer
+    left = left.reshape(-1, 3)
+    left[some.held.any(axis=1)] = 0.0
+    upper_force = left[some.body == some.body[some.patches[0].nodes[0]]].sum(axis=0)
+    size = np.abs(left).sum()
+    assert np.linalg.norm(upper_force) > 0.01 * size
+    np.testing.assert_allclose(left.sum(axis=0), 0.0, atol=1e-9 * size)
+    moment = np.cross(some.nodes, left).sum(axis=0)
+    np.testing.assert_allclose(moment, 0.0, atol=1e-9 * size * np.abs(some.nodes).max())
