@@ -25,6 +25,7 @@ from skfem_joint.structure import checks
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
+from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     Arrangement,
@@ -103,6 +104,8 @@ class Structure(Nodes):
     fixed, fixed_x, fixed_y, fixed_z : sequence of str
         Regions, boundaries and points that are held in all directions or in one.
     joints : sequence of Joint
+    bolts : sequence of Clamp
+        That press the joints with ``pressure = "preload"``.
     stiffness_damping, mass_damping : float
         C = stiffness_damping K + mass_damping M, in s and 1/s.
     damping_ratio : float, optional
@@ -130,6 +133,7 @@ class Structure(Nodes):
     fixed_y: Sequence[str] = ()
     fixed_z: Sequence[str] = ()
     joints: Sequence[Joint] = ()
+    bolts: Sequence[Clamp] = ()
     stiffness_damping: float = 0.0
     mass_damping: float = 0.0
     damping_ratio: float | None = None
@@ -140,9 +144,9 @@ class Structure(Nodes):
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, NamedMesh):
             object.__setattr__(self, "mesh", named(self.mesh))
-        for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints"):
+        for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if problems := checks.problems_of(self):
+        if problems := checks.problems_of(self) or [*clamp_problems(self)]:
             raise InputError(problems)
         if not self.free and (bodies := checks.loose_bodies(self)):
             problems = [
@@ -222,15 +226,23 @@ class Structure(Nodes):
         return held
 
     @cached_property
+    def preload(self) -> Preload | None:
+        """What clamping bolts do at rest; None without."""
+        return preload(self) if self.bolts else None
+
+    @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Contact points of each joint."""
         problems: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         p = self.properties
-        for joint in self.joints:
+        pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
+        for joint, by_bolts in zip(self.joints, pressed, strict=True):
             try:
-                patch = make_patch(self, joint, self.held, p["width"], p["thickness"], numbering)
+                patch = make_patch(
+                    self, joint, self.held, p["width"], p["thickness"], numbering, by_bolts
+                )
                 check_shared(self, patches, patch)
                 patches.append(patch)
             except InputError as error:
