@@ -86,7 +86,7 @@ class Contact:
     def none(n: int) -> Contact:
         """No contact for matrices of ``n`` unknowns."""
         empty, rows = np.zeros(0), sparse.csr_array((0, n))
-        return Contact(rows, empty, empty, np.zeros(0, dtype=np.int64), rows)
+        return Contact(rows, empty, empty, np.zeros(0, np.int64), rows, np.zeros(0, np.intp))
 
     def without(self, fixed: IntArray) -> Contact:
         """Same contact where some unknowns are fixed: what a support holds does not slip."""

@@ -294,6 +294,7 @@ def loose_bodies(structure: Structure, friction: bool = True) -> list[str]:
         if friction and patch.joint.friction > 0.0:
             held = np.einsum("kdc,kcm->kdm", patch.directions, relative)
             rows.append(held.reshape(-1, motions.shape[2]))
+    rows.append(structure.cuts.held @ motions.reshape(-1, motions.shape[2]))
     loose = np.abs(left_loose(rows))
     moving = loose.reshape(structure.mesh.body.max() + 1, -1).max(axis=1, initial=0.0) > 1e-6
     return [body_label(structure.mesh, body) for body in np.flatnonzero(moving).tolist()]

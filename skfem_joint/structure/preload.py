@@ -16,7 +16,7 @@ touch is found by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +30,7 @@ from skfem_joint.structure.contact import along
 from skfem_joint.structure.location import feet, interpolation
 from skfem_joint.structure.patch import PRELOAD, Joint, Pressed, manifold_of, unit_vectors
 from skfem_joint.structure.pressure import hat_simplices, measure
-from skfem_joint.unknowns import selection
+from skfem_joint.unknowns import Contact, selection
 
 if TYPE_CHECKING:
     from skfem_joint.structure.structure import Structure
@@ -208,6 +208,36 @@ def _clamping(structure: Structure, bolt: Clamp, where: str) -> FloatArray:
             )
     signed = sum(sign * share for sign, share in zip((1.0, -1.0), shares, strict=False))
     return np.asarray(bolt.force * np.outer(signed, e))
+
+
+def cuts(structure: Structure) -> Contact:
+    """Rows that hold both faces of each cut shank on each other, after they were pulled together.
+
+    Raises
+    ------
+    InputError
+        If the faces of a cut do not lie on each other.
+    """
+    dim, n = structure.dim, structure.n_nodes
+    found = Contact.none(dim * n)
+    for number, bolt in enumerate(structure.bolts):
+        if bolt.shank is None:
+            continue
+        one, two = bolt.shank
+        nodes = structure.nodes_of(one)
+        values, apart = interpolation(structure, two, structure.nodes[nodes])
+        if apart.any():
+            raise InputError(
+                f"bolt[{number}].shank: {np.count_nonzero(apart)} of {nodes.size} nodes of {one!r} "
+                f"do not lie on {two!r}, the farthest by {apart.max():.3g} m; both must be the "
+                "faces of one cut"
+            )
+        moves = np.flatnonzero(~structure.held[nodes].ravel())
+        rows = sparse.kron(selection(nodes, n) - values, sparse.eye_array(dim), "csr")
+        pivots = (dim * nodes[:, np.newaxis] + np.arange(dim)).ravel()
+        tied = replace(Contact.none(dim * n), held=rows[moves], pivots=pivots[moves])
+        found = found + tied
+    return found
 
 
 def _moving(structure: Structure, G: Matrix, area: FloatArray, force: FloatArray) -> BoolArray:

@@ -25,7 +25,7 @@ from skfem_joint.structure import checks
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
-from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, preload
+from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     Arrangement,
@@ -253,7 +253,12 @@ class Structure(Nodes):
 
     @cached_property
     def _contact(self) -> Contact:
-        return contact_rows(self.patches, self.held)
+        return contact_rows(self.patches, self.held) + self.cuts
+
+    @cached_property
+    def cuts(self) -> Contact:
+        """Rows that hold cut shanks together."""
+        return cuts(self)
 
     @cached_property
     def arrangement(self) -> Arrangement:
