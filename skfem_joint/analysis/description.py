@@ -141,19 +141,21 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
-    static, dynamic, amplified, followed = _forces(scene, system, held, stuck)
+    vibration = _forces(scene, system, held, stuck)
+    static, dynamic, amplified = vibration.static, vibration.dynamic, vibration.amplified
     if not system.loads or not np.any(static):
         return
     if not held.size:
         _displaced(structure, system, _solve(system, static, no_unknowns), found)
         return
+    _normal(scene, structure, vibration, found)
     to = arranged(system)
     path = QuasiStatic(to.system, _TOLERANCE)
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
-        level = first_slip(path, force, to.inner(followed), True)
+        level = first_slip(path, force, to.inner(vibration.follows @ vibration.most), True)
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),
@@ -169,6 +171,44 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
         found.doubts.append(
             f"The loads with what they set in motion come to {share:.3g} times what the joints can "
             "hold by friction: a joint slips as a whole."
+        )
+
+
+def _normal(
+    scene: Scene, structure: AnyStructure, vibration: _Vibration, found: Description
+) -> None:
+    """Add by how much the vibration of the stuck structure changes the normal forces."""
+    acts = structure.reactions(scene.loads())
+    if acts is None:
+        return
+    # Reactions of single nodes are no pressures: sums over a node and those beside it are.
+    node = acts.dof // structure.dim if isinstance(structure, Structure) else acts.dof
+    corners = [patch.cells for patch in structure.patches if patch.normal is not None]
+    cells = np.vstack(corners) if corners[0].size else np.zeros((0, 2), np.intp)
+    entries = np.ones(cells.size), (np.repeat(np.arange(len(cells)), cells.shape[1]), cells.ravel())
+    of_cell = sparse.csr_array(entries, shape=(len(cells), structure.n_nodes))[:, node]
+    beside = sparse.csr_array(of_cell.T @ of_cell + sparse.eye_array(node.size)) > 0.0
+    force = vibration.inertia
+    change = acts.K @ vibration.follows
+    change -= np.hstack([acts.F, acts.M @ force])
+    change = beside.astype(float) @ change
+    pressed = beside.astype(float) @ acts.force
+    most = np.zeros(node.size)
+    for some in np.array_split(vibration.history, 1 + vibration.history.shape[1] // 256, axis=1):
+        np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
+    share = most / pressed
+    worst = int(share.argmax())
+    joint = next(p.joint.name for p in structure.patches if node[worst] in p.nodes)
+    found.values["normal_force_change"] = float(share[worst])
+    text = (
+        f"{100.0 * share[worst]:.3g} % of what presses it, most in joint {joint} around "
+        f"{structure.spot(int(acts.dof[worst]))}"
+    )
+    found.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
+    if share[worst] > LARGE:
+        found.doubts.append(
+            f"Vibration of the stuck structure would change the normal force by {text}: that it "
+            "stays as the clamping makes it, which all models assume, is doubtful there."
         )
 
 
@@ -205,13 +245,23 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, found: De
         )
 
 
+@dataclass(frozen=True)
+class _Vibration:
+    """What the stuck structure does under its loads."""
+
+    static: FloatArray  #: (n,), N, loads at the time at which they strain most
+    dynamic: FloatArray  #: (n,), N, loads with inertia, at theirs
+    amplified: float | None  #: how much more the second strain, root of energy; None: nothing does
+    follows: FloatArray  #: (n, k), what it moves by under unit loads at rest, and its modes
+    inertia: FloatArray  #: (n, modes), deceleration of each mode, m/s2
+    history: FloatArray  #: (k, times), of what follows
+    most: FloatArray  #: (k,), of the history, at the time of the largest strain
+
+
 def _forces(
     scene: Scene, system: System, held: Any, modes: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray, float | None, FloatArray]:
-    """Loads, and loads with inertia, (n,), N, at the times at which they strain most while stuck.
-
-    Also how much more the second strain (root of energy; None: nothing strains), and by what.
-    """
+) -> _Vibration:
+    """Vibration of the stuck structure, from rest."""
     F, frequency, shapes = system.load_vectors(), *modes
     steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
     h = scene.time_step
@@ -232,9 +282,10 @@ def _forces(
     first, then = (at_rest, energy) if strains else 2 * [(amplitudes**2).sum(axis=0)]
     most = x[:, int(then.argmax())]
     static = F @ amplitudes[:, int(first.argmax())]
-    dynamic = F @ most[:k] + system.M @ (shapes @ (omega**2 * most[k:]))
+    inertia = shapes * omega**2
+    dynamic = F @ most[:k] + system.M @ (inertia @ most[k:])
     amplified = float(np.sqrt(energy.max() / at_rest.max())) if strains else None
-    return static, dynamic, amplified, both @ most
+    return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 
 def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:

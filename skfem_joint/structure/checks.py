@@ -20,7 +20,8 @@ from skfem_joint.structure.pressure import PressureTable
 
 if TYPE_CHECKING:
     from skfem_joint.structure import AnyStructure
-    from skfem_joint.structure.structure import Load, Structure
+    from skfem_joint.structure.load import Load
+    from skfem_joint.structure.structure import Structure
     from skfem_joint.system import System
 
 _QUANTITIES = ("force", "traction", "pressure")
