@@ -24,7 +24,7 @@ from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.structure import AnyStructure, PressureTable, Structure
+from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
 
@@ -106,8 +106,31 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
             text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
         yield text
+    if isinstance(structure, Structure) and structure.preload is not None:
+        yield from _clamped(structure, structure.preload)
     for body in loose_bodies(structure, friction=False) if isinstance(structure, Structure) else ():
         yield f"Friction alone holds {body}: it may slip away, and creeps under the arctan law."
+
+
+def _clamped(structure: Structure, preload: Preload) -> Iterator[str]:
+    """Sentences about what clamping bolts do."""
+    moved = float(np.linalg.norm(preload.displacement, axis=1).max())
+    yield (
+        f"Preload by {len(structure.bolts)} bolts, at rest and without friction: contact found in "
+        f"{preload.active_sets} steps and {preload.seconds:.3g} s, largest displacement "
+        f"{moved:.4g} m."
+    )
+    for joint, pressed in zip(structure.joints, preload.joints, strict=True):
+        if pressed is not None:
+            touches, area = pressed.force > 0.0, float(pressed.area.sum())
+            touching = float(pressed.area[touches].sum())
+            peak = float((pressed.force[touches] / pressed.area[touches]).max())
+            yield (
+                f"Joint {joint.name} is pressed by {pressed.force.sum():.6g} N: {touching:.4g} of "
+                f"{area:.4g} m2 touch, {100.0 * touching / area:.3g} %; peak pressure {peak:.4g} "
+                f"Pa, mean of what touches {pressed.force.sum() / touching:.4g} Pa, largest gap "
+                f"{pressed.gap.max():.3g} m."
+            )
 
 
 def _moves(scene: Scene, structure: AnyStructure, system: System, found: Description) -> None:
@@ -181,28 +204,17 @@ def _normal(
     acts = structure.reactions(scene.loads())
     if acts is None:
         return
-    # Reactions of single nodes are no pressures: sums over a node and those beside it are.
-    node = acts.dof // structure.dim if isinstance(structure, Structure) else acts.dof
-    corners = [patch.cells for patch in structure.patches if patch.normal is not None]
-    cells = np.vstack(corners) if corners[0].size else np.zeros((0, 2), np.intp)
-    entries = np.ones(cells.size), (np.repeat(np.arange(len(cells)), cells.shape[1]), cells.ravel())
-    of_cell = sparse.csr_array(entries, shape=(len(cells), structure.n_nodes))[:, node]
-    beside = sparse.csr_array(of_cell.T @ of_cell + sparse.eye_array(node.size)) > 0.0
-    force = vibration.inertia
     change = acts.K @ vibration.follows
-    change -= np.hstack([acts.F, acts.M @ force])
-    change = beside.astype(float) @ change
-    pressed = beside.astype(float) @ acts.force
-    most = np.zeros(node.size)
+    change -= np.hstack([acts.F, acts.M @ vibration.inertia])
+    most = np.zeros(acts.force.size)
     for some in np.array_split(vibration.history, 1 + vibration.history.shape[1] // 256, axis=1):
         np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
-    share = most / pressed
+    share = most / acts.force
     worst = int(share.argmax())
-    joint = next(p.joint.name for p in structure.patches if node[worst] in p.nodes)
     found.values["normal_force_change"] = float(share[worst])
     text = (
-        f"{100.0 * share[worst]:.3g} % of what presses it, most in joint {joint} around "
-        f"{structure.spot(int(acts.dof[worst]))}"
+        f"{100.0 * share[worst]:.3g} % of what presses it, most in "
+        f"{structure.pressed_at(int(acts.dof[worst]))}"
     )
     found.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
     if share[worst] > LARGE:

@@ -10,6 +10,7 @@ from skfem_joint.structure.matrices import MatrixModel as MatrixModel
 from skfem_joint.structure.patch import Joint as Joint
 from skfem_joint.structure.patch import Patch as Patch
 from skfem_joint.structure.preload import Clamp as Clamp
+from skfem_joint.structure.preload import Preload as Preload
 from skfem_joint.structure.pressure import PressureTable as PressureTable
 from skfem_joint.structure.structure import Material as Material
 from skfem_joint.structure.structure import Structure as Structure

@@ -80,7 +80,11 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
 
 @dataclass(frozen=True)
 class Reactions:
-    """Change of normal forces, ``K u + M a - F f``, where contact is closed and pressed."""
+    """Change of normal forces, ``K u + M a - F f``, where contact is closed and pressed.
+
+    Sums over a node and those beside it: of elements of second order the reactions of single nodes
+    are no pressures.
+    """
 
     K: Matrix  #: (k, n), N/m
     M: Matrix  #: (k, n), kg
@@ -90,19 +94,33 @@ class Reactions:
 
 
 def reactions(
-    rows: Contact, fixed: IntArray, M: Matrix, K: Matrix, T: Matrix, F: FloatArray
+    rows: Contact,
+    fixed: IntArray,
+    matrices: Sequence[Matrix],
+    T: Matrix,
+    F: FloatArray,
+    cells: IntArray | None = None,
 ) -> Reactions:
-    """Work of all forces on a unit gap of each closed contact, of matrices (N, N) and loads (N, k).
+    """Work of all forces on a unit gap of each closed contact, while slips stay as they are.
 
-    Slips and displacements that are unknowns stay as they are. ``u = T q`` are the displacements.
+    ``matrices`` M and K (N, N) and loads F (N, k) are of all displacements, ``u = T q``; those
+    beside each other are dofs of a cell, (cells, corners).
     """
+    M, K = matrices
     n, h = K.shape[0], rows.held.shape[0]
     every = sparse.vstack([rows.held, rows.B])
     opened = change_of_unknowns(n, fixed, sparse.csr_array((0, n)), every, rows.pivots)
     pressed = np.flatnonzero(rows.normal_force > 0.0)
     gaps = sparse.csr_array(opened.forward.tocsc()[:, opened.slips[:h][pressed]].T)
     dof = abs(gaps).argmax(axis=1) if rows.pivots is None else rows.pivots[pressed]
-    return Reactions(gaps @ K @ T, gaps @ M @ T, gaps @ F, rows.normal_force[pressed], dof)
+    force = rows.normal_force[pressed]
+    if cells is not None:
+        count = np.repeat(np.arange(len(cells)), cells.shape[1])
+        inside = sparse.csr_array((np.ones(cells.size), (count, cells.ravel())), (len(cells), n))
+        beside = sparse.csr_array(inside[:, dof].T @ inside[:, dof])
+        beside.data[:] = 1.0
+        gaps, force = beside @ gaps, beside @ force
+    return Reactions(gaps @ K @ T, gaps @ M @ T, gaps @ F, force, dof)
 
 
 def along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:

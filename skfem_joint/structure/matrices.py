@@ -264,7 +264,12 @@ class MatrixModel:
         if self.contact is None or not self.contact.normal_force.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
-        return reactions(self.contact, self.fixed, self.M, self.K, self._unloaded.T, F)
+        return reactions(self.contact, self.fixed, (self.M, self.K), self._unloaded.T, F)
+
+    def pressed_at(self, dof: int) -> str:
+        """Joint of a degree of freedom that closed contact determines."""
+        names = [j.name for j in self.joints if np.any(self.contacts[j.on][:, :6] == dof)]
+        return f"joint {names[0]} at {self.spot(dof)}"
 
     def _wrong_loads(self, loads: Sequence[Load]) -> Iterator[str]:
         for load in loads:

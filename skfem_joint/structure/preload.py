@@ -15,6 +15,7 @@ touch is found by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -85,6 +86,7 @@ class Preload:
     force: FloatArray  #: (N, dim), clamp forces, N
     joints: tuple[Pressed | None, ...]  #: of each joint; None where its pressure is given
     active_sets: int  #: sets of touching nodes that were tried
+    seconds: float  #: time that it took, s
 
 
 def clamp_problems(structure: Structure) -> Iterator[str]:
@@ -157,7 +159,7 @@ def preload(structure: Structure) -> Preload:
     ConvergenceError
         If the touching nodes are not found.
     """
-    _, K = structure.matrices()
+    begin, (_, K) = time.perf_counter(), structure.matrices()
     force = np.zeros((structure.n_nodes, structure.dim))
     for number, bolt in enumerate(structure.bolts):
         force += _clamping(structure, bolt, f"bolt[{number}]")
@@ -180,7 +182,7 @@ def preload(structure: Structure) -> Preload:
     for i, face, pressure, opening, touches in parts:
         if face.joint.pressure == PRELOAD:
             found[i] = face.pressed(structure, pressure, opening, touches)
-    return Preload(u.reshape(force.shape), force, tuple(found), count)
+    return Preload(u.reshape(force.shape), force, tuple(found), count, time.perf_counter() - begin)
 
 
 def _clamping(structure: Structure, bolt: Clamp, where: str) -> FloatArray:

@@ -385,11 +385,23 @@ class Structure(Nodes):
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces; None where no contact is closed."""
-        if not self._contact.normal_force.any():
+        rows = self._contact
+        if rows.pivots is None or not rows.normal_force.any():
             return None
         M, K = self.matrices()
         F = np.stack([acting(self, load, M)[0] for load in loads], axis=1)
-        return reactions(self._contact, np.flatnonzero(self.held), M, K, self.T, F)
+        cells = np.vstack([patch.cells for patch in self.patches if patch.normal is not None])
+        # Of each node the degree of freedom that closed contact determines.
+        dof = np.arange(self.n_nodes) * self.dim
+        determined = rows.pivots[: rows.held.shape[0]]
+        dof[determined // self.dim] = determined
+        fixed = np.flatnonzero(self.held)
+        return reactions(rows, fixed, (M, K), self.T, F, dof[cells])
+
+    def pressed_at(self, dof: int) -> str:
+        """Joint and node of a degree of freedom that closed contact determines."""
+        names = [p.joint.name for p in self.patches if dof // self.dim in p.nodes]
+        return f"joint {names[0]} around {self.spot(dof)}"
 
     @property
     def free_points(self) -> tuple[str, ...]:

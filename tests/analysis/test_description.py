@@ -75,8 +75,12 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law: str) -> None:
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_sound_scenes_raise_no_doubt(path: Path) -> None:
+    """But where plates lapped on each other are bent, which changes the pressure between them."""
     scene = load_scene(path)
-    assert [one for one in said(scene) if one not in scene.system().notes] == []
+    found = [one for one in said(scene) if one not in scene.system().notes]
+    bent = [one for one in found if "change the normal force by" in one]
+    assert len(bent) == path.stem.startswith("solid_lap_joint")
+    assert found == bent
 
 
 @pytest.mark.parametrize(
