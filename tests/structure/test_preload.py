@@ -29,13 +29,9 @@ def at(body: NamedMesh, prefix: str, *shift: float) -> NamedMesh:
 
 def stacked(shape: str, order: int, upper: int = 2, lower: int = 2) -> NamedMesh:
     """Two unit blocks on each other."""
-    first, dim = block(shape, order, upper), block(shape).mesh.dim()
-    return merged(
-        [
-            at(first, "u_", *[0.0] * (dim - 1), 1.0),
-            at(block(shape, order, lower), "l_", *[0.0] * dim),
-        ]
-    )
+    first, second = block(shape, order, upper), block(shape, order, lower)
+    origin = [0.0] * first.mesh.dim()
+    return merged([at(first, "u_", *origin[1:], 1.0), at(second, "l_", *origin)])
 
 
 def clamped(mesh: NamedMesh, joints: Any = (JOINT,), bolts: Any = (BOLT,), **how: Any) -> Structure:
@@ -55,7 +51,8 @@ def pressure(structure: Structure) -> tuple[Any, Any, Any]:
 def contact_forces(structure: Structure) -> Any:
     """What contact does to each node, (N, dim), N, and the whole force of the joint."""
     found = structure.preload
-    assert found is not None and found.joints[0] is not None
+    assert found is not None
+    assert found.joints[0] is not None
     inner = structure.matrices()[1] @ found.displacement.ravel()
     return inner.reshape(found.force.shape) - found.force, found.joints[0].force.sum()
 
