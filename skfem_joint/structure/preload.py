@@ -287,7 +287,7 @@ class _Face:
         if normals is None:
             return None
         corners, gather, parent = hat_simplices(structure.nodes, cells)
-        places, weights = _quadrature(corners.shape[1], structure.mesh.order)
+        places, weights = _quadrature(corners.shape[1])
         x = np.einsum("qc,ncd->nqd", places, corners).reshape(-1, dim)
         points, count = np.arange(len(x)).reshape(len(corners), -1), corners.shape[1]
         corner = np.arange(corners.shape[0] * count).reshape(len(corners), 1, count)
@@ -335,12 +335,15 @@ class _Face:
         return Pressed(force, area, opening, other)
 
 
-def _quadrature(corners: int, order: int) -> tuple[FloatArray, FloatArray]:
-    """Places (points, corners) in a segment or triangle, and weights that sum to 1."""
+def _quadrature(corners: int) -> tuple[FloatArray, FloatArray]:
+    """Places (points, corners) in a segment or triangle, and weights that sum to 1.
+
+    Exact for hats times the shapes of a quadrilateral of second order.
+    """
     from skfem.quadrature import get_quadrature
     from skfem.refdom import RefLine, RefTri
 
-    x, weights = get_quadrature(RefLine if corners == 2 else RefTri, 2 * order + 3)
+    x, weights = get_quadrature(RefLine if corners == 2 else RefTri, 5)
     return np.vstack([1.0 - x.sum(axis=0), x]).T, weights / weights.sum()
 
 
