@@ -51,7 +51,11 @@ def interpolation(
 
 def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> FloatArray:
     """Points (k, dim) of a region or boundary nearest to some, NaN where none is within reach."""
-    return _elements_at(grid, name, points, reach)[2]
+    found = _elements_at(grid, name, points)[2]
+    far = np.isnan(found).any(axis=1)
+    if far.any():
+        found[far] = _elements_at(grid, name, points[far], reach)[2]
+    return found
 
 
 def _elements_at(
