@@ -267,7 +267,7 @@ def _base_problems(load: Load, dim: int) -> Iterator[str]:
         yield from _one_of(f"{load.label}: base", str(load.base), "xyz"[:dim])
 
 
-def rigid_motions(structure: Structure) -> FloatArray:
+def body_motions(structure: Structure) -> FloatArray:
     """Rigid motions of each body, (N, dim, motions): translations, then turns."""
     d, bodies = structure.dim, int(structure.mesh.body.max()) + 1
     turns = list(combinations(range(d), 2))
@@ -286,7 +286,7 @@ def rigid_motions(structure: Structure) -> FloatArray:
 
 def loose_bodies(structure: Structure, friction: bool = True) -> list[str]:
     """Bodies left with a rigid motion by supports, closed contact and ``friction``, in words."""
-    motions = rigid_motions(structure)
+    motions = body_motions(structure)
     rows = [motions[structure.held]]
     for patch in structure.patches:
         relative = np.moveaxis(patch.relative(np.moveaxis(motions, 2, 0)), 0, -1)

@@ -26,7 +26,13 @@ from scipy import linalg, sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised
-from skfem_joint.structure.checks import body_label, left_loose, positive, rigid_motions, wrong_name
+from skfem_joint.structure.checks import (
+    body_label,
+    body_motions,
+    left_loose,
+    positive,
+    wrong_name,
+)
 from skfem_joint.structure.contact import along
 from skfem_joint.structure.location import feet, interpolation
 from skfem_joint.structure.patch import PRELOAD, Joint, Pressed, manifold_of, unit_vectors
@@ -251,7 +257,7 @@ def _moving(structure: Structure, G: Matrix, area: FloatArray, force: FloatArray
     Supports hold the others, and as many more as rigid motions are left by supports and closed
     contact: a statically determinate support, which a load in equilibrium gives no reaction.
     """
-    motions = rigid_motions(structure)
+    motions = body_motions(structure)
     flat = motions.reshape(force.size, -1)
     loose = left_loose([motions[structure.held], (G @ flat) / area[:, np.newaxis]])
     free = ~structure.held.ravel()
