@@ -123,7 +123,7 @@ def clamp_problems(structure: Structure) -> Iterator[str]:
         problems = []
         for key, name in bolt.surfaces:
             problems += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
-        yield from problems or _off_path(structure, bolt, where, pressed)
+        yield from problems or (_off_path(structure, bolt, where, pressed) if pressed else ())
 
 
 def _off_path(
