@@ -76,7 +76,7 @@ def bolted_plates(found: dict[str, Any]) -> Any:
 FIGURES: dict[str, Callable[[dict[str, Any]], Any]] = {
     one.__name__: one for one in (lap_joint, reduced_structure, own_basis, bolted_plates)
 }
-FIGURES |= dict.fromkeys(("damping", "sweep"), lambda found: found["figure"])
+FIGURES |= dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda found: found["figure"])
 
 
 # %% How

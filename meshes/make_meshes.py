@@ -17,7 +17,11 @@ Plates, in plan view unless it says side, with x along their length:
 Solids, with x along their length and z upwards:
 
 - ``solid_lap_joint``: two plates of 0.2 m x 0.05 m x 10 mm, of second-order hexahedra, the upper
-  one on the lower one over 0.1 m, with two bolt holes of 9 mm through both.
+  one on the lower one over 0.1 m, with two bolt holes of 9 mm through both and rings of 16 mm
+  under heads and nuts;
+- ``brake_reuss``: the Brake-Reuss beam, of second-order hexahedra: two half beams of 25.4 mm x
+  25.4 mm, 0.72 m long together, lapped over 0.12 m, with three 5/16 bolts; each half carries half
+  of each bolt (shank, washer, head), whose shanks are cut in the plane of the joint.
 
 All sizes are in metres.
 """
@@ -97,11 +101,7 @@ def plate_bolts() -> NamedMesh:
 
 def rings_around_hole(radius: float, across: int, layers: int) -> np.ndarray:
     """Vertices (2, layers + 1, around) from a circle to the square of the plate's width, closed."""
-    side = np.linspace(-1.0, 1.0, across + 1)[:-1]
-    one = np.ones(across)
-    square = 0.5 * WIDTH * np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
-    angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
+    square, circle = _square(across, 0.5 * WIDTH), _circle(across, radius)
     share = np.concatenate([[0.0], np.cumsum(1.4 ** np.arange(layers))])
     share = (share / share[-1])[:, np.newaxis, np.newaxis]
     rings = np.moveaxis((1.0 - share) * circle + share * square, 1, 0)
@@ -147,36 +147,115 @@ def two_plates_side() -> NamedMesh:
 
 def solid_lap_joint() -> NamedMesh:
     """Two solid plates lapped and bolted, one element thick; their faces match."""
-    thick, rings = 0.01, rings_around_hole(0.0045, 4, 3)
+    thick, across, washer, bolts = 0.01, 4, 0.008, (0.125, 0.175)
+    curves = [*(_circle(across, r) for r in (0.0045, 0.006, washer, 0.014))]
+    curves.append(_square(across, 0.5 * WIDTH))
+    rings = np.stack(curves, axis=1)
+    rings = np.concatenate([rings, rings[..., :1]], axis=2)
 
-    def plate(name: str, end: float, low: float) -> NamedMesh:
+    def plate(name: str, clamped: str, end: float, low: float) -> NamedMesh:
         """One plate; its end stands at ``end``, its overlap between 0.1 m and 0.2 m."""
         tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, 5)
         grids = [np.array(np.meshgrid(*tail, indexing="ij"))]
-        grids += [rings + np.array([x, 0.5 * WIDTH])[:, None, None] for x in (0.125, 0.175)]
-        positions, cells, count = [], [], 0
-        for grid in grids:
-            node = count + np.arange(grid[0].size).reshape(grid[0].shape)
-            corners = node[1:, 1:], node[1:, :-1], node[:-1, 1:], node[:-1, :-1]
-            cells.append(np.reshape(corners, (4, -1)))
-            positions.append(grid.reshape(2, -1))
-            count += grid[0].size
-        p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
-        n, flat = p.shape[1], number.ravel()[np.hstack(cells)]
-        t = np.vstack([np.stack([flat[i] + n, flat[i]]) for i in range(4)])[
-            [0, 1, 2, 4, 3, 5, 6, 7]
-        ]
-        p = np.hstack([np.vstack([p, np.full(n, z)]) for z in (low, low + thick)])
+        grids += [rings + np.array([x, 0.5 * WIDTH])[:, None, None] for x in bolts]
+        p, t = _stacked([(grid, np.array([low, low + thick])) for grid in grids])
         face = low + thick * (name == "lower")
+        back = low + thick * (name == "upper")
         boundaries = {
             f"{name}_end": lambda x: x[0] == end,
             f"{name}_contact": lambda x: (x[2] == face) & (x[0] > 0.1) & (x[0] < 0.2),
         }
+        for number, at in enumerate(bolts, 1):
+            boundaries[f"{clamped}_{number}"] = lambda x, at=at: (
+                (x[2] == back) & (np.hypot(x[0] - at, x[1] - 0.5 * WIDTH) < washer)
+            )
         regions = {name: np.arange(t.shape[1])}
-        mesh = skfem.MeshHex1(p, np.ascontiguousarray(t), sort_t=False)
+        mesh = skfem.MeshHex1(p, t, sort_t=False)
         return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
 
-    return merged([plate("upper", 0.0, thick), plate("lower", 0.3, 0.0)])
+    return merged([plate("upper", "head", 0.0, thick), plate("lower", "nut", 0.3, 0.0)])
+
+
+INCH = 0.0254
+BOLTS = (-0.03, 0.0, 0.03)
+
+
+def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
+    """Brake-Reuss beam; ``across`` elements on each quarter of a bolt, ``along`` a full part.
+
+    Sizes of the beam, washers, bolts: the model of the tutorial of Abaqus4Joints (N. Balaji). Heads
+    and nuts are round, as large as their hexagons; what sticks out of the nuts is left out.
+    """
+    half, shank, hole = 0.5 * INCH, 0.15625 * INCH, 0.00425
+    head, washer = 0.00667, 0.34375 * INCH
+    face = np.array([0.0, half])
+    above = np.array([half, half + 0.0625 * INCH, half + (0.0625 + 0.203125) * INCH])
+    whole = np.concatenate([face, above[1:]])
+    side = np.linspace(-1.0, 1.0, across + 1)
+    y = half * side
+    parts = [(np.meshgrid(x, y, indexing="ij"), face) for x in ([-0.06, -0.045], [0.045, 0.06])]
+    beam = np.linspace(0.06, 0.36, along + 1)
+    parts.append((np.meshgrid(beam, y, indexing="ij"), np.array([-half, 0.0, half])))
+    core = np.meshgrid(0.5 * shank * side, 0.5 * shank * side, indexing="ij")
+    curves = [_square(across, 0.5 * shank), *(_circle(across, r) for r in (shank, hole, head))]
+    curves += [_circle(across, washer), _square(across, 0.015, half)]
+    heights = whole, above[1:], whole, whole[:3], face
+    for x in BOLTS:
+        at = np.array([x, 0.0])[:, np.newaxis, np.newaxis]
+        parts.append((core + at, whole))
+        for inner, outer, z in zip(curves[:-1], curves[1:], heights, strict=True):
+            ring = np.stack([inner, outer], axis=1)
+            parts.append((np.concatenate([ring, ring[..., :1]], axis=2) + at, z))
+    p, t = _stacked([(np.asarray(grid), z) for grid, z in parts])
+
+    def part(name: str, turn: float) -> NamedMesh:
+        """One half; the other one is turned about y."""
+        boundaries = {
+            f"{name}_end": lambda x: np.isclose(abs(x[0]), 0.36),
+            f"{name}_face": lambda x: (
+                np.isclose(x[2], 0.0, atol=1e-9)
+                & np.all([np.hypot(x[0] - at, x[1]) > hole for at in BOLTS], axis=0)
+            ),
+        }
+        for number, at in enumerate(BOLTS, 1):
+            boundaries[f"{name}_cut_{number}"] = lambda x, at=at: (
+                np.isclose(x[2], 0.0, atol=1e-9) & (np.hypot(x[0] - at, x[1]) < shank)
+            )
+        mesh = skfem.MeshHex1(p * [[turn], [1.0], [turn]], t, sort_t=False)
+        regions = {name: np.arange(t.shape[1])}
+        return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
+
+    return merged([part("upper", 1.0), part("lower", -1.0)])
+
+
+def _square(across: int, x: float, y: float | None = None) -> np.ndarray:
+    """Positions (2, 4 across) around a rectangle of half sizes x and y."""
+    side, one = np.linspace(-1.0, 1.0, across + 1)[:-1], np.ones(across)
+    square = np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
+    return square * [[x], [x if y is None else y]]
+
+
+def _circle(across: int, radius: float) -> np.ndarray:
+    """Positions (2, 4 across) around a circle."""
+    angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
+    return radius * np.stack([np.cos(angle), np.sin(angle)])
+
+
+def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (3, n) and hexahedra (8, m) of plane grids (2, i, j) drawn through heights."""
+    positions, cells, count = [], [], 0
+    for grid, heights in parts:
+        n = grid[0].size
+        node = np.arange(n).reshape(grid[0].shape)
+        corners = [node[1:, 1:], node[1:, :-1], node[:-1, 1:], node[:-1, :-1]]
+        flat = count + np.reshape(corners, (4, -1))
+        for layer in range(len(heights) - 1):
+            pairs = [flat[i] + n * (layer + up) for i in range(4) for up in (1, 0)]
+            cells.append(np.stack(pairs)[[0, 1, 2, 4, 3, 5, 6, 7]])
+        positions += [np.vstack([grid.reshape(2, -1), np.full(n, z)]) for z in heights]
+        count += n * len(heights)
+    p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
+    return p, np.ascontiguousarray(number.ravel()[np.hstack(cells)])
 
 
 def main(folder: Path) -> None:
@@ -189,6 +268,7 @@ def main(folder: Path) -> None:
     write_mesh(two_plates(), folder / "two_plates.msh")
     write_mesh(two_plates_side(), folder / "two_plates_side.msh")
     write_mesh(solid_lap_joint(), folder / "solid_lap_joint.msh")
+    write_mesh(brake_reuss(), folder / "brake_reuss.msh")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ The house, room by room; a room uses only those above it:
              `System`: the one type of all models, ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
-structure    material, joints, pressure and bolts, the contact manifold, assembly to a `System`;
+structure    material, joints, pressure, preload, the contact manifold, assembly to a `System`;
              `contact`, `point_friction` and `MatrixModel` for matrices of one's own
 stepping     time integration: schemes, the steppers for what a system's matrices allow, recording,
              checkpoints, and whether a step is short enough
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from skfem_joint.stepping.recording import Save as Save
     from skfem_joint.structure import Bolt as Bolt
     from skfem_joint.structure import Bolts as Bolts
+    from skfem_joint.structure import Clamp as Clamp
     from skfem_joint.structure import Joint as Joint
     from skfem_joint.structure import Load as Load
     from skfem_joint.structure import Material as Material
@@ -72,7 +73,7 @@ if TYPE_CHECKING:
     from skfem_joint.system import System as System
 
 _SHAPES = "HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
-_PARTS = "Bolt Bolts Joint Load Material PressureTable Structure contact point_friction"
+_PARTS = "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact point_friction"
 _NAMES = {
     "analysis.backbone": "backbone",
     "analysis.response": "response",

@@ -53,6 +53,8 @@ class Contact:
         Rows that vanish: motion across a contact that stays closed.
     pivots : ndarray of int, shape (h + rows,), or None
         Unknown that each row determines, ``held`` first; found by a matching if not given.
+    clamped : ndarray, shape (h,), or None
+        Normal force, N, that presses each of the ``held``, 0 where it is not known.
     """
 
     B: Matrix
@@ -61,6 +63,12 @@ class Contact:
     directions: NDArray[np.int64]
     held: Matrix
     pivots: IntArray | None = None
+    clamped: FloatArray | None = None
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """``clamped``, or zeros, (h,), N."""
+        return np.zeros(self.held.shape[0]) if self.clamped is None else self.clamped
 
     def __add__(self, other: Contact) -> Contact:
         """Both contacts, this one first."""
@@ -80,13 +88,14 @@ class Contact:
             directions=np.concatenate([self.directions, other.directions]),
             held=stacked([self.held, other.held], n),
             pivots=pivots,
+            clamped=np.concatenate([self.normal_force, other.normal_force]),
         )
 
     @staticmethod
     def none(n: int) -> Contact:
         """No contact for matrices of ``n`` unknowns."""
         empty, rows = np.zeros(0), sparse.csr_array((0, n))
-        return Contact(rows, empty, empty, np.zeros(0, dtype=np.int64), rows)
+        return Contact(rows, empty, empty, np.zeros(0, np.int64), rows, np.zeros(0, np.intp))
 
     def without(self, fixed: IntArray) -> Contact:
         """Same contact where some unknowns are fixed: what a support holds does not slip."""

@@ -19,7 +19,7 @@ def run(name: str, run_name: str = "example") -> dict[str, Any]:
     return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=run_name)
 
 
-@pytest.mark.parametrize("name", [*LITERATE, "sweep"])
+@pytest.mark.parametrize("name", [*LITERATE, "brake_reuss", "sweep"])
 def test_literate_examples_are_short(name: str) -> None:
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     body = ast.parse(text).body[1:]
@@ -87,6 +87,14 @@ def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
     assert [row.number for row in found["rows"]] == list(range(25))
     assert np.abs(found["away"]).max() < 0.005
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_brake_reuss_beam_has_the_published_frequencies() -> None:
+    """Between or within 2 % of those of two finite-element models with frictionless contact."""
+    found = run("brake_reuss")
+    assert found["pressed"].force.sum() == pytest.approx(36e3, rel=1e-10)
+    pairs = zip(found["frequency"], found["PUBLISHED"], strict=False)
+    assert all(0.98 * low < one < 1.02 * high for one, (low, high) in pairs)
 
 
 def test_peaks_of_the_response_lie_where_the_structure_rings_down() -> None:

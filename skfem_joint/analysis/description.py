@@ -24,7 +24,7 @@ from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.structure import AnyStructure, PressureTable, Structure
+from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
 
@@ -106,8 +106,31 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
             text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
         yield text
+    if isinstance(structure, Structure) and structure.preload is not None:
+        yield from _clamped(structure, structure.preload)
     for body in loose_bodies(structure, friction=False) if isinstance(structure, Structure) else ():
         yield f"Friction alone holds {body}: it may slip away, and creeps under the arctan law."
+
+
+def _clamped(structure: Structure, preload: Preload) -> Iterator[str]:
+    """Sentences about what clamping bolts do."""
+    moved = float(np.linalg.norm(preload.displacement, axis=1).max())
+    yield (
+        f"Preload by {len(structure.bolts)} bolts, at rest and without friction: contact found in "
+        f"{preload.active_sets} steps and {preload.seconds:.3g} s, largest displacement "
+        f"{moved:.4g} m."
+    )
+    for joint, pressed in zip(structure.joints, preload.joints, strict=True):
+        if pressed is not None:
+            touches, area = pressed.force > 0.0, float(pressed.area.sum())
+            touching = float(pressed.area[touches].sum())
+            peak = float((pressed.force[touches] / pressed.area[touches]).max())
+            yield (
+                f"Joint {joint.name} is pressed by {pressed.force.sum():.6g} N: {touching:.4g} of "
+                f"{area:.4g} m2 touch, {100.0 * touching / area:.3g} %; peak pressure {peak:.4g} "
+                f"Pa, mean of what touches {pressed.force.sum() / touching:.4g} Pa, largest gap "
+                f"{pressed.gap.max():.3g} m."
+            )
 
 
 def _moves(scene: Scene, structure: AnyStructure, system: System, found: Description) -> None:
@@ -141,19 +164,21 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
-    static, dynamic, amplified, followed = _forces(scene, system, held, stuck)
+    vibration = _forces(scene, system, held, stuck)
+    static, dynamic, amplified = vibration.static, vibration.dynamic, vibration.amplified
     if not system.loads or not np.any(static):
         return
     if not held.size:
         _displaced(structure, system, _solve(system, static, no_unknowns), found)
         return
+    _normal(scene, structure, vibration, found)
     to = arranged(system)
     path = QuasiStatic(to.system, _TOLERANCE)
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
-        level = first_slip(path, force, to.inner(followed), True)
+        level = first_slip(path, force, to.inner(vibration.follows @ vibration.most), True)
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),
@@ -169,6 +194,33 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
         found.doubts.append(
             f"The loads with what they set in motion come to {share:.3g} times what the joints can "
             "hold by friction: a joint slips as a whole."
+        )
+
+
+def _normal(
+    scene: Scene, structure: AnyStructure, vibration: _Vibration, found: Description
+) -> None:
+    """Add by how much the vibration of the stuck structure changes the normal forces."""
+    acts = structure.reactions(scene.loads())
+    if acts is None:
+        return
+    change = acts.K @ vibration.follows
+    change -= np.hstack([acts.F, acts.M @ vibration.inertia])
+    most = np.zeros(acts.force.size)
+    for some in np.array_split(vibration.history, 1 + vibration.history.shape[1] // 256, axis=1):
+        np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
+    share = most / acts.force
+    worst = int(share.argmax())
+    found.values["normal_force_change"] = float(share[worst])
+    text = (
+        f"{100.0 * share[worst]:.3g} % of what presses it, most in "
+        f"{structure.pressed_at(int(acts.dof[worst]))}"
+    )
+    found.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
+    if share[worst] > LARGE:
+        found.doubts.append(
+            f"Vibration of the stuck structure would change the normal force by {text}: that it "
+            "stays as the clamping makes it, which all models assume, is doubtful there."
         )
 
 
@@ -205,13 +257,23 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, found: De
         )
 
 
+@dataclass(frozen=True)
+class _Vibration:
+    """What the stuck structure does under its loads."""
+
+    static: FloatArray  #: (n,), N, loads at the time at which they strain most
+    dynamic: FloatArray  #: (n,), N, loads with inertia, at theirs
+    amplified: float | None  #: how much more the second strain, root of energy; None: nothing does
+    follows: FloatArray  #: (n, k), what it moves by under unit loads at rest, and its modes
+    inertia: FloatArray  #: (n, modes), deceleration of each mode, m/s2
+    history: FloatArray  #: (k, times), of what follows
+    most: FloatArray  #: (k,), of the history, at the time of the largest strain
+
+
 def _forces(
     scene: Scene, system: System, held: Any, modes: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray, float | None, FloatArray]:
-    """Loads, and loads with inertia, (n,), N, at the times at which they strain most while stuck.
-
-    Also how much more the second strain (root of energy; None: nothing strains), and by what.
-    """
+) -> _Vibration:
+    """Vibration of the stuck structure, from rest."""
     F, frequency, shapes = system.load_vectors(), *modes
     steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
     h = scene.time_step
@@ -232,9 +294,10 @@ def _forces(
     first, then = (at_rest, energy) if strains else 2 * [(amplitudes**2).sum(axis=0)]
     most = x[:, int(then.argmax())]
     static = F @ amplitudes[:, int(first.argmax())]
-    dynamic = F @ most[:k] + system.M @ (shapes @ (omega**2 * most[k:]))
+    inertia = shapes * omega**2
+    dynamic = F @ most[:k] + system.M @ (inertia @ most[k:])
     amplified = float(np.sqrt(energy.max() / at_rest.max())) if strains else None
-    return static, dynamic, amplified, both @ most
+    return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 
 def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:

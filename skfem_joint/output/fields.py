@@ -13,14 +13,13 @@ from scipy import sparse
 
 from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_state
 from skfem_joint.analysis.study import friction_work
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.structure import Structure
 from skfem_joint.unknowns import selection
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
-    from skfem_joint.structure import Patch
 
 States = NDArray[np.int8]
 
@@ -33,6 +32,11 @@ POINT_ARRAYS = {
     "slip_state": "-1 no contact, 0 stick, 1 slip",
     "pressure": "Pa, clamping",
     "friction_work_density": "J/m^2, since the start",
+}
+#: Beside these, where bolts clamp.
+PRELOAD_ARRAYS = {
+    "gap": "m, by which joints are open under the preload, 0 off their faces",
+    "preload_displacement": "m, at rest, by the preload alone; the others are beyond it",
 }
 CELL_ARRAYS = {
     "contact_state": "as slip_state, of the cell",
@@ -73,9 +77,23 @@ class Frames:
         return pressure
 
     @cached_property
+    def _preloaded(self) -> dict[str, FloatArray]:
+        """Gap and displacement of a preload on all nodes, if there is one."""
+        preload, gap = self.structure.preload, np.zeros(len(self.structure.nodes))
+        if preload is None:
+            return {}
+        for one in filter(None, preload.joints):
+            nodes = np.flatnonzero(one.area)
+            other = None if one.other is None else one.other[nodes]
+            gap += one.gap + _reaction(other, nodes, one.area[nodes], gap.size) @ one.gap
+        moved = self.structure.in_space(preload.displacement)
+        return {"gap": gap, "preload_displacement": moved}
+
+    @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
         """Of each joint, means at the other body's nodes of what acts on the pressed one."""
-        return [_reaction(patch, len(self.structure.nodes)) for patch in self.structure.patches]
+        n = len(self.structure.nodes)
+        return [_reaction(p.other, p.nodes, p.area, n) for p in self.structure.patches]
 
     @cached_property
     def _reaction(self) -> Any:
@@ -122,23 +140,26 @@ class Frames:
             "slip_state": state,
             "pressure": self.pressure + reaction @ self.pressure,
             "friction_work_density": work + reaction @ work,
+            **self._preloaded,
             "contact_state": _mean_state(self._cell_means, state),
             "stress": stress,
             "von_mises": np.sqrt(distortion + 3.0 * np.sum(shear**2, axis=1)),
         }
 
 
-def _reaction(patch: Patch, n: int) -> sparse.csr_array:
-    """Means, at the nodes of the other body, of what acts on the pressed one, (n, n)."""
-    if patch.other is None:
+def _reaction(
+    other: sparse.csr_array | None, nodes: IntArray, own: FloatArray, n: int
+) -> sparse.csr_array:
+    """Means, at nodes of the other body, of what acts on ``nodes`` of areas ``own``, (n, n)."""
+    if other is None:
         return sparse.csr_array((n, n))
     # Elements of second order have shapes below zero, which would be negative areas.
-    weights = sparse.csr_array(patch.other).maximum(0.0)
-    of_node = patch.area / np.asarray(weights.sum(axis=1)).ravel()
+    weights = sparse.csr_array(other).maximum(0.0)
+    of_node = own / np.asarray(weights.sum(axis=1)).ravel()
     shares = sparse.csr_array((sparse.diags_array(of_node) @ weights).T)
     area = np.asarray(shares.sum(axis=1)).ravel()
     scale = np.divide(1.0, area, out=np.zeros(n), where=area > 0.0)
-    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ selection(patch.nodes, n))
+    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ selection(nodes, n))
     mean.eliminate_zeros()
     return mean
 

@@ -22,7 +22,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
-from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
+from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, PRELOAD_ARRAYS, Frames
 
 if TYPE_CHECKING:
     from skfem_joint.structure import Structure
@@ -139,7 +139,7 @@ def _grid(
     grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
-    meanings = (POINT_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
+    meanings = (POINT_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
     _add_texts(grid, "region_names", names)
     return grid
@@ -234,12 +234,13 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     moved apart: the pressed one lies above the other, with half of its thickness as a gap. Faces of
     solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
-    Points carry `POINT_ARRAYS`. The body that is not pressed carries the reaction, and the other
-    values as means over what lies on it: traction times nodal contact area adds up to the same
-    force with the opposite sign. Cells carry `CELL_ARRAYS` (see :meth:`Frames.arrays`), ``region``
-    (position in the field array ``region_names``, -1 without one; of overlapping regions the one
-    with fewest elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units``
-    says this in each file. Elements of second order come as linear cells on their nodes.
+    Points carry `POINT_ARRAYS`, and with clamping bolts `PRELOAD_ARRAYS`. The body that is not
+    pressed carries the reaction, and the other values as means over what lies on it: traction times
+    nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
+    (see :meth:`Frames.arrays`), ``region`` (position in the field array ``region_names``, -1
+    without one; of overlapping regions the one with fewest elements), ``body`` and ``thickness``
+    (m, not of solids). The field array ``units`` says this in each file. Elements of second order
+    come as linear cells on their nodes.
 
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes

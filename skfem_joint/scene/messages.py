@@ -182,7 +182,7 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
     extra = field.json_schema_extra if field else None
     if location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):
         must_be = f"must be {extra['allowed']}" if isinstance(extra, dict) else must_be
-    if kind == "tuple_type" and places in (["joint"], ["load"]):
+    if kind == "tuple_type" and places in (["joint"], ["load"], ["bolt"]):
         must_be += f" of tables, each under [[{places[0]}]]"
     elif field and field.description and kind in _OF_NUMBERS and not extra:
         must_be += f" ({field.description.split(';')[0]})"

@@ -21,7 +21,7 @@ from skfem_joint import structure as parts
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.scene import steady_tables, tables
+from skfem_joint.scene import joint_tables, steady_tables, tables
 from skfem_joint.scene.matrices import Matrices
 from skfem_joint.scene.messages import key_path, listed, mistake
 from skfem_joint.scene.sweep_table import Sweep
@@ -32,7 +32,9 @@ from skfem_joint.system import System
 _log = logging.getLogger(__name__)
 
 #: Tables that the structure is built from, and those that its system needs beside them.
-OF_STRUCTURE = frozenset({"matrices", "mesh", "material", "section", "support", "joint", "damping"})
+OF_STRUCTURE = frozenset(
+    {"matrices", "mesh", "material", "section", "support", "joint", "bolt", "damping"}
+)
 OF_SYSTEM = OF_STRUCTURE | {"load", "output"}
 
 
@@ -55,7 +57,10 @@ class Scene(SceneTable):
     )
     section: tables.Section = key("width and thickness", tables.Section())
     support: tables.Support = key("what is held", tables.Support())
-    joint: Annotated[tuple[tables.Joint, ...], A_LIST] = key("joints with friction", ())
+    joint: Annotated[tuple[joint_tables.Joint, ...], A_LIST] = key("joints with friction", ())
+    bolt: Annotated[tuple[joint_tables.ClampingBolt, ...], A_LIST] = key(
+        "bolts whose clamp force presses joints", ()
+    )
     damping: tables.Damping = key("linear damping", tables.Damping())
     load: Annotated[tuple[tables.AnyLoad, ...], A_LIST] = key(
         "forces as functions of time", min_length=1
@@ -78,7 +83,7 @@ class Scene(SceneTable):
     _structure: parts.AnyStructure | None = PrivateAttr(None)
     _system: System | None = PrivateAttr(None)
 
-    @field_validator("mesh", "material", "section", "support", mode="wrap")
+    @field_validator("mesh", "material", "section", "support", "bolt", mode="wrap")
     @classmethod
     def _is_mesh_or_matrices(
         cls, given: Any, make: ValidatorFunctionWrapHandler, info: ValidationInfo
@@ -141,6 +146,7 @@ class Scene(SceneTable):
             **self.section.model_dump(exclude={"regions"}),
             **self.support.model_dump(),
             **common,
+            bolts=[bolt.to_clamp() for bolt in self.bolt],
             mass=material.mass_matrix,
             regions=regions,
         )
@@ -293,7 +299,7 @@ def _matrix_problems(scene: Scene, given: Matrices) -> Iterator[str]:
             yield f"joint[{i}].{name}: found beside [matrices], whose contacts tell; leave it out"
         if not isinstance(joint.pressure, float | int):
             yield (
-                f"joint[{i}].pressure: found a table beside [matrices], must be a number in Pa; "
+                f"joint[{i}].pressure: must be a number in Pa beside [matrices]; "
                 "what differs from pair to pair goes into the areas"
             )
     if given.C is not None and scene.damping.model_fields_set:

@@ -20,7 +20,8 @@ from skfem_joint.structure.pressure import PressureTable
 
 if TYPE_CHECKING:
     from skfem_joint.structure import AnyStructure
-    from skfem_joint.structure.structure import Load, Structure
+    from skfem_joint.structure.load import Load
+    from skfem_joint.structure.structure import Structure
     from skfem_joint.system import System
 
 _QUANTITIES = ("force", "traction", "pressure")
@@ -266,7 +267,7 @@ def _base_problems(load: Load, dim: int) -> Iterator[str]:
         yield from _one_of(f"{load.label}: base", str(load.base), "xyz"[:dim])
 
 
-def _rigid_motions(structure: Structure) -> FloatArray:
+def body_motions(structure: Structure) -> FloatArray:
     """Rigid motions of each body, (N, dim, motions): translations, then turns."""
     d, bodies = structure.dim, int(structure.mesh.body.max()) + 1
     turns = list(combinations(range(d), 2))
@@ -285,7 +286,7 @@ def _rigid_motions(structure: Structure) -> FloatArray:
 
 def loose_bodies(structure: Structure, friction: bool = True) -> list[str]:
     """Bodies left with a rigid motion by supports, closed contact and ``friction``, in words."""
-    motions = _rigid_motions(structure)
+    motions = body_motions(structure)
     rows = [motions[structure.held]]
     for patch in structure.patches:
         relative = np.moveaxis(patch.relative(np.moveaxis(motions, 2, 0)), 0, -1)
@@ -294,14 +295,20 @@ def loose_bodies(structure: Structure, friction: bool = True) -> list[str]:
         if friction and patch.joint.friction > 0.0:
             held = np.einsum("kdc,kcm->kdm", patch.directions, relative)
             rows.append(held.reshape(-1, motions.shape[2]))
-    gram = sum(row.T @ row for row in rows)
-    squares, vectors = np.linalg.eigh(gram / structure.n_nodes)
-    loose = np.abs(vectors[:, squares < SMALL**2 + 1e-13 * squares.max(initial=0.0)])
+    rows.append(structure.cuts.held @ motions.reshape(-1, motions.shape[2]))
+    loose = np.abs(left_loose(rows))
     moving = loose.reshape(structure.mesh.body.max() + 1, -1).max(axis=1, initial=0.0) > 1e-6
-    return [_body_label(structure.mesh, body) for body in np.flatnonzero(moving).tolist()]
+    return [body_label(structure.mesh, body) for body in np.flatnonzero(moving).tolist()]
 
 
-def _body_label(mesh: NamedMesh, body: int) -> str:
+def left_loose(rows: Sequence[FloatArray]) -> FloatArray:
+    """Combinations (motions, k) of motions on which all rows (.., motions) vanish."""
+    gram = sum(row.T @ row for row in rows) / max(1, sum(len(row) for row in rows))
+    squares, vectors = np.linalg.eigh(gram)
+    return np.asarray(vectors[:, squares < SMALL**2 + 1e-13 * squares.max(initial=0.0)])
+
+
+def body_label(mesh: NamedMesh, body: int) -> str:
     """A body in words, after its regions if it has any."""
     own = [
         repr(name)

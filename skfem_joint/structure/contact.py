@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
@@ -16,7 +17,13 @@ from skfem_joint.structure.checks import joint_problems, positive
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import SMALL, Joint, Patch, make_patch, unit_vectors
 from skfem_joint.structure.pressure import Pressure
-from skfem_joint.unknowns import Contact, dof_numbers, selection, stacked
+from skfem_joint.unknowns import (
+    Contact,
+    change_of_unknowns,
+    dof_numbers,
+    selection,
+    stacked,
+)
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
@@ -26,7 +33,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     """
     count, dim = held.shape
     m = max((int(patch.points.max(initial=-1)) for patch in patches), default=-1) + 1
-    w, beta = np.zeros(m), np.ones(m)
+    w, clamped, beta = np.zeros(m), np.zeros(m), np.ones(m)
     node = np.zeros(m, dtype=np.intp)
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
@@ -34,6 +41,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
     outwards = np.zeros((count, dim))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
+        clamped[patch.points] += patch.normal_force
         beta[patch.points] = patch.joint.beta
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
@@ -66,7 +74,53 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
         directions=slips.astype(np.int64),
         held=stacked(H, dim * count),
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
+        clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
     )
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """Change of normal forces, ``K u + M a - F f``, where contact is closed and pressed.
+
+    Sums over a node and those beside it: of elements of second order the reactions of single nodes
+    are no pressures.
+    """
+
+    K: Matrix  #: (k, n), N/m
+    M: Matrix  #: (k, n), kg
+    F: FloatArray  #: (k, loads)
+    force: FloatArray  #: (k,), N, by which the contact is pressed
+    dof: IntArray  #: (k,), degree of freedom of the matrices that each acts on
+
+
+def reactions(
+    rows: Contact,
+    fixed: IntArray,
+    matrices: Sequence[Matrix],
+    T: Matrix,
+    F: FloatArray,
+    cells: IntArray | None = None,
+) -> Reactions:
+    """Work of all forces on a unit gap of each closed contact, while slips stay as they are.
+
+    ``matrices`` M and K (N, N) and loads F (N, k) are of all displacements, ``u = T q``; those
+    beside each other are dofs of a cell, (cells, corners).
+    """
+    M, K = matrices
+    n, h = K.shape[0], rows.held.shape[0]
+    every = sparse.vstack([rows.held, rows.B])
+    opened = change_of_unknowns(n, fixed, sparse.csr_array((0, n)), every, rows.pivots)
+    pressed = np.flatnonzero(rows.normal_force > 0.0)
+    gaps = sparse.csr_array(opened.forward.tocsc()[:, opened.slips[:h][pressed]].T)
+    dof = abs(gaps).argmax(axis=1) if rows.pivots is None else rows.pivots[pressed]
+    force = rows.normal_force[pressed]
+    if cells is not None:
+        count = np.repeat(np.arange(len(cells)), cells.shape[1])
+        inside = sparse.csr_array((np.ones(cells.size), (count, cells.ravel())), (len(cells), n))
+        beside = sparse.csr_array(inside[:, dof].T @ inside[:, dof])
+        beside.data[:] = 1.0
+        gaps, force = beside @ gaps, beside @ force
+    return Reactions(gaps @ K @ T, gaps @ M @ T, gaps @ F, force, dof)
 
 
 def along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:

@@ -27,7 +27,7 @@ def interpolation(
     Rows sum to 1 and reproduce linear fields; a point on a node takes the value of that node. Also
     the distance (k,), m, of points too far outside, whose rows are empty; 0 for the others.
     """
-    element, gap = _elements_at(grid, name, points)
+    element, gap, _ = _elements_at(grid, name, points)
     local = np.zeros_like(points)
     local[gap == 0.0] = local_coordinates(grid, element[gap == 0.0], points[gap == 0.0])
     gap[np.isnan(local).any(axis=1)] = np.inf
@@ -49,8 +49,22 @@ def interpolation(
     return matrix, gap
 
 
-def _elements_at(grid: Nodes, name: str, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Element nearest to each point, the first of those it lies in, and gap as above."""
+def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> FloatArray:
+    """Points (k, dim) of a region or boundary nearest to some, NaN where none is within reach."""
+    found = _elements_at(grid, name, points)[2]
+    far = np.isnan(found).any(axis=1)
+    if far.any():
+        found[far] = _elements_at(grid, name, points[far], reach)[2]
+    return found
+
+
+def _elements_at(
+    grid: Nodes, name: str, points: FloatArray, reach: float = 0.0
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Element nearest to each point, the first of those it lies in, gap as above, nearest point.
+
+    Elements are looked for within ``reach`` (m) beside what gaps allow.
+    """
     mesh = grid.mesh.mesh
     if name in grid.mesh.regions:
         element = grid.mesh.regions[name]
@@ -61,12 +75,13 @@ def _elements_at(grid: Nodes, name: str, points: FloatArray) -> tuple[IntArray, 
     corners = mesh.p.T[cells.T]
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
-    found = cKDTree(points).query_ball_point(middle, (1.0 + 2.0 * _GAP) * radius)
+    found = cKDTree(points).query_ball_point(middle, reach + (1.0 + 2.0 * _GAP) * radius)
     cell = np.repeat(np.arange(len(corners)), [len(some) for some in found])
     near = np.concatenate([np.asarray(some, dtype=np.intp) for some in found])
     some = corners[cell]
     parts = _PARTS[corners.shape[1]]
-    distance = np.min([_distance(some[:, part], points[near]) for part in parts], axis=0)
+    foot = _nearest([_foot(some[:, part], points[near]) for part in parts], points[near])
+    distance = np.linalg.norm(foot - points[near], axis=1)
     size = np.linalg.norm(some - np.roll(some, 1, axis=1), axis=-1).max(axis=1)
     order = np.lexsort((element[cell], np.where(distance < 1e-9 * size, 0.0, distance), near))
     first, index = np.unique(near[order], return_index=True)
@@ -75,11 +90,20 @@ def _elements_at(grid: Nodes, name: str, points: FloatArray) -> tuple[IntArray, 
     chosen[first] = element[cell[best]]
     gap = cKDTree(corners.reshape(-1, points.shape[1])).query(points)[0]
     gap[first] = np.where(distance[best] > _GAP * size[best], distance[best], 0.0)
-    return chosen, gap
+    feet = np.full(points.shape, np.nan)
+    feet[first] = foot[best]
+    return chosen, gap, feet
 
 
-def _distance(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance of points (k, dim) from segments or triangles (k, 2 or 3, dim), m."""
+def _nearest(candidates: list[FloatArray], points: FloatArray) -> FloatArray:
+    """The one of several points that is nearest to each of some, (k, dim)."""
+    every = np.array(candidates)
+    best = np.linalg.norm(every - points, axis=-1).argmin(axis=0)
+    return np.asarray(every[best, np.arange(len(points))])
+
+
+def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Points of segments or triangles (k, 2 or 3, dim) nearest to some, (k, dim)."""
     start, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
     gram = np.einsum("kid,kjd->kij", sides, sides)
     right = np.einsum("kid,kd->ki", sides, points - start)
@@ -87,12 +111,11 @@ def _distance(corners: FloatArray, points: FloatArray) -> FloatArray:
     if corners.shape[1] == 2:
         share = np.clip(share, 0.0, 1.0)
     foot = start + np.einsum("ki,kid->kd", share, sides)
-    distance = np.asarray(np.linalg.norm(foot - points, axis=1))
     if corners.shape[1] == 2:
-        return distance
-    border = np.min([_distance(corners[:, [i - 1, i]], points) for i in range(3)], axis=0)
+        return np.asarray(foot)
+    border = _nearest([_foot(corners[:, [i - 1, i]], points) for i in range(3)], points)
     above = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
-    return np.where(above, distance, border)
+    return np.where(above[:, np.newaxis], foot, border)
 
 
 def local_coordinates(grid: Nodes, elements: IntArray, points: FloatArray) -> FloatArray:

@@ -16,9 +16,9 @@ from scipy.sparse.csgraph import connected_components
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import rigid_motions
-from skfem_joint.structure.contact import along
+from skfem_joint.structure.contact import Reactions, along, reactions
+from skfem_joint.structure.load import Load
 from skfem_joint.structure.patch import SMALL, Joint, Patch, slip_directions, unit_vectors
-from skfem_joint.structure.structure import Load
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import Contact, stacked
 
@@ -158,6 +158,7 @@ class MatrixModel:
             directions=np.count_nonzero(acting[slips], axis=1).astype(np.int64),
             held=along(np.flatnonzero(closed), normal[closed], k) @ relative,
             pivots=np.array(held + free, dtype=np.intp),
+            clamped=force[closed],
         )
         patch = Patch(
             joint=joint,
@@ -258,6 +259,18 @@ class MatrixModel:
         ratio = self.damping_ratio
         return system if ratio is None else system.with_damping_ratio(ratio)
 
+    def reactions(self, loads: Sequence[Load]) -> Reactions | None:
+        """Change of the normal forces; None where no contact is closed."""
+        if self.contact is None or not self.contact.normal_force.any():
+            return None
+        F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
+        return reactions(self.contact, self.fixed, (self.M, self.K), self._unloaded.T, F)
+
+    def pressed_at(self, dof: int) -> str:
+        """Joint of a degree of freedom that closed contact determines."""
+        names = [j.name for j in self.joints if np.any(self.contacts[j.on][:, :6] == dof)]
+        return f"joint {names[0]} at {self.spot(dof)}"
+
     def _wrong_loads(self, loads: Sequence[Load]) -> Iterator[str]:
         for load in loads:
             if load.on is None:
@@ -314,8 +327,11 @@ class MatrixModel:
 
     def place(self, unknown: int) -> str:
         """Where an unknown is: the degree of freedom that it moves most."""
-        dof = int(np.abs(self._unloaded.T[:, [unknown]].toarray()).argmax())
-        return f"of degree of freedom {dof + self.first}"
+        return f"of {self.spot(int(np.abs(self._unloaded.T[:, [unknown]].toarray()).argmax()))}"
+
+    def spot(self, dof: int) -> str:
+        """A degree of freedom in a message."""
+        return f"degree of freedom {dof + self.first}"
 
 
 def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:

@@ -25,6 +25,8 @@ from skfem_joint.unknowns import expanded
 
 #: How a pressure is turned into nodal normal forces.
 NORMAL_FORCES = ("consistent", "equal")
+#: Pressure of joints that clamping bolts press.
+PRELOAD = "preload"
 #: Largest angle between two facets that meet at a node which slips, degrees.
 LARGEST_TURN = 30.0
 #: Parts of a unit vector that count as none.
@@ -41,8 +43,8 @@ class Joint:
     ----------
     on : str
         Region (friction over an area, or along a bar) or boundary that is pressed.
-    pressure : float, PressureTable or Bolts
-        Pa.
+    pressure : float, PressureTable, Bolts or "preload"
+        Pa; "preload": as the clamping bolts of the structure press it.
     friction : float
         Coefficient of friction.
     against : str, optional
@@ -57,7 +59,7 @@ class Joint:
     """
 
     on: str
-    pressure: Pressure
+    pressure: Pressure | str
     friction: float
     against: str | None = None
     beta: float = 1e5
@@ -73,6 +75,16 @@ class Joint:
     def label(self) -> str:
         """The joint in a message."""
         return f"joint {self.on!r}"
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """What clamping bolts give to the nodes of a joint; 0 at the others."""
+
+    force: FloatArray  #: (N,), normal forces, N
+    area: FloatArray  #: (N,), area that may touch, m2
+    gap: FloatArray  #: (N,), m, mean around each node, by which the joint has opened
+    other: sparse.csr_array | None  #: (N, N), values of the other body opposite to each node
 
 
 @dataclass(frozen=True)
@@ -219,15 +231,25 @@ def make_patch(
     width: FloatArray,
     thickness: FloatArray,
     numbering: IntArray,
+    preloaded: Pressed | None = None,
 ) -> Patch:
     """Contact points of one joint, ``held`` (N, dim) being the displacements that supports hold.
 
     ``width`` and ``thickness`` are those of the elements, m. ``numbering`` (N,) is the contact
-    point of each node, -1 without; new ones are entered.
+    point of each node, -1 without; new ones are entered. ``preloaded`` is what clamping bolts give.
     """
     label = joint.label
     cells, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
-    force, area, shares = nodal_pressure(grid.nodes, cells, depth, joint.pressure, label)
+    shares: tuple[float, ...] = ()
+    if preloaded is not None:
+        force, area = preloaded.force, preloaded.area
+    elif isinstance(joint.pressure, str):
+        raise InputError(
+            f"{label}: pressure: found {joint.pressure!r}, must be in Pa; {PRELOAD!r} needs the "
+            "bolts of a Structure"
+        )
+    else:
+        force, area, shares = nodal_pressure(grid.nodes, cells, depth, joint.pressure, label)
     pressed = np.flatnonzero(force > 0.0)
     if joint.normal_force == "equal" and pressed.size:
         pressed = np.unique(cells)
@@ -243,7 +265,8 @@ def make_patch(
     if joint.normal_force == "equal":
         total, force = force.sum(), np.zeros_like(force)
         force[own] = total / max(own.size, 1)
-    other = None if joint.against is None else _other(grid, joint, pressed, held)[slips]
+    opposite = None if preloaded is None else preloaded.other
+    other = None if joint.against is None else _other(grid, joint, pressed, held, opposite)[slips]
     new = own[numbering[own] < 0]
     numbering[new] = numbering.max(initial=-1) + 1 + np.arange(new.size)
     return Patch(
@@ -264,8 +287,14 @@ def make_patch(
     )
 
 
-def _other(grid: Nodes, joint: Joint, pressed: IntArray, held: BoolArray) -> sparse.csr_array:
-    """Values of the other body at contact nodes from those of its nodes."""
+def _other(
+    grid: Nodes,
+    joint: Joint,
+    pressed: IntArray,
+    held: BoolArray,
+    opposite: sparse.csr_array | None,
+) -> sparse.csr_array:
+    """Values of the other body at contact nodes from those of its nodes, (N, N) if known."""
     supported = pressed[held[pressed].any(axis=1)]
     if supported.size:
         raise InputError(
@@ -274,6 +303,8 @@ def _other(grid: Nodes, joint: Joint, pressed: IntArray, held: BoolArray) -> spa
             "free to follow it: move the support off the joint, or exchange the pressed part "
             "and `against`"
         )
+    if opposite is not None:
+        return sparse.csr_array(opposite[pressed])
     if pressed.size == 0:
         return sparse.csr_array((0, grid.n_nodes))
     values, gap = interpolation(grid, str(joint.against), grid.nodes[pressed])

@@ -75,7 +75,7 @@ def nodal_pressure(
     are linear sub-cells on the nodes (N, dim), ``depth`` (c,) the extent of the contact across
     them, m, or 1 for areas. ``where`` names the joint in messages.
     """
-    corners, gather, parent = _hat_simplices(nodes, cells)
+    corners, gather, parent = hat_simplices(nodes, cells)
     deep = depth[parent, np.newaxis]
     area = gather @ (deep * pressure_integrals(corners, 1.0)).ravel()
     shares: tuple[float, ...] = ()
@@ -88,7 +88,7 @@ def nodal_pressure(
     return np.where(force > 1e-12 * force.max(initial=0.0), force, 0.0), area, shares
 
 
-def _hat_simplices(
+def hat_simplices(
     nodes: FloatArray, cells: IntArray
 ) -> tuple[FloatArray, sparse.csr_array, IntArray]:
     """Segments or triangles (n, 2 or 3, dim) on which the hats of linear cells are linear.
@@ -119,7 +119,7 @@ def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> 
     ``corners`` (n, 2 or 3, dim) are in m. Gives N/m on segments, N on triangles, (n, 2 or 3). A
     table is its first value and ramps that set in at its kinks.
     """
-    size, count = _measure(corners)[:, np.newaxis], corners.shape[1]
+    size, count = measure(corners)[:, np.newaxis], corners.shape[1]
     if not isinstance(pressure, PressureTable):
         return np.repeat(pressure * size / count, count, axis=1)
     position = pressure.along(corners)
@@ -150,7 +150,7 @@ def _ramp(f: FloatArray) -> FloatArray:
     return np.asarray((whole + part) / (count * (count + 1)))
 
 
-def _measure(corners: FloatArray) -> FloatArray:
+def measure(corners: FloatArray) -> FloatArray:
     """Length of segments, area of triangles, in space of any dimension."""
     sides = corners[:, 1:] - corners[:, :1]
     if corners.shape[1] == 2:

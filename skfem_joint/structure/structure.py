@@ -18,13 +18,15 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.loads import as_amplitude, scaled
+from skfem_joint.loads import scaled
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import checks
-from skfem_joint.structure.contact import contact_rows
+from skfem_joint.structure.contact import Reactions, contact_rows, reactions
+from skfem_joint.structure.load import Load, acting
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
+from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     Arrangement,
@@ -50,42 +52,6 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Load:
-    """A force on a named point, boundary or region, spread evenly over it; or a moving base.
-
-    ``amplitude`` is the whole force (N) as a function of time (s): one of :mod:`skfem_joint.loads`,
-    or a plain function. The length of ``direction`` does not count; bars do without. With ``base``
-    ("x", "y" or "z") in place of ``on`` it is the acceleration (m/s2) of all supports and rigid
-    bases together along that axis of the mesh; displacements are then relative to them, and damping
-    acts on their rates.
-
-    On a boundary ``quantity`` may also be "traction", a force along ``direction`` by area (N/m2),
-    or "pressure" (N/m2), which acts against the outward normal and has no direction.
-    """
-
-    on: str | None = None
-    amplitude: Any = None
-    direction: tuple[float, ...] | None = None
-    base: str | None = None
-    quantity: str = "force"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
-
-    @property
-    def label(self) -> str:
-        """What it is called in messages."""
-        return f"load with base = {self.base!r}" if self.on is None else f"load on {self.on!r}"
-
-    def unit(self, dim: int) -> FloatArray:
-        """Unit vector along it, (dim,)."""
-        if self.base is not None:
-            return np.asarray(np.eye(dim)["xyz".index(self.base)])
-        direction = np.ravel((1.0,) if self.direction is None else self.direction)
-        return np.asarray(direction / np.linalg.norm(direction))
-
-
-@dataclass(frozen=True)
 class Structure(Nodes):
     """Bodies with joints.
 
@@ -103,6 +69,8 @@ class Structure(Nodes):
     fixed, fixed_x, fixed_y, fixed_z : sequence of str
         Regions, boundaries and points that are held in all directions or in one.
     joints : sequence of Joint
+    bolts : sequence of Clamp
+        That press the joints with ``pressure = "preload"``.
     stiffness_damping, mass_damping : float
         C = stiffness_damping K + mass_damping M, in s and 1/s.
     damping_ratio : float, optional
@@ -130,6 +98,7 @@ class Structure(Nodes):
     fixed_y: Sequence[str] = ()
     fixed_z: Sequence[str] = ()
     joints: Sequence[Joint] = ()
+    bolts: Sequence[Clamp] = ()
     stiffness_damping: float = 0.0
     mass_damping: float = 0.0
     damping_ratio: float | None = None
@@ -140,9 +109,9 @@ class Structure(Nodes):
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, NamedMesh):
             object.__setattr__(self, "mesh", named(self.mesh))
-        for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints"):
+        for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if problems := checks.problems_of(self):
+        if problems := checks.problems_of(self) or [*clamp_problems(self)]:
             raise InputError(problems)
         if not self.free and (bodies := checks.loose_bodies(self)):
             problems = [
@@ -193,7 +162,12 @@ class Structure(Nodes):
         """Where an unknown is: the node that it moves most."""
         one = np.bincount([unknown], minlength=self.T.shape[1]).astype(float)
         node = int(np.linalg.norm(self.expand(one), axis=-1).argmax())
-        return f"of node {node}, at ({', '.join(f'{x:.6g}' for x in self.nodes[node])}) m"
+        return f"of {self.spot(self.dim * node)}"
+
+    def spot(self, dof: int) -> str:
+        """The node of a degree of freedom in a message."""
+        node = dof // self.dim
+        return f"node {node}, at ({', '.join(f'{x:.6g}' for x in self.nodes[node])}) m"
 
     @property
     def across(self) -> FloatArray:
@@ -222,15 +196,23 @@ class Structure(Nodes):
         return held
 
     @cached_property
+    def preload(self) -> Preload | None:
+        """What clamping bolts do at rest; None without."""
+        return preload(self) if self.bolts else None
+
+    @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Contact points of each joint."""
         problems: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         p = self.properties
-        for joint in self.joints:
+        pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
+        for joint, by_bolts in zip(self.joints, pressed, strict=True):
             try:
-                patch = make_patch(self, joint, self.held, p["width"], p["thickness"], numbering)
+                patch = make_patch(
+                    self, joint, self.held, p["width"], p["thickness"], numbering, by_bolts
+                )
                 check_shared(self, patches, patch)
                 patches.append(patch)
             except InputError as error:
@@ -241,7 +223,12 @@ class Structure(Nodes):
 
     @cached_property
     def _contact(self) -> Contact:
-        return contact_rows(self.patches, self.held)
+        return contact_rows(self.patches, self.held) + self.cuts
+
+    @cached_property
+    def cuts(self) -> Contact:
+        """Rows that hold cut shanks together."""
+        return cuts(self)
 
     @cached_property
     def arrangement(self) -> Arrangement:
@@ -366,24 +353,13 @@ class Structure(Nodes):
         applied: list[AppliedLoad] = []
         notes: list[str] = []
         for load in loads:
-            on, amplitude = load.on or f"mass_{load.base}", load.amplitude
-            if load.on is None:
-                inertia = M @ np.tile(load.unit(self.dim), self.n_nodes)
-                mass = float(inertia.sum())
-                vector, amplitude = T.T @ inertia / mass, scaled(amplitude, -mass)
-                notes.append(
-                    f"The base is accelerated along {load.base}: displacements are relative to it, "
-                    f"and the load on {on} is the inertia force of all {mass:.6g} kg."
-                )
-            elif load.quantity == "force":
-                vector = T.T @ np.outer(self.even_shares(on), load.unit(self.dim)).ravel()
-            else:
-                mean, area = self._spread(load)
-                vector, amplitude = T.T @ mean.ravel(), scaled(amplitude, area)
-                notes.append(
-                    f"The {load.quantity} on {on} acts on {area:.6g} m2: what is told of this load "
-                    f"is its force on all of it, in N, and the mean displacement it works on."
-                )
+            on = load.on or f"mass_{load.base}"
+            vector, scale, note = acting(self, load, M)
+            vector, amplitude = (
+                T.T @ vector,
+                scaled(load.amplitude, scale) if note else load.amplitude,
+            )
+            notes += note
             if not np.any(vector):
                 pressed = load.quantity == "pressure"
                 along = "its normal" if pressed else load.unit(self.dim).tolist()
@@ -407,16 +383,25 @@ class Structure(Nodes):
         ratio = self.damping_ratio
         return system if ratio is None else system.with_damping_ratio(ratio)
 
-    def _spread(self, load: Load) -> tuple[FloatArray, float]:
-        """Means over a boundary of what a traction or pressure works on, (N, dim), and area, m2."""
-        part = self.facet_basis(self.mesh.boundaries[str(load.on)])
-        by_area = np.broadcast_to(self.across[part.tind, np.newaxis], part.dx.shape)
-        area = float(np.sum(by_area * part.dx))
-        if load.quantity == "pressure":
-            along = -np.asarray(part.normals)
-        else:
-            along = load.unit(self.dim)[:, np.newaxis, np.newaxis]
-        return self.integrals(part, along * by_area / area), area
+    def reactions(self, loads: Sequence[Load]) -> Reactions | None:
+        """Change of the normal forces; None where no contact is closed."""
+        rows = self._contact
+        if rows.pivots is None or not rows.normal_force.any():
+            return None
+        M, K = self.matrices()
+        F = np.stack([acting(self, load, M)[0] for load in loads], axis=1)
+        cells = np.vstack([patch.cells for patch in self.patches if patch.normal is not None])
+        # Of each node the degree of freedom that closed contact determines.
+        dof = np.arange(self.n_nodes) * self.dim
+        determined = rows.pivots[: rows.held.shape[0]]
+        dof[determined // self.dim] = determined
+        fixed = np.flatnonzero(self.held)
+        return reactions(rows, fixed, (M, K), self.T, F, dof[cells])
+
+    def pressed_at(self, dof: int) -> str:
+        """Joint and node of a degree of freedom that closed contact determines."""
+        names = [p.joint.name for p in self.patches if dof // self.dim in p.nodes]
+        return f"joint {names[0]} around {self.spot(dof)}"
 
     @property
     def free_points(self) -> tuple[str, ...]:

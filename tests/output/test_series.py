@@ -29,9 +29,10 @@ from pictured import (
 from scipy.spatial import cKDTree
 
 from skfem_joint.errors import InputError
+from skfem_joint.mesh import named
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
 from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
-from skfem_joint.structure import Structure
+from skfem_joint.structure import Clamp, Structure
 
 Build = Callable[[], Structure]
 DIRECTIONS = [(1, 0, 0), (3, 4, 0), (-1, 2, 2), (0, 0, 1)]
@@ -46,6 +47,35 @@ PAIRS: list[Build] = [
     *(lambda kind=kind: side(*kind) for kind in PLATES),
     *(lambda kind=kind: blocks(*kind) for kind in BOXES),
 ]
+
+
+def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path: Path) -> None:
+    """Pressed at its ends a body lifts in the middle: gap where there is no pressure."""
+    given = side()
+    mesh, (joint,) = given.mesh.mesh, given.joints
+    x = mesh.p[0, mesh.facets].mean(axis=0)
+    upper, lower = (given.mesh.boundaries[name] for name in ("upper_top", "lower_bottom"))
+    ends = 0.5 * (x[upper].min() + x[upper].max()) + np.array([-1, 1]) * 0.5 * np.ptp(x[upper])
+    groups = {
+        f"{name}_{k}": np.array([some[np.abs(x[some] - end).argmin()]])
+        for name, some in (("head", upper), ("nut", lower))
+        for k, end in enumerate(ends)
+    }
+    meshed = named(mesh.with_boundaries(groups), order=given.mesh.order)
+    bolts = [Clamp(1e4, f"head_{k}", f"nut_{k}") for k in (0, 1)]
+    joints = [replace(joint, pressure="preload")]
+    structure = replace(given, mesh=meshed, joints=joints, bolts=bolts)
+    write_series(tmp_path / "fields.pvd", random_frames(structure))
+    for block in read(tmp_path / "fields.pvd", 1):
+        gap, pressure = block["gap"], block["pressure"]
+        touches = pressure > 0.0
+        assert gap.max() > 1e-8
+        # On the other face there are means over the nodes of the pressed one.
+        assert int(block["body"][0]) == 0 or np.abs(gap[touches]).max() < 1e-6 * gap.max()
+        node = node_of(block, structure)
+        assert structure.preload is not None
+        moved = structure.preload.displacement[node]
+        assert block["preload_displacement"][:, :2] == pytest.approx(moved, rel=1e-6)
 
 
 def read(path: Path, frame: int, faces: bool = False) -> list[Any]:

@@ -11,7 +11,7 @@ from scene_texts import Change, problems_of, scene_of
 from skfem_joint import loads
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
-from skfem_joint.scene import Scene, tables
+from skfem_joint.scene import Scene, joint_tables, tables
 from skfem_joint.scene.values import SceneTable
 from skfem_joint.structure import Bolt, Bolts, PressureTable, doubts
 
@@ -397,7 +397,8 @@ def test_defaults_are_those_documented() -> None:
 
 
 def test_every_key_says_what_it_means() -> None:
-    found = [one for one in vars(tables).values() if isinstance(one, type)]
+    kinds = vars(tables) | vars(joint_tables)
+    found = [one for one in kinds.values() if isinstance(one, type)]
     written = [one for one in found if issubclass(one, SceneTable) and one is not SceneTable]
     assert len(written) > 20
     for table in (Scene, *written):

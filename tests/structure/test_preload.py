@@ -1,0 +1,215 @@
+"""Preload by clamping bolts: equilibrium, closed forms, Hertz, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from bodies import DENSITY, NU, PLANE, SOLID, THICKNESS, E, block, mapped, section
+
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import NamedMesh, merged, named
+from skfem_joint.structure import Clamp, Joint, Material, Structure
+
+STEEL, FORCE = Material(E, DENSITY, NU), 1e5
+JOINT, BOLT = Joint("u_base", "preload", 0.3, against="l_top"), Clamp(FORCE, "u_top", "l_base")
+
+
+def at(body: NamedMesh, prefix: str, *shift: float) -> NamedMesh:
+    """The same body elsewhere, its names with a prefix."""
+    mesh = mapped(body, lambda p: p + np.array(shift)[:, np.newaxis]).mesh
+    groups = {f"_{kind}": {prefix + name: some for name, some in getattr(body, kind).items()}
+              for kind in ("boundaries",)}  # fmt: skip
+    regions = {prefix + name: some for name, some in body.regions.items()}
+    return named(replace(mesh, _subdomains=regions, **groups), order=body.order)
+
+
+def stacked(shape: str, order: int, upper: int = 2, lower: int = 2) -> NamedMesh:
+    """Two unit blocks on each other."""
+    first, second = block(shape, order, upper), block(shape, order, lower)
+    origin = [0.0] * first.mesh.dim()
+    return merged([at(first, "u_", *origin[1:], 1.0), at(second, "l_", *origin)])
+
+
+def clamped(mesh: NamedMesh, joints: Any = (JOINT,), bolts: Any = (BOLT,), **how: Any) -> Structure:
+    values = {"material": STEEL, "free": True, **section(mesh), **how}
+    return Structure(mesh, joints=joints, bolts=bolts, **values)
+
+
+def pressure(structure: Structure) -> tuple[Any, Any, Any]:
+    """Nodes of the first joint that may touch, their pressure and gap."""
+    assert structure.preload is not None
+    found = structure.preload.joints[0]
+    assert found is not None
+    nodes = np.flatnonzero(found.area)
+    return nodes, found.force[nodes] / found.area[nodes], found.gap[nodes]
+
+
+def contact_forces(structure: Structure) -> Any:
+    """What contact does to each node, (N, dim), N, and the whole force of the joint."""
+    found = structure.preload
+    assert found is not None
+    assert found.joints[0] is not None
+    inner = structure.matrices()[1] @ found.displacement.ravel()
+    return inner.reshape(found.force.shape) - found.force, found.joints[0].force.sum()
+
+
+@pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
+def test_blocks_pressed_evenly_have_the_even_pressure(shape: str, order: int) -> None:
+    """In the weak sense: of second order too, whose nodal forces are zero at some nodes."""
+    structure = clamped(stacked(shape, order))
+    area = THICKNESS if structure.dim == 2 else 1.0
+    _, p, gap = pressure(structure)
+    assert p == pytest.approx(FORCE / area, rel=1e-10)
+    assert structure.patches[0].clamping_force == pytest.approx(FORCE, rel=1e-10)
+    assert np.abs(gap).max() < 1e-15
+    # The stress in every element is that of the press.
+    assert structure.preload is not None
+    stress = structure.stress(structure.preload.displacement)[:, structure.dim - 1]
+    assert stress == pytest.approx(-FORCE / area, rel=1e-8)
+
+
+@pytest.mark.parametrize(("shape", "order"), [("tri", 2), ("quad", 1), ("tet", 1), ("hex", 2)])
+def test_forces_and_moments_balance_on_faces_that_do_not_match(shape: str, order: int) -> None:
+    structure = clamped(stacked(shape, order, 3, 2))
+    force, whole = contact_forces(structure)
+    assert whole == pytest.approx(FORCE, rel=1e-10)
+    upper = structure.body == structure.body[structure.nodes[:, -1].argmax()]
+    assert force[upper].sum(axis=0)[-1] == pytest.approx(FORCE, rel=1e-10)
+    assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-9 * FORCE)
+    x = structure.nodes
+    moments = np.einsum("ni,nj->ij", x, force)
+    assert moments - moments.T == pytest.approx(0.0, abs=1e-9 * FORCE)
+    _, p, _ = pressure(structure)  # by quadrature over the other face's kinks
+    area = THICKNESS if structure.dim == 2 else 1.0
+    assert p == pytest.approx(FORCE / area, rel=0.03)
+
+
+def pushed_at(offset: float, n: int) -> Structure:
+    """Stiff block on a thin soft layer on a fixed base, pressed at a distance from its middle."""
+    half, thin = 0.5, 0.005
+    upper, lower = block("quad", 1, n, (1.0, 0.5)), block("quad", 1, n, (1.0, thin))
+    upper, lower = at(upper, "u_", 0.0, thin), at(lower, "l_", 0.0, 0.0)
+    pushed = {}
+    for name, body in (("u_top", upper), ("l_base", lower)):
+        mesh, facets = body.mesh, body.boundaries[name]
+        middle = mesh.p[0, mesh.facets[:, facets]].mean(axis=0)
+        near = np.abs(middle - half - offset) < 0.1
+        pushed[name] = body.mesh.with_boundaries({f"{name}_part": facets[near]})
+    mesh = merged([named(pushed["u_top"]), named(pushed["l_base"])])
+    return clamped(
+        mesh, bolts=[Clamp(FORCE, "u_top_part", "l_base_part")], fixed=["l_base"],
+        material=Material(1e15, DENSITY, 0.0), free=True,
+        regions={name: {"E": 1e8} for name in ("l_joint", "l_rest")},
+    )  # fmt: skip
+
+
+def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do() -> None:
+    """Navier's triangle: contact on 3 (L/2 - e), peak 2 F / that, zero beyond (L = 1 m)."""
+    structure = pushed_at(0.3, 20)
+    nodes, p, gap = pressure(structure)
+    x, length = structure.nodes[nodes, 0], 3 * (0.5 - 0.3)
+    peak = 2 * FORCE / (length * THICKNESS)
+    inside = np.maximum(0.0, 1.0 - (1.0 - x) / length) * peak
+    assert p == pytest.approx(inside, abs=0.02 * peak)
+    assert np.all(p[x > 1.0 - length + 0.03] > 0.0)
+    assert np.all(gap[x < 1.0 - length - 0.03] > 0.0)
+    assert np.all(p * gap <= 1e-9 * peak * gap.max())
+    # Only what touches is a contact point, with its limit.
+    patch = structure.patches[0]
+    assert set(patch.nodes) == set(nodes[p > 0.0])
+
+
+def cylinder(n: int, radius: float = 1.0, size: float = 0.2) -> NamedMesh:
+    """Body with a bottom of that radius on a flat one, finer towards the middle."""
+    s, t = np.linspace(-1, 1, 2 * n + 1), np.linspace(0, 1, n + 1)
+    x, y = size * (0.25 * s + 0.75 * s**3), size * (0.25 * t + 0.75 * t**2)
+    upper = skfem.MeshQuad.init_tensor(x, y).with_boundaries(
+        {"u_base": lambda x: x[1] == 0.0, "u_top": lambda x: x[1] == size}
+    )
+    bent = upper.p.copy()
+    bent[1] += bent[0] ** 2 / (2 * radius) * (1.0 - bent[1] / size)
+    lower = skfem.MeshQuad.init_tensor(x, -y[::-1]).with_boundaries(
+        {"l_top": lambda x: x[1] == 0.0, "l_base": lambda x: x[1] == -size}
+    )
+    return merged([named(replace(upper, doflocs=bent)), named(lower)])
+
+
+def test_a_cylinder_on_a_flat_tends_to_hertz() -> None:
+    """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length."""
+    force, radius = 2e7 * THICKNESS, 1.0
+    half = np.sqrt(8 * 2e7 * radius * (1 - NU**2) / (np.pi * E))
+    peak, errors = 2 * 2e7 / (np.pi * half), []
+    for n in (8, 16, 32):
+        bolts = [Clamp(force, "u_top", "l_base")]
+        structure = clamped(cylinder(n), bolts=bolts, plane="strain")
+        nodes, p, _ = pressure(structure)
+        x = structure.nodes[nodes, 0]
+        assert structure.patches[0].clamping_force == pytest.approx(force, rel=1e-10)
+        exact = peak * np.sqrt(np.maximum(0.0, 1.0 - (x / half) ** 2))
+        area = structure.preload.joints[0].area[nodes] / THICKNESS
+        errors.append(np.sqrt(area @ (p - exact) ** 2 / (area @ exact**2)))
+    assert errors[0] > 1.4 * errors[1] > 2 * errors[2]  # towards its root at the edge
+    assert p.max() == pytest.approx(peak, rel=0.01)
+    touching = structure.patches[0].area.sum() / THICKNESS
+    assert touching == pytest.approx(2 * half, rel=0.08)
+
+
+def three_feet() -> NamedMesh:
+    """Two E-shaped bodies, foot on foot: middle feet are a cut shank, outer ones joints."""
+    bodies = []
+    for prefix, sign in (("u_", 1.0), ("l_", -1.0)):
+        x, y = np.linspace(0.0, 5.0, 11), np.linspace(0.0, 2.0, 5)
+        mesh = skfem.MeshQuad.init_tensor(x, y)
+        middle = mesh.p[:, mesh.t].mean(axis=1)
+        mesh = mesh.restrict(np.flatnonzero((middle[1] > 1) | (middle[0].astype(int) % 2 == 0)))
+        p = mesh.p * [[1.0], [sign]]
+        mesh = skfem.MeshQuad(p, mesh.t if sign > 0 else mesh.t[[0, 3, 2, 1]])
+        feet = {
+            prefix + name: lambda x, k=k: (x[1] == 0.0) & (x[0] > k) & (x[0] < k + 1)
+            for k, name in ((0, "left"), (2, "cut"), (4, "right"))
+        }
+        bodies.append(named(mesh.with_boundaries(feet)))
+    return merged(bodies)
+
+
+def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards() -> None:
+    joints = [Joint(f"u_{x}", "preload", 0.3, against=f"l_{x}") for x in ("left", "right")]
+    structure = clamped(three_feet(), joints, [Clamp(FORCE, shank=("u_cut", "l_cut"))])
+    assert [p.clamping_force for p in structure.patches] == pytest.approx(
+        [FORCE / 2, FORCE / 2], rel=1e-9
+    )
+    u = structure.expand(np.random.default_rng(1).normal(size=structure.T.shape[1]))
+    ends = [np.sort(structure.nodes_of(name)) for name in ("u_cut", "l_cut")]
+    order = [some[np.argsort(structure.nodes[some, 0])] for some in ends]
+    assert u[order[0]] == pytest.approx(u[order[1]], abs=1e-12)
+
+
+MESH = stacked("quad", 1)
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ({"bolts": [Clamp(FORCE, "u_tpo", "l_base")]}, r"bolt\[0\]\.head: found 'u_tpo'.*'u_top'"),
+        ({"bolts": [Clamp(FORCE, "u_top", "u_base")]}, r"does not go through a joint.*'u_base'"),
+        ({"bolts": [Clamp(FORCE, "u_top")]}, "acts from .* on the rigid base"),
+        ({"bolts": [Clamp(FORCE)]}, "must have head"),
+        ({"bolts": [Clamp(FORCE, "u_top", shank=("u_top", "l_base"))]}, "or shank alone"),
+        ({"bolts": [Clamp(-1.0, "u_top", "l_base")]}, r"bolt\[0\]\.force: found -1"),
+        ({"bolts": [Clamp(FORCE, "u_left", "l_base")]}, "does not press at 'u_left'"),
+        ({"bolts": [Clamp(FORCE, shank=("u_top", "l_base"))]}, "does not pull the faces"),
+        ({"bolts": []}, "found 'preload', but no bolt presses it"),
+        ({"joints": [replace(JOINT, pressure=1e6)]}, "no joint with pressure = 'preload'"),
+        ({"joints": [replace(JOINT, normal_force="equal")]}, "normal_force: found 'equal'"),
+        ({"joints": [replace(JOINT, on="u_joint", against="l_joint")]}, "needs a boundary"),
+        ({"joints": [replace(JOINT, on="u_left")]}, "no node of it lies over 'l_top'|opens every"),
+        ({"joints": [replace(JOINT, pressure="bolts")], "bolts": []}, "must be in Pa"),
+    ],
+)  # fmt: skip
+def test_what_presses_nothing_is_refused(how: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        _ = clamped(MESH, **how).patches
