@@ -113,36 +113,6 @@ def killed(begun: Callable[[], bool], pause: float, *arguments: str | Path) -> i
     return process.returncode
 
 
-def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
-    scene: Write, tmp_path: Path
-) -> None:
-    path = scene(cycles=200, output="every = 10")
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
-    rng = np.random.default_rng(5)
-    out = tmp_path / "out"
-    arguments = ("run", path, "--out", out, "--checkpoint-every", "400", "--resume")
-    kills = 0
-    for _ in range(4):
-        checkpoint = out / f"checkpoint_{('full', 'full', 'reduced')[kills % 3]}.npz"
-        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-
-        def is_further(file: Path = checkpoint, before: int = before) -> bool:
-            return file.exists() and file.stat().st_mtime_ns != before
-
-        # Let it get one checkpoint further, then anything from nothing to many more.
-        status = killed(is_further, float(rng.uniform(0.0, 0.1)), *arguments)
-        kills += status == -signal.SIGKILL
-        assert_only_whole_files(out)
-        if status == 0:
-            break
-    assert kills >= 3
-    process = launch(*arguments)
-    _, said = process.communicate(timeout=180.0)  # also where others keep the machine busy
-    assert process.returncode == 0, said
-    assert results(out) == results(tmp_path / "whole")
-    assert sorted(file.name for file in out.rglob("*")) == ["history.npz", "summary.json"]
-
-
 @pytest.mark.parametrize("model", ["full", "reduced"])
 @pytest.mark.parametrize(
     "name", ["structure_harmonic", "structure_impulse", "plate_reference", "two_plates"]
@@ -263,29 +233,16 @@ def test_another_scene_or_mesh_is_refused(scene: Write, tmp_path: Path, capsys: 
     assert cli.main(arguments) == 0
 
 
-@pytest.mark.parametrize("steps", ["0", "-3"])
-def test_steps_between_checkpoints_must_be_positive(
-    steps: str, scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
-    out = tmp_path / "out"
-    assert cli.main(["run", str(scene()), "--out", str(out), f"--checkpoint-every={steps}"]) == 2
-    assert "--checkpoint-every: found" in capsys.readouterr().err
-    assert not out.exists()
-
-
 # A disk that fills up
 
 
-@pytest.mark.parametrize("kilobytes", [6, 60])
-def test_a_limit_on_file_sizes_leaves_whole_files(
-    kilobytes: int, scene: Write, tmp_path: Path
-) -> None:
+def test_a_limit_on_file_sizes_leaves_whole_files(scene: Write, tmp_path: Path) -> None:
     out = tmp_path / "out"
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')
 
     def limited() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1024 * kilobytes, 1024 * kilobytes))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60 * 1024, 60 * 1024))
 
     arguments = ("run", path, "--out", out, "--checkpoint-every", "100")
     process = launch(*arguments, preexec_fn=limited)
