@@ -57,20 +57,6 @@ def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "data",
-    [b"", b"\0" * 100, b"\xff\xfe", b"[", b"a" * 100_000, b"[" * 50_000, b"a=" + b"[" * 50_000,
-     b"a=" + b"{a=" * 5_000, b"\n" * 100_000, b"[mesh]\nfile = 1", b"title = 'a\0b'",
-     b"x" + b".x" * 20_000 + b" = 1",
-     b"".join(b"a%d = 1\n" % i for i in range(50_000))],
-    ids=lambda data: repr(data[:8]),
-)  # fmt: skip
-def test_what_is_no_scene_at_all_is_refused(data: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_bytes(data)
-    assert isinstance(outcome(path), str)
-
-
-@pytest.mark.parametrize(
     "name", ["/dev/zero", "/dev/null", "/dev/stdin", ".", "..", "/", "../scene.toml", "scene.toml",
              "/proc/self/mem", "/etc/passwd", "x" * 300, "x/" * 3000, "~", "a:b", "%s%n", "*",
              "\u202emsh", "http://localhost/x.msh", "file:///x.msh"]

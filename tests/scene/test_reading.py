@@ -13,7 +13,7 @@ import pytest
 from scene_texts import GOOD, Change, problems_of_file, scene_of, with_changes
 
 from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar, build_box, build_plate, merged, refined, write_mesh
+from skfem_joint.mesh import build_bar, build_box, build_plate, refined, write_mesh
 from skfem_joint.scene import load_scene, scene_from
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -286,26 +286,6 @@ def test_what_is_built_follows_what_is_changed() -> None:
     assert abs(copied.system().C - 3.0 * system.M).max() == pytest.approx(0.0, abs=1e-12)
     assert (copied.path, copied.named_mesh) == (scene.path, BAR)
     assert scene.system() is system
-
-
-def test_bars_against_each_other_are_a_scene_too() -> None:
-    other = build_bar(
-        [("lower", 0.1, 10), ("rest", 0.1, 2)], {"held": 0.2}, origin=(0.0, 0.01, 0.0)
-    )
-    scene = scene_of(
-        ('fixed = ["fixed"]', 'fixed = ["held"]'),
-        ('on = "joint"', 'on = "joint"\nagainst = "lower"'),
-        mesh=merged([BAR, other]),
-    )
-    assert scene.system().contact_points == 11
-    assert scene.output_points == ("fixed", "junction", "middle", "free_end")
-
-
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_example_is_valid(path: Path) -> None:
-    scene = load_scene(path)
-    assert scene.system().contact_points > 0
-    assert (scene.reduction.reference == "paper") == (path.stem == "lap_joint_case_I")
 
 
 @pytest.mark.parametrize(
