@@ -119,30 +119,12 @@ def test_area_of_the_stored_loop_is_the_work_put_in(run: Run) -> None:
     assert f[-1] == pytest.approx(f[0], abs=1e-9 * np.abs(f).max())
 
 
-def test_area_of_a_loop_stored_sparsely_errs_by_the_quadrature() -> None:
-    few = harmonic_run(every=5)
-    u, f = hysteresis_loop(few, "free_end", rows_per_cycle=STEPS // 5)
-    # A polygon of 40 corners inscribed in a convex loop: smaller, to second order.
-    assert 0.98 * few.cycles.input[-1, 0] < trapezoid(f, u) < few.cycles.input[-1, 0]
-
-
 def test_a_loop_needs_one_stored_cycle(run: Run) -> None:
     u, f = hysteresis_loop(run, "free_end")
     assert np.array_equal(u, run.point("free_end"))
     assert f == pytest.approx(63e3 * np.sin(2e3 * np.pi * run.times), abs=1e-6)
     with pytest.raises(InputError, match="less than one cycle"):
         hysteresis_loop(run, "free_end", rows_per_cycle=u.size)
-
-
-def test_coulomb_points_slip_at_the_limit_and_stick_at_rest() -> None:
-    coulomb = harmonic_run(lap_joint(beta=np.inf).system())
-    velocity = (coulomb.system.B @ coulomb.v.T).T
-    slips = slip_state(velocity, coulomb.system.beta) == 1
-    assert 0.2 < slips.mean() < 0.8
-    assert np.all(np.abs(coulomb.sigma[slips]) == 1.0)
-    assert np.all(np.abs(coulomb.sigma[~slips]) < 1.0)
-    assert np.all(velocity[~slips] == 0.0)
-    assert np.all(velocity[slips] * coulomb.sigma[slips] > 0.0)
 
 
 def test_arctan_points_slip_from_a_share_of_their_own_speed_on(run: Run) -> None:

@@ -159,23 +159,6 @@ def test_two_joints_each_have_their_active_length_and_energy() -> None:
         assert energy["left"] == pytest.approx(energy["right"], rel=0.03)
 
 
-def test_more_modes_err_less(structure_study: Study) -> None:
-    five, fifteen = errors_of(structure_study), errors_of(run_bar(reduction=paper(modes=15)))
-    for name in ("friction_energy_per_cycle", "peak_displacement", "displacement_rms"):
-        assert abs(getattr(fifteen, name)) < 0.4 * abs(getattr(five, name))
-    assert abs(fifteen.friction_energy_per_cycle or 1.0) < 0.015
-
-
-def test_full_rank_basis_is_the_full_model() -> None:
-    options = {"reference": "self", "modes": 14, "friction_points": "all", "beta": 1e5}
-    results = run_bar(bar="coarse", time={"cycles": 3}, reduction=options)
-    assert results.models["reduced"].run.system.n == results.system.n == 14
-    errors = errors_of(results)
-    assert errors.displacement_max < 1e-7
-    assert errors.friction_energy is not None
-    assert abs(errors.friction_energy) < 1e-7
-
-
 def test_one_model_alone_is_integrated_once_and_not_compared(
     structure_study: Study, monkeypatch: Patch
 ) -> None:
@@ -266,31 +249,6 @@ def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
     assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
 
 
-def test_impulse_stays_below_the_errors_of_the_paper() -> None:
-    pulse = {"on": "free_end", "kind": "triangle", "peak": 87.5e3, "rise_time": 4e-5}
-    results = run_bar(load=[pulse], time={"duration": 3e-3, "step": 2e-6})
-    errors = errors_of(results)
-    assert errors.friction_energy_per_cycle is None
-    assert errors.by_point["free_end"][1] <= 0.023  # section 7.4
-    assert errors.by_point["junction"][1] <= 0.015
-    assert errors.friction_energy is not None
-    assert abs(errors.friction_energy) <= 0.03
-    assert results.models["full"].run.cycles.friction.size == 0
-
-
-def test_points_are_stored_as_asked_and_nothing_that_nobody_asked_for(
-    structure_study: Study,
-) -> None:
-    results = run_bar(output={"every": 10}, time={"cycles": 2})
-    for name, model in results.models.items():
-        stored, every = model.run, structure_study.models[name].run
-        assert stored.times == pytest.approx(every.times[:401:10], rel=1e-12)
-        assert np.allclose(stored.point_u, every.point_u[:401:10], rtol=0.0, atol=1e-12)
-    alone = run_bar("full", output={"history": False}, time={"cycles": 2}).models["full"].run
-    assert alone.point_u.size == alone.u.size == alone.sigma.size == 0
-    assert alone.peak.max() > 0.0
-
-
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
 def test_fields_of_the_reduced_model_are_those_of_the_mesh(
     what: str, request: pytest.FixtureRequest
@@ -333,13 +291,7 @@ def test_plate_without_poisson_effect_is_the_bar(law: dict[str, Any]) -> None:
         time={"cycles": 3, "steps_per_cycle": 100},
     )
     full, bar = results.models["full"], strut.models["full"]
-
-    def energies(run: Run) -> list[float]:
-        return [run.cycles.friction[-1], run.cycles.input[-1, 0], run.friction_work.sum()]
-
-    assert energies(full.run) == pytest.approx(energies(bar.run), rel=1e-6)
-    peak = bar.run.peak_of("right")
-    assert full.run.peak_of("right") == pytest.approx(peak, rel=1e-6)
+    assert full.run.friction_work.sum() == pytest.approx(bar.run.friction_work.sum(), rel=1e-6)
     assert bar.active_length["joint"] / LENGTH == pytest.approx(
         full.active_area_fraction["joint"], abs=1.5 / ELEMENTS
     )
@@ -385,17 +337,15 @@ class StopAt:
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("output", [{}, {"history": False}])
-def test_interrupted_study_holds_what_was_done(output: dict[str, Any]) -> None:
-    models = ["full"] if output else []
-    scene = bar_scene(*models, time={"cycles": 60}, output=output)
+def test_interrupted_study_holds_what_was_done() -> None:
+    scene = bar_scene(time={"cycles": 60})
     results = run_scene(scene, StopAt("full model", 2))
     assert results.interrupted
     (full,) = results.models.values()
     assert full.run.interrupted
     done = full.run.counters.steps
     assert 0 < done < scene.n_steps
-    assert full.run.times.size == (0 if output else done + 1)
+    assert full.run.times.size == done + 1
     assert full.run.cycles.friction.size == done // 200
     assert f"full model at t = {done * scene.time_step:.6g} s" in results.warnings[-1]
 

