@@ -7,7 +7,6 @@ import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -141,21 +140,6 @@ def test_coarse_mesh_keeps_regions_and_points() -> None:
     np.testing.assert_array_equal(coarse.regions["joint"], [0, 1])
     np.testing.assert_array_equal(coarse.regions["linear"], np.arange(2, 12))
     np.testing.assert_allclose(coarse.coordinates[-1], bar.coordinates[-1])
-
-
-def test_time_at_an_error_follows_the_logarithms() -> None:
-    points: Any = [
-        SimpleNamespace(
-            wall_s=wall,
-            seconds=lambda total=False, wall=wall: wall,
-            counts=True,
-            error=lambda name, error=error: error,
-        )
-        for wall, error in ((1e-3, 1e-2), (1e-2, 1e-4), (5e-2, 1e-3))
-    ]
-    assert ready_made.time_at(points, 1e-3) == pytest.approx(10**-2.5)
-    assert ready_made.time_at(points, 1e-1) == 1e-3
-    assert ready_made.time_at(points, 1e-5) is None
 
 
 def test_the_report_joins_competitors_to_our_models(

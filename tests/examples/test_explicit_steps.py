@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks import explicit
-from benchmarks.explicit import runge_kutta, stable_step, state_matrix
+from benchmarks.explicit import runge_kutta, stable_step
 from scipy import linalg
 from stepping_systems import LapJoint, dense_system, order_of, oscillator, reference_plate
 
@@ -39,14 +39,6 @@ def test_stable_step_of_pure_friction_is_the_textbook_s() -> None:
     system = LapJoint(elements=20, beta=1e7, options={"mass": "lumped"}).system
     rate = (system.w * 2.0 / np.pi * 1e7 / system.M.diagonal()).max()
     assert stable_step(system) == pytest.approx(2.785293563 / rate, rel=1e-4)
-
-
-def test_state_matrix_holds_the_poles_of_the_oscillator() -> None:
-    system = oscillator(Harmonic(1.0, 1.0), frequency=2.0, damping_ratio=0.1)
-    poles = np.linalg.eigvals(state_matrix(system))
-    omega = 4 * np.pi
-    assert poles.real == pytest.approx([-0.1 * omega] * 2, rel=1e-12)
-    assert np.abs(poles.imag) == pytest.approx([omega * np.sqrt(0.99)] * 2, rel=1e-12)
 
 
 def test_reduction_stretches_the_stable_step_by_around_17() -> None:
@@ -122,9 +114,3 @@ def test_coulomb_has_no_stable_step() -> None:
     with pytest.raises(InputError, match="no stable step"):
         stable_step(LapJoint(elements=10, beta=np.inf).system)
     stable_step(LapJoint(elements=10, beta=np.inf, friction=0.0).system)
-
-
-@pytest.mark.parametrize(("step", "n_steps"), [(0.0, 10), (-1e-6, 10), (np.nan, 10), (1e-9, 0)])
-def test_steps_that_are_none_are_refused(step: float, n_steps: int) -> None:
-    with pytest.raises(InputError, match="must be > 0"):
-        runge_kutta(LapJoint(elements=10).system, step=step, n_steps=n_steps)

@@ -14,7 +14,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from pictured import STEEL, bar, blocks, lap, side
 
@@ -98,14 +97,6 @@ def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
-def test_histories_draw_the_stored_displacement(figures: Figures, runs: Runs) -> None:
-    lines = figures["histories"].axes[0].get_lines()
-    assert [line.get_label() for line in lines] == ["full", "reduced"]
-    for line, run in zip(lines, runs.values(), strict=True):
-        np.testing.assert_allclose(line.get_xdata(), 1e3 * run.times)
-        np.testing.assert_allclose(line.get_ydata(), 1e6 * run.point("free_end"))
-
-
 def test_points_that_rest_or_move_as_another_have_no_panel() -> None:
     made = Structure(
         build_plate([("bar", 0.2, 6)], 0.05, 2, points={"tip": (0.2, 0.025)}), STEEL,
@@ -118,19 +109,6 @@ def test_points_that_rest_or_move_as_another_have_no_panel() -> None:
     assert [panel.get_title(loc="left") for panel in figure.axes] == ["tip"]
     still = integrate(made.system([Load("tip", Harmonic(0.0, 1.0), (1.0, 0.0))]), step=1, n_steps=3)
     assert plots.histories_figure({"full": still}, ["tip"]).axes[0].lines
-
-
-def test_full_is_solid_reduced_broken_and_both_differ_in_grey(runs: Runs) -> None:
-    for names in (("full", "reduced"), ("reduced", "full")):
-        figure = plots.histories_figure({name: runs[name] for name in names}, ["free_end"])
-        full, reduced = sorted(figure.axes[0].get_lines(), key=lambda line: line.get_label())
-        assert (full.get_linestyle(), reduced.get_linestyle()) == ("-", "--")
-        grey = [np.dot([0.2126, 0.7152, 0.0722], to_rgb(c.get_color())) for c in (full, reduced)]
-        assert abs(grey[0] - grey[1]) > 0.3
-        # One that is alone is thin and solid.
-        (line,) = plots.histories_figure({names[0]: runs[names[0]]}, ["free_end"]).axes[0].lines
-        assert line.get_linestyle() == "-"
-        assert line.get_linewidth() < 1.5
 
 
 def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
@@ -163,16 +141,6 @@ def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats() -> None:
     rest = np.exp(-50.0 * t) * np.sin(2 * np.pi * 30 * t)
     assert plots.envelope(t, rest + 1e-9 * (-1.0) ** np.arange(t.size)) is None
     assert plots.envelope(t, np.zeros(t.size)) is None
-
-
-def test_many_cycles_are_drawn_as_a_band_that_names_its_parts() -> None:
-    run = integrate(system(2), step=STEP, n_steps=400 * ROWS, cycle_steps=ROWS)
-    panel = plots.histories_figure({"full": run}, ["free_end"]).axes[0]
-    assert not panel.lines
-    (band,) = panel.collections
-    largest = np.abs(band.get_paths()[0].vertices[:, 1]).max()
-    assert largest == pytest.approx(1e6 * np.abs(run.point("free_end")).max())
-    assert panel.get_title(loc="left") == "free_end: least and largest in each 2 ms"
 
 
 def test_five_modes_with_largest_value_one_their_proper_values_and_whose_they_are(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -84,11 +83,6 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> Non
 # Names
 
 
-def test_letters_digits_dots_and_dashes_of_a_name_are_kept() -> None:
-    for name in ("free_end", "joint-2", "v1.5", "Stoß", "接合"):
-        assert safe_name(name) == name
-
-
 @pytest.mark.parametrize("name", ["../../a", "/a", "..\\a", 'C:"<a>"|?*', "a\0b\n"])
 def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path: Path, name: str) -> None:
     path = tmp_path / f"hysteresis_{safe_name(name)}.png"
@@ -144,20 +138,6 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(
     with replacing(tmp_path / "a.txt") as temporary:
         temporary.write_text("whole")
     assert done == [temporary.name, "moved", tmp_path.name]
-
-
-def test_threads_that_write_one_file_do_not_meet(tmp_path: Path) -> None:
-    def write(text: str) -> None:
-        for _ in range(50):
-            with replacing(tmp_path / "a.txt") as temporary:
-                temporary.write_text(text)
-
-    threads = [threading.Thread(target=write, args=(1000 * letter,)) for letter in "abcd"]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert contents(tmp_path) in [{"a.txt": 1000 * letter} for letter in "abcd"]
 
 
 def in_a_process(code: str, folder: Path) -> subprocess.Popen[str]:

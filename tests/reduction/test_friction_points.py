@@ -45,13 +45,6 @@ def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count: int) -> None:
         assert w @ polynomial(x) == pytest.approx(exact, abs=1e-11 * weight.sum())
 
 
-def test_rule_of_degree_2p_is_not_exact() -> None:
-    position, weight = measure()
-    x, w = gauss_rule(position, weight, 3)
-    nodal = np.polynomial.Polynomial.fromroots(x) ** 2  # zero at the points, positive elsewhere
-    assert w @ nodal(x) < 1e-10 * (weight @ nodal(position))
-
-
 def test_many_equal_nodes_give_gauss_legendre() -> None:
     legendre, weights = np.polynomial.legendre.leggauss(6)
     errors = []
@@ -70,12 +63,6 @@ def test_as_many_points_as_nodes_are_the_nodes(kind: str) -> None:
     x, w = gauss_rule(position, weight, 53)
     assert np.allclose(x, position, rtol=0.0, atol=1e-13)
     assert np.allclose(w, weight, rtol=1e-9)
-
-
-def test_one_node_is_its_own_rule() -> None:
-    x, w = gauss_rule(np.array([0.07]), np.array([3.0]), 1)
-    assert x[0] == pytest.approx(0.07, rel=1e-14)
-    assert w[0] == pytest.approx(3.0, rel=1e-14)
 
 
 @pytest.mark.parametrize("count", [0, -1, 61])
@@ -124,30 +111,6 @@ def test_all_points_as_gauss_points_give_the_model_of_all_nodes() -> None:
     gauss = harmonic_run(gauss_points(system, [(points, position)], points.size)[0])
     assert np.allclose(gauss.point_u, nodes.point_u, rtol=0.0, atol=1e-10 * nodes.peak.max())
     assert gauss.cycles.friction == pytest.approx(nodes.cycles.friction, rel=1e-10)
-
-
-def test_twelve_gauss_points_are_close_to_all_nodes() -> None:
-    system, _, points, position = on_a_line()
-    nodes = harmonic_run(system)
-    gauss = harmonic_run(gauss_points(system, [(points, position)], 12)[0])
-    assert gauss.cycles.friction[-1] == pytest.approx(nodes.cycles.friction[-1], rel=5e-3)
-    assert gauss.peak == pytest.approx(nodes.peak, rel=5e-3)
-
-
-def test_two_stretches_get_their_own_points() -> None:
-    system, _, points, position = on_a_line()
-    parts = [(points[part], position[part]) for part in (slice(20), slice(20, None))]
-    both, _ = gauss_points(system, parts, 4)
-    assert both.contact_points == 8
-    assert both.w[:4].sum() == pytest.approx(system.w[points[:20]].sum(), rel=1e-12)
-    assert both.w[4:].sum() == pytest.approx(system.w[points[20:]].sum(), rel=1e-12)
-
-
-def test_a_stretch_of_one_point_is_that_point() -> None:
-    system, _, points, position = on_a_line()
-    one, _ = gauss_points(system, [(points[:1], position[:1])], 12)
-    assert np.array_equal(one.w, system.w[points[:1]])
-    assert np.allclose(one.B, system.B[points[:1]], rtol=1e-14)
 
 
 # Merged friction points
@@ -219,26 +182,6 @@ def test_points_of_other_laws_or_joints_are_not_merged() -> None:
     J = merged_points(two, basis.velocities, basis.active, 12)[0].J
     np.testing.assert_allclose(J, np.round(J), atol=1e-12)
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
-
-
-def test_turned_slip_directions_give_turned_points() -> None:
-    system, basis = example()
-    reduced = system.project(basis.V)
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
-    other = replace(reduced, B=(turn @ reduced.B.reshape(-1, 2, 8)).reshape(-1, 8))
-    few, owner = merged(reduced, basis, 9)
-    turned, turned_owner = merged(other, basis, 9)
-    assert np.array_equal(owner, turned_owner)
-    expected = turn @ few.B.reshape(-1, 2, 8)
-    np.testing.assert_allclose(turned.B.reshape(-1, 2, 8), expected, atol=1e-13)
-
-
-def test_no_point_to_keep_leaves_none() -> None:
-    system, basis = example()
-    none, owner = merged(system.project(basis.V), replace(basis, active=basis.active[:0]), 5)
-    assert none.w.size == 0
-    assert none.B.shape == (0, 8)
-    assert np.all(owner == -1)
 
 
 def test_partition_finds_what_is_apart() -> None:

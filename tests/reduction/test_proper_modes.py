@@ -13,7 +13,6 @@ from scipy import linalg, sparse
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.reduction import pod
 from skfem_joint.reduction.pod import (
-    ProperModes,
     inner_matrix,
     orthonormal,
     proper_modes,
@@ -59,30 +58,11 @@ def test_euclidean_modes_are_the_singular_vectors() -> None:
     np.testing.assert_allclose(modes.modes * signs, rows.T, atol=1e-12)
 
 
-def test_unit_matrix_is_the_euclidean_product() -> None:
-    A = snapshots(30, 6)
-    plain, weighted = proper_modes(A), proper_modes(A, np.eye(6))
-    np.testing.assert_allclose(plain.singular_values, weighted.singular_values, rtol=1e-10)
-    np.testing.assert_allclose(np.abs(plain.modes), np.abs(weighted.modes), atol=1e-10)
-
-
 def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone() -> None:
     A = snapshots(30, 6)
     plain, small = proper_modes(A), proper_modes(1e-160 * A)
     np.testing.assert_allclose(small.singular_values, 1e-160 * plain.singular_values, rtol=1e-10)
     np.testing.assert_allclose(np.abs(small.modes), np.abs(plain.modes), atol=1e-10)
-
-
-def test_a_separable_history_has_one_mode() -> None:
-    shape = np.array([0.0, 1.0, 2.0, 2.0])
-    modes = proper_modes(np.outer(np.sin(np.arange(20.0)), shape))
-    np.testing.assert_allclose(np.abs(modes.modes[:, 0]), shape / 3.0, atol=1e-14)
-    assert modes.proper_values[0] == pytest.approx(100.0, rel=1e-13)
-
-
-def test_proper_values_add_up_to_a_hundred_percent() -> None:
-    modes = ProperModes(np.eye(5), np.array([60.0, 25.0, 10.0, 4.0, 1.0]))
-    np.testing.assert_allclose(modes.cumulative, [60, 85, 95, 99, 100], rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -140,12 +120,6 @@ def test_slow_gross_slip_has_modes(product: str) -> None:
     modes = proper_modes(snapshot_matrix(u, v, "both", G), G).modes
     rigid = modes[:, 0] / modes[0, 0]
     np.testing.assert_allclose(rigid, 1.0, atol=1e-6)
-
-
-def test_unknown_inner_product_is_refused() -> None:
-    system, u, v = sliding()
-    with pytest.raises(InputError, match="'force', must be one of energy, mass, euclidean"):
-        inner_matrix(system, "force", u, v)
 
 
 # Snapshots

@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 
 from skfem_joint import cli
-from skfem_joint.loads import HalfSine, Triangle, Versine
 from skfem_joint.scene import Scene
 from skfem_joint.scene.keys import markdown, reference, show
 
@@ -42,17 +41,6 @@ def test_every_key_has_a_meaning_and_every_quantity_a_unit() -> None:
             assert row.allowed, where
             if "number" in row.allowed.replace("whole number", ""):
                 assert row.unit or {where, row.key} & PURE, where
-
-
-@pytest.mark.parametrize("shape", [Triangle, HalfSine, Versine])
-def test_a_pulse_is_twice_as_long_as_it_rises(shape: type) -> None:
-    (pulse,) = (one for one in reference("load") if "half_sine" in one.title)
-    (row,) = (one for one in pulse.keys if one.key == "rise_time")
-    assert "half the length" in row.meaning
-    force = shape(2.0, 0.3, 0.1)
-    assert force(0.4) == pytest.approx(2.0)
-    assert force(0.699) > 0.0
-    assert abs(force(0.701)) < 1e-12
 
 
 def test_a_table_is_shown_by_its_name(capsys: Capture) -> None:

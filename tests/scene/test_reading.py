@@ -82,15 +82,6 @@ def test_a_bar_becomes_its_structure_and_system(scene_file: Write) -> None:
     assert scene.structure() is scene.structure()
 
 
-def test_two_plates_become_one_structure(scene_file: Write) -> None:
-    scene = load_scene(scene_file(text=PLATES))
-    structure = scene.structure()
-    assert (structure.dim, int(scene.named_mesh.body.max())) == (2, 1)
-    assert scene.output_points == ("tip",)
-    assert scene.system().points == ("upper_right", "tip.x", "tip.y")
-    assert scene.loads()[0].direction == (1.0, 0.0)
-
-
 @pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
 def test_a_solid_needs_no_section(kind: str) -> None:
     box = build_box([("body", 0.2, 4)], (0.05, 0.02), (2, 2), kind=kind)

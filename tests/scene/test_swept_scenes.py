@@ -12,7 +12,7 @@ from scene_texts import GOOD, with_changes
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError
-from skfem_joint.scene import Swept, load_scene, load_sweep
+from skfem_joint.scene import Swept, load_sweep
 from skfem_joint.scene.sweep_table import Sweep
 
 MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
@@ -58,14 +58,6 @@ def test_meshes_can_be_swept_and_are_read_once_each(read: Read) -> None:
     meshes = [scene.named_mesh for scene in swept.scenes]
     assert meshes[0] is meshes[1]
     assert meshes[2].mesh.p.max() == pytest.approx(0.5 * meshes[0].mesh.p.max())
-
-
-def test_a_scene_with_a_sweep_is_a_scene(read: Read, tmp_path: Path) -> None:
-    read('"joint[0].friction" = [0.3, 0.5]')
-    scene = load_scene(tmp_path / "scene.toml")
-    assert scene.joint[0].friction == 0.7
-    assert scene.sweep is not None
-    assert len(scene.sweep.combinations()) == 2
 
 
 @pytest.mark.parametrize(

@@ -180,19 +180,6 @@ def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far() -> None:
 # Named points
 
 
-def test_points_that_are_means_keep_the_chain_and_give_the_mean() -> None:
-    system = LapJoint(elements=30).system
-    rows = np.zeros((2, 30))
-    rows[0, 10:20], rows[1] = 0.1, np.linspace(-1.0, 1.0, 30)
-    means = replace(system, P=sparse.csr_array(rows), points=("middle", "any"))
-    run = run_of(means)
-    assert arranged(means).kind == "chain"
-    assert run.counters == run_of(system).counters
-    np.testing.assert_allclose(run.point("middle"), run.u[:, 10:20].mean(axis=1), rtol=1e-11)
-    np.testing.assert_allclose(run.point_v, run.v @ rows.T, atol=1e-12 * np.abs(run.v).max())
-    assert run.peak_of("any") == pytest.approx(np.abs(run.u @ rows[1]).max(), rel=1e-12)
-
-
 def test_a_load_on_a_region_works_on_its_mean_displacement() -> None:
     bar = build_bar([("joint", 0.2, 16), ("rest", 0.1, 8)], {"fixed": 0.0, "free_end": 0.3})
     structure = struts(bar, [LapJoint().joint])

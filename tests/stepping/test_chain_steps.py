@@ -185,22 +185,3 @@ def test_coulomb_points_at_the_edge_of_slip_do_not_flip_for_ever(normal_force: s
     assert run.counters.descents == run.counters.halved_steps == 0
     assert run.counters.largest_iterations <= 100
     assert run.energy_residual < 1e-9
-
-
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-@pytest.mark.parametrize("steps_per_period", [10, 30, 3000])
-def test_coarse_and_very_fine_steps_converge(beta: float, steps_per_period: int) -> None:
-    n_steps = min(2 * steps_per_period, 300)
-    system = LapJoint(elements=800, beta=beta).system
-    run = integrate(system, step=1e-3 / steps_per_period, n_steps=n_steps)
-    assert run.counters.steps == n_steps
-    assert run.energy_residual < 1e-9
-
-
-def test_a_joint_of_one_element_is_a_friction_oscillator() -> None:
-    # One unknown: below the limit nothing moves, above it the balance closes.
-    for beta in (1e5, np.inf):
-        run = integrate(LapJoint(elements=1, beta=beta).system, step=1e-5, n_steps=100)
-        assert run.energy_residual < 1e-10
-    joint = LapJoint(elements=1, beta=np.inf, force=0.99 * LapJoint().tau * 0.25)
-    assert integrate(joint.system, step=1e-5, n_steps=100).peak[0] == 0.0

@@ -89,15 +89,6 @@ def test_turned_slip_rows_change_nothing(singles: int) -> None:
     assert_same(run_of(s), run_of(replace(s, B=B)))
 
 
-def test_motion_along_one_direction_obeys_the_scalar_law() -> None:
-    s = dense_system(pairs=0, singles=6)
-    pairs = np.zeros((12, 4))
-    pairs[0::2], pairs[1::2] = 0.6 * s.B, -0.8 * s.B
-    one, other = run_of(s), run_of(replace(s, B=pairs, directions=np.full(6, 2)))
-    assert_same(one, other)
-    np.testing.assert_allclose(other.sigma[:, 0::2], 0.6 * one.sigma, rtol=0, atol=1e-9)
-
-
 @pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.6)])
 def test_energy_and_works_of_each_point_add_up(scheme: Any) -> None:
     s = dense_system(singles=5)

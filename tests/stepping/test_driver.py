@@ -65,18 +65,6 @@ def test_all_ways_to_give_the_steps_are_one() -> None:
     assert differing(plain, duration) == []
 
 
-def test_a_plain_function_of_time_is_a_load() -> None:
-    harmonic = integrate(SMALL, step=1e-5, n_steps=200)
-    omega = 2.0 * pi * 1000.0
-    (load,) = SMALL.loads
-    plain = replace(SMALL, loads=(replace(load, amplitude=lambda t: 63e3 * np.sin(omega * t)),))
-    run = integrate(plain, step=1e-5, n_steps=200)
-    assert run.peak_of("free_end") == np.abs(run.point("free_end")).max()
-    np.testing.assert_allclose(run.point_u, harmonic.point_u, atol=1e-10 * harmonic.peak[0])
-    with pytest.raises(InputError, match="common period"):
-        integrate(plain, cycles=2, steps_per_cycle=100)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -374,25 +362,6 @@ def test_loads_that_jump_keep_second_order(
         errors.append(np.abs(run.point("mass") - exact).max())
         assert run.energy_residual < 1e-10
     assert order_of(errors, [2.0 / count for count in counts]) > 1.8
-
-
-@pytest.mark.parametrize("beta", [1e3, inf])
-@pytest.mark.parametrize("end", [2e-4, 2.34e-4])
-def test_a_table_that_ends_above_zero_drops_to_zero_there(beta: float, end: float) -> None:
-    """As if the drop were written out, in a time that no step sees."""
-    ends = Table([0.0, 1e-4, end], [0.0, 40e3, 20e3])
-    written = Table([0.0, 1e-4, end, end + 1e-11], [0.0, 40e3, 20e3, 0.0])
-    joint = LapJoint(elements=20, beta=beta)
-    one, other = (
-        integrate(replace(joint, load=load).system, step=5e-7, n_steps=1000)
-        for load in (ends, written)
-    )
-    np.testing.assert_allclose(one.point_u, other.point_u, atol=1e-4 * one.peak[0])
-    np.testing.assert_allclose(one.friction_work, other.friction_work, rtol=1e-3, atol=1e-6)
-    assert one.energy_residual < 1e-10
-    # A step that is too long for the vibration that the drop sets off is refused, as for any jump.
-    with pytest.raises(InputError, match="jump"):
-        integrate(replace(joint, load=ends).system, step=5e-5, n_steps=20)
 
 
 @pytest.mark.parametrize("beta", [10.0, inf])

@@ -86,20 +86,6 @@ def test_force_has_the_slip_s_direction_and_the_scalar_law_s_size(beta: float) -
     assert np.array_equal(friction.force_vectors(np.zeros(4), beta, two[:2]), np.zeros(4))
 
 
-def test_points_of_both_kinds_keep_their_order() -> None:
-    directions = np.array([1, 2, 1, 2, 2])
-    slip = np.random.default_rng(0).standard_normal((3, 8))
-    beta = np.array([10.0, 1.0, inf, 1e3, 7.0])
-    f = friction.force_vectors(slip, beta, directions)
-    assert np.array_equal(f[:, 0], friction.force(slip[:, 0], 10.0))
-    assert np.array_equal(f[:, 3], np.sign(slip[:, 3]))
-    expected = friction.force_vectors(slip[:, 4:6], beta[3], np.array([2]))
-    np.testing.assert_allclose(f[:, 4:6], expected, rtol=2 * EPS)
-    np.testing.assert_allclose(
-        friction.norms(slip, directions)[:, 4], np.hypot(slip[:, 6], slip[:, 7]), rtol=4 * EPS
-    )
-
-
 # Compiled
 
 

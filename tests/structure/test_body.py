@@ -262,26 +262,6 @@ def test_an_inclined_bar_has_the_same_system_and_its_vectors_lie_along_it() -> N
     np.testing.assert_array_equal(inclined.positions, coordinates)
 
 
-def test_supports_at_both_ends_are_eliminated_and_displacements_expanded() -> None:
-    body = build_bar([("joint", 1.0, 4)], {"fixed": 0.0, "middle": 0.5, "other_end": 1.0})
-    some = structure(body, fixed=["fixed", "other_end"])
-    system = some.system([Load("middle", LOAD)])
-    u = np.linalg.solve(system.K.toarray(), system.loads[0].vector)
-    # Two bars of half the length hold the middle, each of stiffness 2 EA.
-    tip = 1.0 / (4.0 * E * WIDTH * THICKNESS)
-    assert (system.P @ u)[0] == pytest.approx(tip, rel=1e-12)
-    expanded = some.expand(np.array([[1.0, 2.0, 3.0]]))
-    np.testing.assert_array_equal(expanded[..., 0], [[0.0, 1.0, 2.0, 3.0, 0.0]])
-    reduced = system.project(np.eye(3)[:, :2])
-    np.testing.assert_array_equal(reduced.expand(np.array([1.0, 2.0])), [0.0, 1.0, 2.0, 0.0, 0.0])
-
-
-def test_proportional_damping() -> None:
-    system = structure(block("quad"), stiffness_damping=2e-5, mass_damping=3.0).system()
-    expected = 2e-5 * system.K + 3.0 * system.M
-    assert abs(system.C - expected).max() < 1e-14 * abs(expected).max()
-
-
 def test_loads_on_regions_and_points_and_names_of_rows() -> None:
     some = structure(block("tri", 2), [pressed("base")], fixed=())
     loads = [

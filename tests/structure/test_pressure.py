@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -101,28 +100,6 @@ def test_pressure_with_kinks_is_integrated_exactly_in_every_dimension() -> None:
         assert np.sum(integrals * corners[..., 0]) == pytest.approx(moment, rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["equal", "consistent"])
-def test_tables_on_bars_give_the_integral_with_the_hat_functions(kind: str) -> None:
-    table = PressureTable((0.0, 0.1, 0.25), (0.0, 6e6, 2e6))
-    total = WIDTH * (0.1 * 6e6 / 2 + 0.15 * (6e6 + 2e6) / 2)
-    body = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
-    (patch,) = structure(body, [pressed(pressure=table, normal_force=kind)], ["fixed"]).patches
-    assert patch.clamping_force == pytest.approx(total, rel=1e-12)
-    if kind == "equal":
-        np.testing.assert_allclose(patch.normal_force, total / 10, rtol=1e-12)
-        return
-
-    def share(node: int) -> float:
-        h = 0.025
-        ends = (max(0.0, (node - 1) * h), node * h, min(0.25, (node + 1) * h))
-        return WIDTH * sum(
-            quad(lambda x: float(table(np.array([x]))) * (1 - abs(x / h - node)), a, b)[0]
-            for a, b in pairwise(ends)
-        )
-
-    np.testing.assert_allclose(patch.normal_force, [share(n) for n in range(1, 11)], rtol=1e-9)
-
-
 @pytest.mark.parametrize("elements", [1, 10, 100])
 @pytest.mark.parametrize("kind", ["equal", "consistent"])
 def test_equal_forces_share_all_and_consistent_ones_by_length(elements: int, kind: str) -> None:
@@ -131,19 +108,6 @@ def test_equal_forces_share_all_and_consistent_ones_by_length(elements: int, kin
     share = MU * 8e6 * WIDTH * 0.25 / elements
     last = share if kind == "equal" else share / 2
     np.testing.assert_allclose(w, [*[share] * (elements - 1), last], rtol=1e-12)
-
-
-@pytest.mark.parametrize("turn", [0.0, 37.0])
-def test_pressure_turns_with_its_axis(turn: float) -> None:
-    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-    triangles = square(1.0, 4, seed=2)
-    along = PressureTable((-0.2, 0.3), (1.0, 4.0))
-    across = PressureTable((-0.2, 0.3), (1.0, 4.0), (2 * c, 2 * s))
-    np.testing.assert_allclose(
-        pressure_integrals(triangles @ np.array([[c, s], [-s, c]]), across),
-        pressure_integrals(triangles, along),
-        rtol=1e-12,
-    )
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -20,7 +20,6 @@ from skfem_joint.structure import (
     Load,
     Material,
     PressureTable,
-    Structure,
     doubts,
 )  # fmt: skip
 
@@ -264,11 +263,3 @@ def test_a_sound_structure_raises_no_doubt() -> None:
 def test_what_looks_wrong_is_said(joint: Joint, changes: dict[str, Any], sentence: str) -> None:
     (found,) = said(joint, **changes)
     assert re.search(sentence, found)
-
-
-def test_a_structure_takes_a_mesh_of_scikit_fem_as_it_is() -> None:
-    from skfem import MeshLine
-
-    mesh = MeshLine().refined(3).with_boundaries({"wall": lambda x: x[0] == 0.0})
-    some = Structure(mesh, Material(200e9, 8000.0), width=0.05, thickness=0.01, fixed=["wall"])
-    assert some.system().n == 8

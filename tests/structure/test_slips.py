@@ -295,21 +295,6 @@ def test_a_pile_of_three_plates_slips_at_both_faces() -> None:
         structure(body, circle, ["0_right"]).system()
 
 
-def test_a_turned_structure_has_turned_matrices() -> None:
-    angle = 33.0
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    straight = structure(lap((5, 3), 2), [LAP], ["lower_left"])
-    other = structure(turned(lap((5, 3), 2), angle), [LAP], ["lower_left"])
-    one = straight.system([Load("upper_right", LOAD, (1.0, 0.5))])
-    two = other.system([Load("upper_right", LOAD, (c - 0.5 * s, s + 0.5 * c))])
-    R = sparse.kron(sparse.eye_array(one.n // 2), np.array([[c, -s], [s, c]]))
-    for name in ("M", "K"):
-        A = getattr(one, name)
-        assert abs(R @ A @ R.T - getattr(two, name)).max() < 1e-12 * abs(A).max()
-    np.testing.assert_allclose(two.w, one.w, rtol=1e-12)
-    np.testing.assert_allclose(two.loads[0].vector, R @ one.loads[0].vector, atol=1e-14)
-
-
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
 def test_two_solids_pressed_on_each_other_are_in_balance(kind: Any, order: int) -> None:
