@@ -124,11 +124,6 @@ def test_time_step_of_a_resonant_joint_is_told(steps: int) -> None:
     assert 0.5 * true < stated < 3.0 * true
 
 
-def test_the_estimate_can_be_left_out() -> None:
-    study = run_scene(bar_scene("full", time={"cycles": 1}, accuracy={"estimate": False}))
-    assert study.models["full"].estimate is None
-
-
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Steps of each run that an estimate makes."""

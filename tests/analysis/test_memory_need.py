@@ -163,18 +163,3 @@ def test_the_bound_is_a_share_of_what_is_available(monkeypatch: pytest.MonkeyPat
     assert memory.default_limit() == 8 * memory.GIB
     monkeypatch.setattr(memory, "available", lambda: None)
     assert memory.default_limit() == 4 * memory.GIB
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("MemTotal: 9 kB\nMemAvailable:   2048 kB\nSwapFree: 0 kB\n", 2 * MIB),
-        ("MemTotal: 9 kB\n", None),
-        ("MemAvailable: much kB\n", None),
-    ],
-)
-def test_available_memory_as_the_system_says(
-    text: str, expected: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Path, "read_text", lambda *_, **__: text)
-    assert memory.available() == expected

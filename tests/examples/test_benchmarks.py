@@ -130,18 +130,6 @@ def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth: Reference
             assert (difference(own, found.results)["displacement_rms"] or 0.0) < 1e-3
 
 
-def test_coarse_mesh_keeps_regions_and_points() -> None:
-    points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
-    bar = build_bar([("joint", 0.1, 40), ("linear", 0.5, 100)], points)
-    coarse = ready_made.coarsened(bar, 12)
-    assert coarse.n_elements == 12
-    for name, at in points.items():
-        assert coarse.mesh.p[0, coarse.points[name]] == pytest.approx(at, abs=1e-12)
-    np.testing.assert_array_equal(coarse.regions["joint"], [0, 1])
-    np.testing.assert_array_equal(coarse.regions["linear"], np.arange(2, 12))
-    np.testing.assert_allclose(coarse.coordinates[-1], bar.coordinates[-1])
-
-
 def test_the_report_joins_competitors_to_our_models(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

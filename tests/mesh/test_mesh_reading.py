@@ -81,82 +81,57 @@ def by_position(mesh: NamedMesh) -> NamedMesh:
 
 # Files that are read as they are
 
+HOLES = 2 * 16 * 0.0055**2 * np.sin(np.pi / 16)  # two polygons of 32 sides
+#: Kind, order, bodies; sizes of regions; sizes of boundaries, or positions of a bar's points.
+SHIPPED = {
+    "lap_joint_250mm": ("line", 1, 1, {"joint": 0.25}, {"fixed": 0.0, "free_end": 0.25}),
+    "lap_joint_500mm": ("line", 1, 1, {"joint": 0.5}, {"fixed": 0.0, "free_end": 0.5}),
+    "structure": (
+        *("line", 1, 1, {"joint": 0.1, "linear": 0.5}),
+        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
+    ),
+    "plate_reference": (
+        *("quadrilateral", 1, 1, {"joint": 0.25 * 0.05}),
+        {"fixed": 0.05, "free_end": 0.05, "bottom": 0.25, "top": 0.25},
+    ),
+    "plate_bolts": (
+        *("triangle", 2, 1, {"joint": 0.2 * 0.05 - HOLES, "linear": 0.3 * 0.05}),
+        {"fixed": 0.05, "free_end": 0.05}
+        | dict.fromkeys(["hole_1", "hole_2"], 64 * 0.0055 * np.sin(np.pi / 32)),
+    ),
+    "two_plates": (
+        *("quadrilateral", 1, 2),
+        dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.05)
+        | dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.05),
+        {"upper_end": 0.05, "lower_end": 0.05},
+    ),
+    "two_plates_side": (
+        *("quadrilateral", 1, 2),
+        dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.01)
+        | dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.01),
+        dict.fromkeys(["upper_end", "lower_end"], 0.01)
+        | dict.fromkeys(["upper_contact", "lower_contact"], 0.2),
+    ),
+}
 
-@pytest.mark.parametrize(
-    ("name", "regions", "points"),
-    [
-        ("lap_joint_250mm", {"joint": (0.0, 0.25, 100)}, {"fixed": 0.0, "free_end": 0.25}),
-        ("lap_joint_500mm", {"joint": (0.0, 0.5, 100)}, {"fixed": 0.0, "free_end": 0.5}),
-        (
-            "structure",
-            {"joint": (0.0, 0.1, 100), "linear": (0.1, 0.6, 100)},
-            {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
-        ),
-    ],
-)
-def test_shipped_bars_have_the_papers_sizes(name, regions, points):
-    path = MESHES / f"{name}.msh"
-    bar = load_meshes([path])
-    s = bar.mesh.p[0]
-    assert (bar.path, bar.notes) == (str(path), ())
-    assert {key: pytest.approx(s[at], abs=1e-15) for key, at in bar.points.items()} == points
-    for key, (start, stop, elements) in regions.items():
-        nodes = np.unique(bar.mesh.t[:, bar.regions[key]])
-        assert s[nodes[[0, -1]]] == pytest.approx([start, stop], abs=1e-15)
-        np.testing.assert_allclose(np.diff(s[nodes]), (stop - start) / elements, rtol=1e-12)
-    assert set(bar.regions) == set(regions)
 
-
-@pytest.mark.parametrize(
-    ("name", "shape", "regions", "boundaries", "bodies"),
-    [
-        (
-            *("plate_reference", ("quadrilateral", 1), {"joint": 0.25 * 0.05}),
-            {"fixed": 0.05, "free_end": 0.05, "bottom": 0.25, "top": 0.25},
-            1,
-        ),
-        (
-            *("plate_bolts", ("triangle", 2)),
-            {"joint": 0.2 * 0.05 - 2 * 16 * 0.0055**2 * np.sin(np.pi / 16), "linear": 0.3 * 0.05},
-            {
-                **{"fixed": 0.05, "free_end": 0.05},
-                **dict.fromkeys(["hole_1", "hole_2"], 64 * 0.0055 * np.sin(np.pi / 32)),
-            },
-            1,
-        ),
-        (
-            *("two_plates", ("quadrilateral", 1)),
-            {
-                **dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.05),
-                **dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.05),
-            },
-            {"upper_end": 0.05, "lower_end": 0.05},
-            2,
-        ),
-        (
-            *("two_plates_side", ("quadrilateral", 1)),
-            {
-                **dict.fromkeys(["upper_linear", "lower_linear"], 0.5 * 0.01),
-                **dict.fromkeys(["upper_joint", "lower_joint"], 0.2 * 0.01),
-            },
-            {
-                **dict.fromkeys(["upper_end", "lower_end"], 0.01),
-                **dict.fromkeys(["upper_contact", "lower_contact"], 0.2),
-            },
-            2,
-        ),
-    ],
-)
-def test_shipped_plates_have_the_sizes_of_their_systems(name, shape, regions, boundaries, bodies):
-    path = MESHES / f"{name}.msh"
-    plate = load_meshes([path])
-    assert path.stat().st_size < 300_000
-    assert (plate.kind, plate.order) == shape
-    assert region_sizes(plate) == pytest.approx(regions, rel=1e-6)
-    assert sizes(plate).sum() == pytest.approx(sum(regions.values()), rel=1e-6)
-    assert boundary_sizes(plate) == pytest.approx(boundaries, rel=1e-6)
-    assert plate.body.max() + 1 == bodies
-    assert plate.notes == ()
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_meshes_have_the_sizes_of_their_systems(name):
+    kind, order, bodies, regions, borders = SHIPPED[name]
+    mesh = load_meshes([MESHES / f"{name}.msh"])
+    assert (mesh.path, mesh.notes) == (str(MESHES / f"{name}.msh"), ())
+    assert (mesh.kind, mesh.order, mesh.body.max() + 1) == (kind, order, bodies)
+    assert region_sizes(mesh) == pytest.approx(regions, rel=1e-6)
+    assert sizes(mesh).sum() == pytest.approx(sum(regions.values()), rel=1e-6)
+    if kind == "line":  # of a hundred equal elements each
+        x = mesh.mesh.p[0]
+        assert {key: x[at] for key, at in mesh.points.items()} == pytest.approx(borders, abs=1e-15)
+        assert {key: inside.size for key, inside in mesh.regions.items()} == dict.fromkeys(
+            regions, 100
+        )
+        np.testing.assert_allclose(np.diff(x, 2)[np.arange(x.size - 2) != 99], 0.0, atol=1e-15)
+    else:
+        assert boundary_sizes(mesh) == pytest.approx(borders, rel=1e-6)
 
 
 def test_shipped_plates_have_holes_at_the_bolts_and_touch_where_they_should():

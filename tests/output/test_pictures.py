@@ -100,16 +100,6 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken() -> None:
 
 
 @draws
-def test_a_moment_without_load_is_told_as_one(tmp_path: Path) -> None:
-    with pictures._picture(tmp_path / "a.png", pulled(lap())) as (_, picture):
-        told = []
-        for frame in (2, 0):  # at the largest load, and at none
-            picture.show(frame, "most slip")
-            told.append(picture.plotter.actors["frame"].input)
-    assert ["no load" in text for text in told] == [False, True]
-
-
-@draws
 @pytest.mark.parametrize("thickness", [1e-3, 0.05])
 @pytest.mark.parametrize("width", [0.02, 0.3])
 def test_models_and_their_names_lie_clear_of_each_other(

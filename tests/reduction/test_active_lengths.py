@@ -58,21 +58,6 @@ def test_slow_joint_is_active_over_the_pseudo_static_slip_length() -> None:
     assert length == pytest.approx(static * (1.0 - np.sqrt(1e-3)), rel=5e-3)
 
 
-def test_case_i_is_active_over_the_share_found_for_figure_7() -> None:
-    assert measured(*slipped(*case_i(), 200), 1e-4) / 0.5 == pytest.approx(0.63, abs=0.01)
-
-
-def test_amplification_is_that_of_a_linear_oscillator() -> None:
-    zeta = active_length.DAMPING_RATIO
-    assert active_length.amplification(0.0) == 1.0
-    assert active_length.amplification(1.0) == pytest.approx(1 / (2 * zeta), rel=1e-14)
-    # Modulus of the complex frequency response.
-    for r in (0.3, 0.9, 1.5):
-        response = 1.0 / (1.0 - r**2 + 2j * zeta * r)
-        assert active_length.amplification(r) == pytest.approx(abs(response), rel=1e-14)
-    assert active_length.amplification(0.5, 0.0) == pytest.approx(4 / 3, rel=1e-14)
-
-
 def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does() -> None:
     # A loop of a harmonic force and displacement with phase phi has the area pi F u sin(phi);
     # equal to the joint's loop with tan(phi) = 2 zeta, whatever force, section and friction.

@@ -55,16 +55,6 @@ def test_many_equal_nodes_give_gauss_legendre() -> None:
     assert errors[0] / errors[1] == pytest.approx(100.0, rel=0.02)
 
 
-@pytest.mark.parametrize("kind", ["random", "equal"])
-def test_as_many_points_as_nodes_are_the_nodes(kind: str) -> None:
-    position, weight = measure(53)
-    if kind == "equal":
-        position, weight = np.linspace(0.0, 0.3, 53), np.ones(53)
-    x, w = gauss_rule(position, weight, 53)
-    assert np.allclose(x, position, rtol=0.0, atol=1e-13)
-    assert np.allclose(w, weight, rtol=1e-9)
-
-
 @pytest.mark.parametrize("count", [0, -1, 61])
 def test_a_rule_of_too_many_or_no_points_is_refused(count: int) -> None:
     with pytest.raises(InputError, match="must be from 1 to 60"):
@@ -95,14 +85,6 @@ def test_gauss_points_keep_the_friction_limit_of_the_active_length() -> None:
         assert np.array_equal(few.beta, np.full(count, 1e5))
         np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-14)
         np.testing.assert_allclose(shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
-
-
-def test_slip_is_interpolated_linearly() -> None:
-    system, _, points, position = on_a_line()
-    few, _ = gauss_points(system, [(points, position)], 7)
-    at, _ = gauss_rule(position, system.w[points], 7)
-    for k in range(system.n):
-        assert np.allclose(few.B[:, k], np.interp(at, position, system.B[points, k]), rtol=1e-12)
 
 
 def test_all_points_as_gauss_points_give_the_model_of_all_nodes() -> None:

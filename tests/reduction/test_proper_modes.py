@@ -49,15 +49,6 @@ def test_projection_error_is_the_sum_of_the_discarded_squares(product: str, time
         assert np.einsum("ti,ij,tj->", left, G, left) == pytest.approx(expected, 1e-8, total)
 
 
-def test_euclidean_modes_are_the_singular_vectors() -> None:
-    A = snapshots(60, 12)
-    modes = proper_modes(A)
-    _, values, rows = np.linalg.svd(A, full_matrices=False)
-    np.testing.assert_allclose(modes.singular_values, values, rtol=1e-12)
-    signs = np.sign(np.einsum("ij,ji->j", modes.modes, rows))
-    np.testing.assert_allclose(modes.modes * signs, rows.T, atol=1e-12)
-
-
 def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone() -> None:
     A = snapshots(30, 6)
     plain, small = proper_modes(A), proper_modes(1e-160 * A)

@@ -18,7 +18,6 @@ from reduced_joints import (
     errors,
     fig_18,
     full,
-    plate,
     three_periods,
 )
 from scipy import linalg
@@ -277,35 +276,3 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points() -> None:
     history, energy = errors(few, every)
     assert history < 0.02
     assert abs(energy) < 0.02
-
-
-def frequencies(system: System, basis: Basis) -> np.ndarray:
-    return linalg.eigvalsh(system.project(basis.V).K)
-
-
-def test_turned_plate_has_the_same_reduced_model() -> None:
-    structure, system, _ = case("strip")
-    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    mesh = structure.mesh
-    mesh = replace(
-        mesh,
-        mesh=replace(mesh.mesh, doflocs=turn @ mesh.mesh.p),
-        coordinates=mesh.coordinates @ np.pad(turn.T, (0, 1)),
-    )
-    joint = replace(structure.joints[0], axis=tuple(turn[:, 0]))
-    turned = plate(mesh, joint)
-    other = turned.system([Load("right", system.loads[0].amplitude, tuple(turn[:, 0]))], [])
-    one, two = scaled(structure, system), scaled(turned, other)
-    np.testing.assert_allclose(frequencies(other, two), frequencies(system, one), rtol=1e-6)
-    assert two.active_length["joint"] == pytest.approx(one.active_length["joint"])
-
-
-def test_plate_without_lateral_contraction_has_the_bar_s_modes_among_its_own() -> None:
-    """Poisson's ratio zero: what slips along the axis of a strip does so as in the bar."""
-    regions = [("joint", 0.1, 16), ("linear", 0.5, 16)]
-    joined, system = bar(regions, ["joint"], [("end", Harmonic(87.5e3, 500.0))])
-    strip, pulled, _ = case("strip", 0.0)
-    one = frequencies(system, scaled(joined, system, 0.05, interface_modes=2))
-    two = frequencies(pulled, scaled(strip, pulled, 0.05, interface_modes=2))
-    for value in one:
-        assert np.abs(two / value - 1.0).min() < 1e-6

@@ -88,13 +88,6 @@ def test_common_period_is_the_least_common_multiple(
         assert np.abs(whole_turns - np.round(whole_turns)).max() > 1e-6
 
 
-def test_common_period_of_several_loads_passes_over_impulses() -> None:
-    pair = MultiHarmonic((Harmonic(1.0, 60.0), Harmonic(1.0, 90.0)))
-    assert common_period([Harmonic(1.0, 40.0), *IMPULSES, pair]) == pytest.approx(1 / 10)
-    assert common_period(IMPULSES) is None
-    assert common_period([Harmonic(1.0, 1.0), Harmonic(1.0, math.sqrt(2))]) is None
-
-
 @pytest.mark.parametrize(
     ("components", "peak"),
     [

@@ -112,30 +112,6 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * b.max())
 
 
-@pytest.mark.parametrize("beta", [1e5, inf])
-def test_a_permuted_chain_is_stepped_as_a_chain(beta: float) -> None:
-    system = LapJoint(elements=40, beta=beta).system
-    order = np.random.default_rng(0).permutation(40)
-    C, K = (sparse.csr_array(A[order][:, order]) for A in (system.C, system.K))
-    (load,) = system.loads
-    permuted = replace(
-        system, M=sparse.csr_array(system.M[order][:, order]), C=C, K=K, B=system.B[:, order],
-        P=system.P[:, order], loads=(replace(load, vector=load.vector[order]),),
-    )  # fmt: skip
-    run, expected = run_of(permuted), run_of(system)
-    assert run.system is permuted
-    assert arranged(permuted).kind == "chain"
-    np.testing.assert_allclose(run.u, expected.u[:, order], atol=1e-12 * expected.peak[0])
-    np.testing.assert_allclose(run.sigma, expected.sigma, atol=1e-7)
-    np.testing.assert_allclose(run.final[1], expected.final[1][order], atol=1e-9)
-    # An initial state is given on the system's own unknowns, too.
-    start = np.random.default_rng(1).normal(size=(2, 40)) * [[1e-6], [1e-2]]
-    one = run_of(permuted, initial=(start[0][order], start[1][order]))
-    other = run_of(system, initial=(start[0], start[1]))
-    np.testing.assert_allclose(one.u, other.u[:, order], atol=1e-11 * other.peak[0])
-    assert one.stored_energy[0] == pytest.approx(other.stored_energy[0], rel=1e-12)
-
-
 # Slip rows of any kind
 
 

@@ -13,7 +13,7 @@ from stepping_systems import EA, LapJoint, order_of, struts
 from skfem_joint.analysis import pseudo_static
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar, load_meshes
+from skfem_joint.mesh import load_meshes
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
@@ -156,17 +156,6 @@ def test_a_full_rank_basis_is_the_full_model(basis: str) -> None:
     np.testing.assert_allclose(reduced.cycles.friction, full.cycles.friction, rtol=1e-7)
     np.testing.assert_allclose(reduced.friction_work, full.friction_work, rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(V @ reduced.final[0], full.final[0], atol=1e-8 * full.peak[0])
-
-
-def test_zero_friction_is_the_linear_solution() -> None:
-    frictionless = replace(REFERENCE, friction=0.0).system
-    bar = build_bar([("joint", 0.25, 100)], {"fixed": 0.0, "free_end": 0.25})
-    free = struts(bar).system([Load("free_end", Harmonic(63e3, 1000.0))])
-    assert frictionless.contact_points == 0
-    assert frictionless.w.size == 100
-    a, b = run_of(frictionless), run_of(free)
-    np.testing.assert_array_equal(a.point_u, b.point_u)
-    assert a.counters.friction_evaluations == a.counters.newton_iterations == 0
 
 
 def test_points_without_pressure_need_no_law_in_a_reduced_system() -> None:
