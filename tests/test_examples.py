@@ -1,7 +1,5 @@
 """The examples give the numbers they speak of."""
 
-from __future__ import annotations
-
 import ast
 import runpy
 from pathlib import Path
@@ -20,7 +18,7 @@ def run(name: str, run_name: str = "example") -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", [*LITERATE, "sweep"])
-def test_literate_examples_are_short(name: str) -> None:
+def test_literate_examples_are_short(name):
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     body = ast.parse(text).body[1:]
     lines = text.splitlines()[body[0].lineno - 1 :]
@@ -28,15 +26,13 @@ def test_literate_examples_are_short(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LITERATE)
-def test_literate_examples_run_as_scripts(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_literate_examples_run_as_scripts(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run(name, "__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
 
 
-def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form() -> None:
+def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form():
     found = run("lap_joint")
     assert found["proper"].proper_values[:5] == pytest.approx(TABLE_1, abs=0.1)
     # Peak F^2 / (2 EA tau) with EA = 100 MN and tau = 0.7 x 8 MPa x 50 mm; inertia adds to it.
@@ -48,7 +44,7 @@ def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form() ->
     assert 1.0 < found["run"].cycles.friction[-1] / loss < 1.15
 
 
-def test_the_reduced_structure_is_small_and_close_to_the_full_one() -> None:
+def test_the_reduced_structure_is_small_and_close_to_the_full_one():
     found = run("reduced_structure")
     small, full = found["small"], found["system"]
     assert (full.n, full.contact_points) == (200, 100)
@@ -59,7 +55,7 @@ def test_the_reduced_structure_is_small_and_close_to_the_full_one() -> None:
     assert tip == pytest.approx(found["reduced"].point_u[-1, 0], rel=1e-12)
 
 
-def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip() -> None:
+def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip():
     found = run("own_basis")
     free, half, stuck = (found["runs"][limit].peak_of("tip") for limit in (0.0, 0.5, 1.1))
     # Slow beside the first natural frequency, 2.9 Hz; the start sets off a little more.
@@ -68,7 +64,7 @@ def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip() -> None
     assert stuck == 0.0
 
 
-def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
+def test_bolted_plates_hold_as_much_as_their_bolts_press():
     found = run("bolted_plates")
     assert found["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
     assert found["run"].energy_residual < 1e-11
@@ -78,9 +74,7 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
     assert found["run"].cycles.friction[-1] > 0.0
 
 
-def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = run("sweep", "__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
@@ -89,7 +83,7 @@ def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_peaks_of_the_response_lie_where_the_structure_rings_down() -> None:
+def test_peaks_of_the_response_lie_where_the_structure_rings_down():
     found = run("damping")
     down, end = found["down"], found["end"]
     amplitude, frequency = end * down.amplitude[::-1], down.frequency[::-1]

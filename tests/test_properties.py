@@ -1,7 +1,5 @@
 """Any valid scene keeps the invariants; any invalid one is refused by the name of its key."""
 
-from __future__ import annotations
-
 import math
 import random
 from typing import Any
@@ -11,12 +9,10 @@ import pytest
 from stability.checks import law_checks
 from stability.mutated import Tables, drawn
 
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import NamedMesh, merged
+import skfem_joint as sj
+from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import scene_from
 from skfem_joint.scene.messages import key_path
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 
 ROUND_OFF = 1e-9
@@ -39,20 +35,20 @@ def valid(rng: random.Random) -> tuple[Tables, NamedMesh]:
         del tables["joint"]
     tables["models"] = {"run": ["full"]}
     tables.pop("reduction", None)
-    return tables, merged(bodies) if len(bodies) > 1 else bodies[0]
+    return tables, sj.merged(bodies) if len(bodies) > 1 else bodies[0]
 
 
 @pytest.mark.parametrize("part", range(6))
-def test_any_valid_scene_keeps_the_invariants(part: int) -> None:
+def test_any_valid_scene_keeps_the_invariants(part):
     for seed in range(25 * part, 25 * part + 25):
         scene = scene_from(*valid(random.Random(seed)))
         system = scene.system()
-        run = integrate(
+        run = sj.integrate(
             system,
             step=scene.time_step,
             n_steps=scene.n_steps,
             scheme=generalized_alpha(scene.time.rho_infinity),
-            save=Save(every=scene.output.every, fields=True),
+            save=sj.Save(every=scene.output.every, fields=True),
             cycle_steps=scene.cycle_steps,
         )
         for values in (run.u, run.v, run.sigma, run.point_u, run.point_v, run.amplitudes):
@@ -95,7 +91,7 @@ def at(value: Any, path: Path) -> Any:
 
 def refusal(tables: Tables, mesh: NamedMesh) -> list[str]:
     """Problems of a scene without its name, which starts every one."""
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         scene_from(tables, mesh)
     assert all(problem.startswith("scene: ") for problem in caught.value.problems)
     return [problem.removeprefix("scene: ") for problem in caught.value.problems]
@@ -129,7 +125,7 @@ def wrong_values(key: str, value: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("part", range(6))
-def test_one_wrong_value_is_refused_by_the_name_of_its_key(part: int) -> None:
+def test_one_wrong_value_is_refused_by_the_name_of_its_key(part):
     for seed in range(50 * part, 50 * part + 50):
         rng = random.Random(seed)
         tables, mesh = valid(rng)
@@ -150,7 +146,7 @@ REQUIRED = {"material", "load", "time", "file", "E", "density", "pressure", "fri
 
 
 @pytest.mark.parametrize("part", range(5))
-def test_an_unknown_and_a_missing_key_are_refused_by_name(part: int) -> None:
+def test_an_unknown_and_a_missing_key_are_refused_by_name(part):
     for seed in range(50 * part, 50 * part + 50):
         rng = random.Random(seed)
         tables, mesh = valid(rng)

@@ -1,7 +1,5 @@
 """Damping and frequency against amplitude: the exact curves of bars, loops, refusals; SI units."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +69,7 @@ def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0])
-def test_curves_of_a_bar_converge_to_the_exact_ones(power: float) -> None:
+def test_curves_of_a_bar_converge_to_the_exact_ones(power):
     errors = []
     for elements in (100, 400):
         (found,) = backbone(bar(elements, power), levels=8, up_to=0.7)
@@ -88,21 +86,21 @@ def test_curves_of_a_bar_converge_to_the_exact_ones(power: float) -> None:
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0])
-def test_energy_of_a_slow_cycle_goes_with_a_power_of_the_force(power: float) -> None:
+def test_energy_of_a_slow_cycle_goes_with_a_power_of_the_force(power):
     (found,) = backbone(bar(400, power), levels=12, up_to=0.6)
     work = 2.0 * np.pi * found.level * found.amplitude * found.friction_damping
     fitted = np.polyfit(np.log(found.level), np.log(work), 1)[0]
     assert fitted == pytest.approx((2.0 * power + 3.0) / (power + 1.0), rel=0.01)
 
 
-def test_viscous_damping_is_added_and_stuck_joints_have_it_alone() -> None:
+def test_viscous_damping_is_added_and_stuck_joints_have_it_alone():
     (found,) = backbone(bar(damping=1e-6), levels=3, up_to=1e-4)
     assert found.state == ("stick",) * 3
     assert found.frequency == pytest.approx(found.stuck_frequency, rel=1e-9)
     assert found.damping_ratio == pytest.approx(np.pi * found.frequency * 1e-6, rel=1e-9)
 
 
-def test_a_joint_beyond_its_limit_slips_as_a_whole() -> None:
+def test_a_joint_beyond_its_limit_slips_as_a_whole():
     (found,) = backbone(bar(), levels=4, up_to=1.3)
     assert found.state[-1] == "gross"
     assert found.share[-1] == pytest.approx(1.0)
@@ -114,27 +112,27 @@ def test_a_joint_beyond_its_limit_slips_as_a_whole() -> None:
 
 
 @pytest.mark.parametrize("bolted", [False, True])
-def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted: bool) -> None:
+def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted):
     (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
     assert found.masing_error is not None
     assert 1e-6 < found.masing_error < 0.1
 
 
-def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks() -> None:
+def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks():
     (fixed,) = backbone(bar(), levels=5, up_to=0.5)
     (held,) = backbone(bar(held=False), levels=5, up_to=0.5, slips_at=fixed.slips_at)
     assert held.frequency == pytest.approx(fixed.frequency, rel=1e-7)
     assert held.friction_damping == pytest.approx(fixed.friction_damping, rel=1e-5)
 
 
-def test_higher_modes_near_odd_multiples_are_told() -> None:
+def test_higher_modes_near_odd_multiples_are_told():
     assert any(
         "mode 2 at 3 times" in sentence for sentence in backbone(bar(), levels=2)[0].warnings
     )
 
 
 @pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
-def test_a_reduced_model_has_the_curve_of_the_full_one(system: System) -> None:
+def test_a_reduced_model_has_the_curve_of_the_full_one(system):
     (full,) = backbone(system)
     stuck = stuck_modes(system, 2)[1]
     basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
@@ -158,14 +156,12 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system: System) -> None:
         (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
     ],
 )
-def test_modes_that_are_not_there_are_refused(
-    system: System, how: dict[str, object], says: str
-) -> None:
+def test_modes_that_are_not_there_are_refused(system, how, says):
     with pytest.raises(InputError, match=says):
         backbone(system, **how)
 
 
-def test_nothing_is_left_where_all_is_in_contact() -> None:
+def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]

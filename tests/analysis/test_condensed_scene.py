@@ -1,7 +1,5 @@
 """Condensed models of scenes beside full and reduced ones; SI units."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,7 @@ def condensed(*run: str, **changes: Any) -> Scene:
     return plate_scene(*run, mesh=mesh, **(values | changes))
 
 
-def test_it_stands_between_full_and_reduced_in_all_results() -> None:
+def test_it_stands_between_full_and_reduced_in_all_results():
     output = {"vtk": True, "frames": 20}
     study = run_scene(condensed(*ALL, output=output))
     full, model, reduced = study.models.values()
@@ -55,7 +53,7 @@ def test_it_stands_between_full_and_reduced_in_all_results() -> None:
     assert needed(study.scene)["condensed model"] > 0
 
 
-def test_backbone_and_response_agree_with_the_full_model() -> None:
+def test_backbone_and_response_agree_with_the_full_model():
     scene = condensed(
         "condensed",
         "full",

@@ -1,11 +1,8 @@
 """The check on stiff and extreme cases: what it lets pass, what it does not, what it writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +27,7 @@ def values(cases: list[Case], name: str) -> set[Any]:
     return {getattr(case, name) for case in cases}
 
 
-def test_matrix_has_enough_cases_of_every_axis_and_each_once() -> None:
+def test_matrix_has_enough_cases_of_every_axis_and_each_once():
     bars = [case for case in matrix() if not case.is_plate]
     plates = [case for case in matrix() if case.is_plate]
     assert len(bars) > 1000
@@ -58,7 +55,7 @@ def test_matrix_has_enough_cases_of_every_axis_and_each_once() -> None:
     assert {(case.kind, case.order) for case in plates} == kinds
 
 
-def test_a_quick_matrix_leaves_no_axis_out() -> None:
+def test_a_quick_matrix_leaves_no_axis_out():
     assert values(quick_matrix(), "axis") == values(matrix(), "axis") - {"drift"}
 
 
@@ -70,7 +67,7 @@ def test_a_quick_matrix_leaves_no_axis_out() -> None:
         *((replace(SMALL, beta=beta), 0.05) for beta in (1e5, inf)),
     ],
 )
-def test_easy_cases_are_right(case: Case, error: float) -> None:
+def test_easy_cases_are_right(case, error):
     verdict = judge(case)
     assert verdict.outcome == RIGHT, verdict.reason
     assert 0.0 < (verdict.error or 0.0) < error
@@ -90,7 +87,7 @@ def test_easy_cases_are_right(case: Case, error: float) -> None:
         (replace(SMALL, axis="plate as bar", poisson=0.0, direction="along"), "the bar"),
     ],
 )
-def test_known_answers_are_met(case: Case, against: str) -> None:
+def test_known_answers_are_met(case, against):
     """Closed forms as far as the step goes; the same problem in another guise to round-off."""
     verdict = judge(case)
     assert verdict.outcome == RIGHT, verdict.reason
@@ -99,18 +96,18 @@ def test_known_answers_are_met(case: Case, against: str) -> None:
 
 
 @pytest.mark.parametrize(("factor", "outcome"), [(0.99, RIGHT), (1.01, REFUSED), (2.0, REFUSED)])
-def test_the_explicit_method_is_right_up_to_its_stable_step(factor: float, outcome: str) -> None:
+def test_the_explicit_method_is_right_up_to_its_stable_step(factor, outcome):
     case = replace(BAR, elements=(2,), beta=30.0, periods=1, solver="explicit", frequency=5e3)
     verdict = judge(replace(case, step_factor=factor, must_refuse=factor > 1.0))
     assert verdict.outcome == outcome, verdict.reason
 
 
-def test_an_answer_where_only_a_refusal_is_right_is_wrong() -> None:
+def test_an_answer_where_only_a_refusal_is_right_is_wrong():
     assert judge(replace(EASY, must_refuse=True)).outcome == WRONG
 
 
-def test_an_error_that_does_not_say_what_to_do_is_wrong(monkeypatch: Patch) -> None:
-    def refuse(*_: Any, **__: Any) -> None:
+def test_an_error_that_does_not_say_what_to_do_is_wrong(monkeypatch):
+    def refuse(*_, **__):
         raise ConvergenceError("it did not converge")
 
     monkeypatch.setattr(references, "integrate", refuse)
@@ -137,13 +134,13 @@ BROKEN: dict[str, tuple[Callable[[Any, Any], Any], str | None]] = {
 
 @pytest.mark.parametrize("beta", [1e5, inf])
 @pytest.mark.parametrize("what", [*BROKEN])
-def test_a_broken_step_is_wrong_in_silence(monkeypatch: Patch, what: str, beta: float) -> None:
+def test_a_broken_step_is_wrong_in_silence(monkeypatch, what, beta):
     """Done step by step; where nothing is damaged that is right."""
     real, (damage, reason) = steppers.CompiledStepper.advance, BROKEN[what]
     if what == "stuck points creep" and beta < inf:
         reason = ""  # under the arctan law all points creep: it is off its law
 
-    def advance(self: Any, h: float, amplitudes: Any, first: int, store: bool) -> int:
+    def advance(self, h, amplitudes, first, store):
         for k in range(amplitudes.shape[1] - 1):
             free = self.recorder.free_rows()
             if real(self, h, amplitudes[:, k : k + 2], first + k, store) == 0:
@@ -158,13 +155,11 @@ def test_a_broken_step_is_wrong_in_silence(monkeypatch: Patch, what: str, beta: 
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.5, 0.0])
-def test_half_the_friction_is_seen_by_the_equation_of_motion(
-    monkeypatch: Patch, rho: float
-) -> None:
+def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
     """The law, the audit of each step and a quarter of the step all agree with one another."""
     build, make = chain.build_chain, ContactProblem.__init__
 
-    def halved(self: Any, A: Any, first: Any, second: Any, w: Any, *rest: Any) -> None:
+    def halved(self, A, first, second, w, *rest):
         make(self, A, first, second, 0.5 * w, *rest)
 
     monkeypatch.setattr(chain, "build_chain", lambda H, w, beta: build(H, 0.5 * w, beta))
@@ -217,13 +212,13 @@ def judged_with(monkeypatch: Patch, damage: Damage, case: Case) -> Verdict:
     ],
 )
 def test_a_broken_step_of_a_plate_is_wrong_in_silence(
-    monkeypatch: Patch,
-    damage: Damage,
-    reason: str,
-    elements: tuple[int, int],
-    rho: float,
-    beta: float,
-) -> None:
+    monkeypatch,
+    damage,
+    reason,
+    elements,
+    rho,
+    beta,
+):
     case = replace(SMALL, steps=12, elements=elements, rho=rho, beta=beta)
     verdict = judged_with(monkeypatch, damage, case)
     assert verdict.outcome == WRONG
@@ -231,9 +226,7 @@ def test_a_broken_step_of_a_plate_is_wrong_in_silence(
 
 
 @pytest.mark.parametrize("bodies", [*ONE, *TWO])
-def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(
-    monkeypatch: Patch, bodies: str
-) -> None:
+def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(monkeypatch, bodies):
     case = replace(SMALL, beta=inf, bodies=bodies, share=0.5)
     assert judge(case).outcome == RIGHT
     assert "creep" in judged_with(monkeypatch, _creeps, case).reason
@@ -242,9 +235,7 @@ def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(
 # The report
 
 
-def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
-    tmp_path: Path, monkeypatch: Patch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, monkeypatch, capsys):
     verdicts = [
         Verdict(EASY, RIGHT, error=1e-3, error_bound=0.02, energy=1e-12, energy_bound=1e-8),
         Verdict(replace(EASY, axis="explicit"), REFUSED, "a step of 1e-5 s; use 2e-6 s"),
@@ -261,9 +252,7 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_quick_run_finds_nothing_wrong_in_silence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
     assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.PICTURE}

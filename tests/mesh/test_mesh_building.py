@@ -1,7 +1,5 @@
 """Bars, plates and boxes have the sizes, numbers and names that they were asked for."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

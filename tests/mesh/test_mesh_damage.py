@@ -1,7 +1,5 @@
 """Damaged files are refused in words, within bounded time and memory, or read for what they say."""
 
-from __future__ import annotations
-
 import math
 import random
 import tracemalloc

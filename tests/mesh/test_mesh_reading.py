@@ -1,9 +1,6 @@
 """Loaded meshes are those that their files mean, or are refused with file, place and reason."""
 
-from __future__ import annotations
-
 import runpy
-from collections.abc import Sequence
 
 import meshio
 import numpy as np
@@ -475,7 +472,7 @@ NAN, INF = float("nan"), float("inf")
     ],
 )  # fmt: skip
 def test_meshes_that_cannot_be_are_refused_with_file_and_reason(
-    tmp_path, capfd, nodes: Sequence[Sequence[float]], cells: Cells, reason: str
+    tmp_path, capfd, nodes, cells, reason
 ):
     kinds = {kind for kind, _, _ in cells}
     names = BAR_NAMES

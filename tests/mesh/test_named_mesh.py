@@ -1,7 +1,5 @@
 """Meshes of scikit-fem get names, bodies and checks; they merge and refine without losing any."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

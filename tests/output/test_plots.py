@@ -1,12 +1,9 @@
 """Curves and maps show the data they are given, with units, and are written whole or not at all."""
 
-from __future__ import annotations
-
 import struct
 import sys
 from functools import cache
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import matplotlib.image
@@ -16,47 +13,39 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from pictured import STEEL, bar, blocks, lap, side
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_plate
+import skfem_joint as sj
 from skfem_joint.output import plots
 from skfem_joint.reduction.pod import proper_modes
 from skfem_joint.reduction.reference import ReferenceModes, lap_joint
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Joint, Load, Structure
-from skfem_joint.system import System
 
-Figures = dict[str, Figure]
-Runs = dict[str, Run]
 ROWS = 50
 FREQUENCY = 1000.0
 STEP = 1.0 / FREQUENCY / ROWS
 
 
 @cache
-def system(elements: int = 20, frequency: float = FREQUENCY) -> System:
+def system(elements: int = 20, frequency: float = FREQUENCY) -> sj.System:
     """The paper's lap joint, pulled at its end."""
-    load = Load("free_end", Harmonic(63e3, frequency))
+    load = sj.Load("free_end", sj.Harmonic(63e3, frequency))
     return lap_joint(elements=elements, normal_force="consistent").system([load])
 
 
 @pytest.fixture(scope="module")
-def runs() -> Runs:
+def runs():
     options = {"step": STEP, "n_steps": 3 * ROWS, "cycle_steps": ROWS}
-    full = integrate(system(), save=Save(fields=True), **options)
+    full = sj.integrate(system(), save=sj.Save(fields=True), **options)
     reduced = system().project(proper_modes(full.u).modes[:, :3])
-    return {"full": full, "reduced": integrate(reduced, **options)}
+    return {"full": full, "reduced": sj.integrate(reduced, **options)}
 
 
 @pytest.fixture(scope="module")
-def reference(runs: Runs) -> ReferenceModes:
+def reference(runs):
     proper = proper_modes(runs["full"].u)
     return ReferenceModes(np.linspace(0.0, 1.0, len(proper.modes)), proper.modes, proper, 0.25)
 
 
 @pytest.fixture(scope="module")
-def figures(runs: Runs, reference: ReferenceModes) -> Figures:
+def figures(runs, reference):
     return {
         "histories": plots.histories_figure(runs, ["free_end"]),
         "hysteresis": plots.hysteresis_figure(runs, "free_end", 0, ROWS),
@@ -82,9 +71,7 @@ def assert_inside(figure: Figure, boxes: list[Any]) -> None:
 
 
 @pytest.mark.parametrize("name", LABELS)
-def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(
-    figures: Figures, name: str
-) -> None:
+def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(figures, name):
     figure = figures[name]
     found = {text for panel in figure.axes for text in (panel.get_xlabel(), panel.get_ylabel())}
     assert set(LABELS[name]) <= found
@@ -96,9 +83,7 @@ def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
-def test_curves_and_bars_are_the_numbers_that_they_show(
-    figures: Figures, runs: Runs, reference: ReferenceModes
-) -> None:
+def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, reference):
     for line, run in zip(figures["histories"].axes[0].get_lines(), runs.values(), strict=True):
         np.testing.assert_allclose(line.get_xdata(), 1e3 * run.times)
         np.testing.assert_allclose(line.get_ydata(), 1e6 * run.point("free_end"))
@@ -113,23 +98,23 @@ def test_curves_and_bars_are_the_numbers_that_they_show(
     np.testing.assert_allclose(right.get_lines()[0].get_ydata(), np.cumsum(heights))
 
 
-def test_points_that_rest_or_move_as_another_have_no_panel() -> None:
-    made = Structure(
-        build_plate([("bar", 0.2, 6)], 0.05, 2, points={"tip": (0.2, 0.025)}), STEEL,
+def test_points_that_rest_or_move_as_another_have_no_panel():
+    made = sj.Structure(
+        sj.build_plate([("bar", 0.2, 6)], 0.05, 2, points={"tip": (0.2, 0.025)}), STEEL,
         thickness=0.01, fixed=["left"],
     )  # fmt: skip
-    load = Load("tip", Harmonic(1e3, 100.0), (1.0, 0.0))
-    run = integrate(made.system([load]), step=1e-4, n_steps=50)
+    load = sj.Load("tip", sj.Harmonic(1e3, 100.0), (1.0, 0.0))
+    run = sj.integrate(made.system([load]), step=1e-4, n_steps=50)
     assert run.system.points == ("tip", "tip.x", "tip.y")
     figure = plots.histories_figure({"full": run}, run.system.points)
     assert [panel.get_title(loc="left") for panel in figure.axes] == ["tip"]
-    still = integrate(made.system([Load("tip", Harmonic(0.0, 1.0), (1.0, 0.0))]), step=1, n_steps=3)
+    still = sj.integrate(
+        made.system([sj.Load("tip", sj.Harmonic(0.0, 1.0), (1.0, 0.0))]), step=1, n_steps=3
+    )
     assert plots.histories_figure({"full": still}, ["tip"]).axes[0].lines
 
 
-def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
-    figures: Figures, runs: Runs
-) -> None:
+def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(figures, runs):
     for line, run in zip(figures["hysteresis"].axes[0].get_lines(), runs.values(), strict=True):
         assert len(line.get_xdata()) == ROWS + 1
         u, force = 1e-6 * np.asarray(line.get_xdata()), 1e3 * np.asarray(line.get_ydata())
@@ -139,7 +124,7 @@ def test_the_area_of_the_drawn_loop_is_the_work_put_in_by_the_last_cycle(
     assert not plots.is_loop(runs, "free_end", 0, ROWS // 2)  # ends on the other side
 
 
-def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats() -> None:
+def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats():
     t, base = np.linspace(0.0, 1.0, 80_001), 0.3
     u = base + np.sin(2 * np.pi * 1000 * t) * np.cos(2 * np.pi * t)
     band = plots.envelope(t, u)
@@ -160,8 +145,8 @@ def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats() -> None:
 
 
 def test_the_works_drawn_are_those_of_the_cycles_and_those_that_are_zero_are_left_out(
-    figures: Figures, runs: Runs
-) -> None:
+    figures, runs
+):
     panels = {panel.get_title(loc="left"): panel for panel in figures["cycles"].axes}
     assert set(panels) == {"input", "friction", "viscous"}  # the scheme dissipates nothing
     for title in ("friction", "viscous"):
@@ -176,17 +161,15 @@ def test_the_works_drawn_are_those_of_the_cycles_and_those_that_are_zero_are_lef
 @pytest.mark.parametrize(
     ("frequency", "unit"), [(1e-2, "s"), (1.0, "s"), (20.0, "ms"), (2e4, "µs"), (5e6, "µs")]
 )
-def test_the_time_axis_has_a_unit_that_suits_it(frequency: float, unit: str) -> None:
+def test_the_time_axis_has_a_unit_that_suits_it(frequency, unit):
     steps = 10 if frequency < 1e6 else 50
-    run = integrate(system(2, frequency), step=1.0 / frequency / 10, n_steps=steps)
+    run = sj.integrate(system(2, frequency), step=1.0 / frequency / 10, n_steps=steps)
     panel = plots.histories_figure({"full": run}, ["free_end"]).axes[0]
     assert panel.get_xlabel() == f"time, {unit}"
     assert 1.0 <= panel.get_xlim()[1] <= 1000.0
 
 
-def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
-    tmp_path: Path, figures: Figures
-) -> None:
+def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(tmp_path, figures):
     written = {
         name: plots.save_figure(tmp_path / f"{name}.png", figure)
         for name, figure in figures.items()
@@ -209,23 +192,21 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
         (lambda runs: plots.histories_figure({}, ["free_end"]), "no runs"),
     ],
 )
-def test_mistakes_are_input_errors(
-    runs: Runs, draw: Any, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(InputError, match=message):
+def test_mistakes_are_input_errors(runs, draw, message, monkeypatch):
+    with pytest.raises(sj.InputError, match=message):
         draw(runs)
-    nothing = integrate(system(), step=STEP, n_steps=2, save=Save(points=False))
-    with pytest.raises(InputError, match="stored no points"):
+    nothing = sj.integrate(system(), step=STEP, n_steps=2, save=sj.Save(points=False))
+    with pytest.raises(sj.InputError, match="stored no points"):
         plots.histories_figure({"full": nothing}, ["free_end"])
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(InputError, match=r"pip install 'skfem-joint\[plot\]'"):
+    with pytest.raises(sj.InputError, match=r"pip install 'skfem-joint\[plot\]'"):
         plots.histories_figure(runs, ["free_end"])
 
 
 # Active regions
 
 
-def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined() -> None:
+def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined():
     made = lap()
     x = made.nodes[made.patches[0].nodes, 0]
     figure = plots.active_region_figure(made, 0, 1e-6 * np.abs(x - 0.25), x > 0.27)
@@ -237,11 +218,11 @@ def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined
     np.testing.assert_allclose(outline[:, 0], 0.27)  # half way between the columns
 
 
-def joint_of(length: float, width: float) -> Structure:
+def joint_of(length: float, width: float) -> sj.Structure:
     strips = [("joint", length, 6), ("arm", 0.1, 4)]
-    return Structure(
-        build_plate(strips, width, 3), STEEL, thickness=0.01, fixed=["right"],
-        joints=[Joint("joint", 50e6, 0.7)],
+    return sj.Structure(
+        sj.build_plate(strips, width, 3), STEEL, thickness=0.01, fixed=["right"],
+        joints=[sj.Joint("joint", 50e6, 0.7)],
     )  # fmt: skip
 
 
@@ -252,9 +233,7 @@ def joint_of(length: float, width: float) -> Structure:
         *((blocks(kind), (0.05, 0.15)) for kind in ("hexahedron", "tetrahedron")),
     ],
 )
-def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(
-    made: Structure, ends: tuple[float, float]
-) -> None:
+def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(made, ends):
     k = made.patches[0].nodes.size
     figure = plots.active_region_figure(made, 0, np.linspace(0, 1e-6, k), np.arange(k) < 9)
     panel = figure.axes[0]
@@ -268,9 +247,7 @@ def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(
 @pytest.mark.parametrize(
     ("made", "share", "name"), [(side(), "100.0", "x, m"), (bar(), "87.5", "position, m")]
 )
-def test_the_active_part_of_a_line_is_a_share_of_its_area(
-    made: Structure, share: str, name: str
-) -> None:
+def test_the_active_part_of_a_line_is_a_share_of_its_area(made, share, name):
     patch = made.patches[0]
     slip = 1e-6 * made.nodes[patch.nodes, 0]
     figure = plots.active_region_figure(made, 0, slip, np.ones(slip.size, dtype=bool))

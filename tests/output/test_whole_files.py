@@ -1,7 +1,5 @@
 """A file is whole or not there, nothing else is left in its folder, and one run writes to it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -12,7 +10,6 @@ import pytest
 from skfem_joint.errors import InputError
 from skfem_joint.files import holding, read_whole, replacing, safe_name
 
-Patch = pytest.MonkeyPatch
 Files = dict[str, str]
 
 
@@ -21,7 +18,7 @@ def contents(folder: Path) -> Files:
 
 
 @pytest.fixture(params=[{}, {"a.txt": "old"}], ids=["new file", "file that is there"])
-def before(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
+def before(request, tmp_path):
     """What lies in the folder before a.txt is written."""
     files: Files = request.param
     for name, text in files.items():
@@ -29,9 +26,7 @@ def before(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
     return files
 
 
-def test_the_file_takes_its_place_only_when_the_block_is_done(
-    tmp_path: Path, before: Files
-) -> None:
+def test_the_file_takes_its_place_only_when_the_block_is_done(tmp_path, before):
     with replacing(tmp_path / "a.txt") as temporary:
         assert temporary.parent == tmp_path  # the same disk, so that the file can be renamed
         temporary.write_text("half")
@@ -45,14 +40,14 @@ def test_the_file_takes_its_place_only_when_the_block_is_done(
     "error", [ValueError("no"), KeyboardInterrupt(), InputError("no"), OSError(28, "it is full")]
 )
 def test_an_error_at_any_time_leaves_the_folder_as_it_was(
-    tmp_path: Path, before: Files, error: BaseException, place: str, monkeypatch: Patch
-) -> None:
+    tmp_path, before, error, place, monkeypatch
+):
     """It passes as it is, but what the system refuses is an input error with its reason."""
 
-    def fail(*_: object) -> None:
+    def fail(*_):
         raise error
 
-    def write() -> None:
+    def write():
         with replacing(path) as temporary:
             temporary.write_text("half")
             if place == "block":
@@ -70,7 +65,7 @@ def test_an_error_at_any_time_leaves_the_folder_as_it_was(
     assert contents(tmp_path) == before
 
 
-def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("text")
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "kept").write_text("text")
@@ -84,7 +79,7 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("name", ["../../a", "/a", "..\\a", 'C:"<a>"|?*', "a\0b\n"])
-def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path: Path, name: str) -> None:
+def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path, name):
     path = tmp_path / f"hysteresis_{safe_name(name)}.png"
     with replacing(path):
         pass
@@ -95,7 +90,7 @@ def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path: Path, nam
 # Reading
 
 
-def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_path: Path) -> None:
+def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "large").write_bytes(b"12345678")
@@ -119,17 +114,15 @@ def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_pat
 # Loss of power, and other processes
 
 
-def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(
-    tmp_path: Path, monkeypatch: Patch
-) -> None:
+def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(tmp_path, monkeypatch):
     done: list[str] = []
     move, flush = os.replace, os.fsync
 
-    def flushed(descriptor: int) -> None:
+    def flushed(descriptor):
         done.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
         flush(descriptor)
 
-    def moved(source: Path, target: Path) -> None:
+    def moved(source, target):
         done.append("moved")
         move(source, target)
 
@@ -146,7 +139,7 @@ def in_a_process(code: str, folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
-def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
+def test_only_what_dead_processes_left_is_removed(tmp_path):
     (tmp_path / "fields").mkdir()
     killed = in_a_process(
         "with replacing(folder / 'fields' / 'b.vtu'), replacing(folder / 'a.txt'):\n"
@@ -169,8 +162,8 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
 
 
 def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     folder = tmp_path / "new" / "out"
     wait = "with holding(folder):\n    print('held', flush=True)\n    sys.stdin.read()"
     for end in ("whole", "killed"):
@@ -191,7 +184,7 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
         assert [path.name for path in folder.iterdir()] == ["below"]
 
 
-def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path: Path) -> None:
+def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path):
     code = (
         "from skfem_joint.errors import InputError\n"
         "been_in = 0\n"
@@ -209,7 +202,7 @@ def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path: Pat
     assert [run.returncode for run in runs] == [0, 0, 0]
 
 
-def test_a_folder_that_cannot_be_made_or_written_to_is_an_input_error(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_or_written_to_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written to"), holding(tmp_path / "file"):
         pass

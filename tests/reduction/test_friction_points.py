@@ -1,7 +1,5 @@
 """Fewer friction points: Gauss rules along a line, and points that slip alike merged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 from reduced_joints import case, fig_18, full, three_periods
 
-from skfem_joint.errors import InputError
+import skfem_joint as sj
 from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
 from skfem_joint.reduction.friction_points import (
     gauss_points,
@@ -18,9 +16,7 @@ from skfem_joint.reduction.friction_points import (
     partition,
     reduced_system,
 )
-from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
-from skfem_joint.system import System
 
 ACTIVE = 0.0526  # m, of the structure of Fig. 18 at 87.5 kN
 
@@ -31,7 +27,7 @@ def measure(points: int = 60) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12, 30, 60])
-def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count: int) -> None:
+def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count):
     position, weight = measure()
     x, w = gauss_rule(position, weight, count)
     assert np.all(w > 0.0)
@@ -45,7 +41,7 @@ def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count: int) -> None:
         assert w @ polynomial(x) == pytest.approx(exact, abs=1e-11 * weight.sum())
 
 
-def test_many_equal_nodes_give_gauss_legendre() -> None:
+def test_many_equal_nodes_give_gauss_legendre():
     legendre, weights = np.polynomial.legendre.leggauss(6)
     errors = []
     for m in (100, 1000):  # midpoints: the sum is the integral to second order
@@ -56,13 +52,13 @@ def test_many_equal_nodes_give_gauss_legendre() -> None:
 
 
 @pytest.mark.parametrize("count", [0, -1, 61])
-def test_a_rule_of_too_many_or_no_points_is_refused(count: int) -> None:
-    with pytest.raises(InputError, match="must be from 1 to 60"):
+def test_a_rule_of_too_many_or_no_points_is_refused(count):
+    with pytest.raises(sj.InputError, match="must be from 1 to 60"):
         gauss_rule(*measure(), count)
 
 
 @cache
-def on_a_line() -> tuple[System, Basis, np.ndarray, np.ndarray]:
+def on_a_line() -> tuple[sj.System, Basis, np.ndarray, np.ndarray]:
     """Structure of Fig. 18 on five joint modes; its active points and their positions."""
     structure, system = fig_18()
     options = Options(reference="paper", active_length=ACTIVE)
@@ -72,11 +68,11 @@ def on_a_line() -> tuple[System, Basis, np.ndarray, np.ndarray]:
     return system.project(basis.V), basis, points, position
 
 
-def harmonic_run(system: System) -> Run:
-    return integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
+def harmonic_run(system: sj.System) -> Run:
+    return sj.integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
 
 
-def test_gauss_points_keep_the_friction_limit_of_the_active_length() -> None:
+def test_gauss_points_keep_the_friction_limit_of_the_active_length():
     system, _, points, position = on_a_line()
     for count in (1, 4, 12):
         few, shares = gauss_points(system, [(points, position)], count)
@@ -87,7 +83,7 @@ def test_gauss_points_keep_the_friction_limit_of_the_active_length() -> None:
         np.testing.assert_allclose(shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
 
 
-def test_all_points_as_gauss_points_give_the_model_of_all_nodes() -> None:
+def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
     system, _, points, position = on_a_line()
     nodes = harmonic_run(system)
     gauss = harmonic_run(gauss_points(system, [(points, position)], points.size)[0])
@@ -98,12 +94,12 @@ def test_all_points_as_gauss_points_give_the_model_of_all_nodes() -> None:
 # Merged friction points
 
 
-def example() -> tuple[System, Basis]:
+def example() -> tuple[sj.System, Basis]:
     system = case("lap")[1]
     return system, own_basis(system, full("lap"), 8)
 
 
-def merged(system: System, basis: Basis, count: int) -> tuple[System, np.ndarray]:
+def merged(system: sj.System, basis: Basis, count: int) -> tuple[sj.System, np.ndarray]:
     """Merged points, and the one that stands for each old point."""
     few, shares = merged_points(system, basis.velocities, basis.active, count)
     owner = np.full(system.w.size, -1)
@@ -113,7 +109,7 @@ def merged(system: System, basis: Basis, count: int) -> tuple[System, np.ndarray
 
 
 @pytest.mark.parametrize("count", [1, 7, 40])
-def test_merged_points_carry_the_same_total_and_are_means(count: int) -> None:
+def test_merged_points_carry_the_same_total_and_are_means(count):
     system, basis = example()
     reduced = system.project(basis.V)
     few, owner = merged(reduced, basis, count)
@@ -129,7 +125,7 @@ def test_merged_points_carry_the_same_total_and_are_means(count: int) -> None:
         np.testing.assert_allclose(few.B[2 * k : 2 * k + 2], mean, atol=1e-12)
 
 
-def test_merging_only_lowers_the_friction_potential() -> None:
+def test_merging_only_lowers_the_friction_potential():
     system, basis = example()
     every = system.project(basis.V)
     few, _ = merged(every, basis, 20)
@@ -142,7 +138,7 @@ def test_merging_only_lowers_the_friction_potential() -> None:
         assert 0.9 * potential[1] < potential[0] <= potential[1]
 
 
-def test_as_many_points_as_slip_leave_the_model_as_it_is() -> None:
+def test_as_many_points_as_slip_leave_the_model_as_it_is():
     _, system, step = case("strip")
     basis = own_basis(system, full("strip"), 5)
     reduced = system.project(basis.V)
@@ -153,7 +149,7 @@ def test_as_many_points_as_slip_leave_the_model_as_it_is() -> None:
     np.testing.assert_allclose(other.friction_work[owner], one.friction_work, rtol=1e-6)
 
 
-def test_points_of_other_laws_or_joints_are_not_merged() -> None:
+def test_points_of_other_laws_or_joints_are_not_merged():
     system, basis = example()
     odd = np.arange(system.w.size) % 2
     reduced = replace(system.project(basis.V), beta=np.where(odd, 1e5, 1e3))
@@ -166,7 +162,7 @@ def test_points_of_other_laws_or_joints_are_not_merged() -> None:
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
 
-def test_partition_finds_what_is_apart() -> None:
+def test_partition_finds_what_is_apart():
     generator = np.random.default_rng(0)
     truth = generator.integers(0, 5, 200)
     x = 10.0 * np.eye(5)[truth] + 0.1 * generator.standard_normal((200, 5))
@@ -179,7 +175,7 @@ def test_partition_finds_what_is_apart() -> None:
 # Reduced systems
 
 
-def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve() -> None:
+def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     system, basis = example()
     warn: list[str] = []
     reduced, shares = reduced_system(system, basis, warn=warn)
@@ -200,7 +196,7 @@ def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve() -
     assert reduced_system(line, basis, friction_points=7, warn=[])[0].w.size == 7
 
 
-def test_fewer_points_than_asked_for_are_told() -> None:
+def test_fewer_points_than_asked_for_are_told():
     _, system, _ = case("strip")
     basis = own_basis(system, full("strip"), 5)
     warn: list[str] = []
@@ -209,11 +205,11 @@ def test_fewer_points_than_asked_for_are_told() -> None:
     assert "instead of 10000" in warn[0]
 
 
-def test_systems_without_friction_or_points_are_refused() -> None:
+def test_systems_without_friction_or_points_are_refused():
     system, basis = example()
-    with pytest.raises(InputError, match="needs friction in a joint"):
+    with pytest.raises(sj.InputError, match="needs friction in a joint"):
         reduced_system(replace(system, w=0.0 * system.w), basis, warn=[])
-    with pytest.raises(InputError, match="found 0, must be >= 1"):
+    with pytest.raises(sj.InputError, match="found 0, must be >= 1"):
         reduced_system(system, basis, friction_points=0, warn=[])
-    with pytest.raises(InputError, match="found 0, must be"):
+    with pytest.raises(sj.InputError, match="found 0, must be"):
         reduced_system(fig_18()[1], on_a_line()[1], friction_points=0, warn=[])

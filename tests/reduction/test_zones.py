@@ -1,7 +1,5 @@
 """Active zones: where force enters joints, and how far in it reaches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +35,7 @@ def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]
     return found
 
 
-def test_structure_of_fig_18_has_one_zone_at_the_junction() -> None:
+def test_structure_of_fig_18_has_one_zone_at_the_junction():
     (zone,) = active_zones(*fig_18())
     assert zone.name == "joint"
     assert zone.nodes[0] == 100
@@ -57,9 +55,7 @@ PARTS = {"left": 0.1, "right": 0.1, "joint": 0.1, "a": 0.2, "b": 0.2}
         ("joint a joint", "after a", ["start"], [("joint", 0.1, 0.0), ("joint", 0.3, 0.4)]),
     ],
 )
-def test_joints_of_bars_have_a_zone_at_each_end_where_force_enters(
-    regions: str, on: str, fixed: list[str], expected: list[tuple[str, float, float]]
-) -> None:
+def test_joints_of_bars_have_a_zone_at_each_end_where_force_enters(regions, on, fixed, expected):
     parts = [(name, PARTS[name], round(100 * PARTS[name])) for name in regions.split()]
     joints = sorted({name for name in regions.split() if len(name) > 1})
     assert ends(*bar(parts, joints, [(on, PULL)], fixed=fixed)) == expected
@@ -89,7 +85,7 @@ def two_bars() -> tuple[Structure, System]:
         ("bars", [(0.0, 0.1), (0.1, 0.0)]),
     ],
 )
-def test_zones_of_plates_and_of_two_bodies(name: str, expected: list[tuple[float, float]]) -> None:
+def test_zones_of_plates_and_of_two_bodies(name, expected):
     structure, system = two_bars() if name == "bars" else case(name)[:2]
     assert ends(structure, system) == [("joint", *zone) for zone in expected]
     zone = active_zones(structure, system)[0]
@@ -98,7 +94,7 @@ def test_zones_of_plates_and_of_two_bodies(name: str, expected: list[tuple[float
     assert zone.is_line == (name in ("edge", "bars"))
 
 
-def test_solid_on_its_foot_has_a_zone_where_the_arm_begins() -> None:
+def test_solid_on_its_foot_has_a_zone_where_the_arm_begins():
     sides = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
     strips = [("foot", 0.1, 5), ("arm", 0.2, 4)]
     box = build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
@@ -112,7 +108,7 @@ def test_solid_on_its_foot_has_a_zone_where_the_arm_begins() -> None:
     assert ends(structure, system) == [("joint", 0.1, 0.0)]
 
 
-def test_each_ring_of_bolts_is_a_part_of_its_own() -> None:
+def test_each_ring_of_bolts_is_a_part_of_its_own():
     plan = build_plate([("one", 0.02, 2), ("gap", 0.06, 6), ("two", 0.02, 2)], 0.05, 3)
     joint = np.concatenate([plan.regions["one"], plan.regions["two"]])
     mesh = named(plan.mesh.with_subdomains({"joint": joint}))
@@ -121,7 +117,7 @@ def test_each_ring_of_bolts_is_a_part_of_its_own() -> None:
     assert [round(zone.length, 9) for zone in found] == [0.02, 0.02]
 
 
-def test_scaled_modes_that_cannot_follow_are_refused() -> None:
+def test_scaled_modes_that_cannot_follow_are_refused():
     inside = bar([("joint", 0.1, 10), ("linear", 0.2, 10)], ["joint"], [("joint", PULL)])
     with pytest.raises(InputError, match="'joint': a load acts inside it"):
         active_zones(*inside)
@@ -142,7 +138,7 @@ def test_scaled_modes_that_cannot_follow_are_refused() -> None:
 # Lengths
 
 
-def test_profile_is_the_largest_slip_of_each_section_of_any_mesh() -> None:
+def test_profile_is_the_largest_slip_of_each_section_of_any_mesh():
     rng = np.random.default_rng(3)
     structure, system, _ = case("lap")
     mesh = structure.mesh.mesh
@@ -165,7 +161,7 @@ def test_profile_is_the_largest_slip_of_each_section_of_any_mesh() -> None:
         assert zone.active_length(slip) > 0.23
 
 
-def test_measured_lengths_are_taken_from_the_end_that_moves_most() -> None:
+def test_measured_lengths_are_taken_from_the_end_that_moves_most():
     structure, system = fig_18()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
@@ -181,7 +177,7 @@ def test_measured_lengths_are_taken_from_the_end_that_moves_most() -> None:
 
 
 @pytest.mark.parametrize("length", [0.0, -0.01, 0.1001, np.nan])
-def test_active_length_outside_the_joint_is_refused(length: float) -> None:
+def test_active_length_outside_the_joint_is_refused(length):
     structure, system = fig_18()
     zones = active_zones(structure, system)
     for asked in (length, {"joint": length}):
@@ -189,7 +185,7 @@ def test_active_length_outside_the_joint_is_refused(length: float) -> None:
             zone_lengths(system, zones, asked, np.zeros(system.w.size), [])
 
 
-def test_lengths_from_both_ends_of_a_joint_are_kept_apart() -> None:
+def test_lengths_from_both_ends_of_a_joint_are_kept_apart():
     regions = [("a", 0.2, 20), ("joint", 0.1, 10), ("b", 0.2, 20)]
     structure, system = bar(regions, ["joint"], [("end", PULL)])
     zones, warn = active_zones(structure, system), []
@@ -215,7 +211,7 @@ def estimated(structure: Structure, system: System) -> Estimate:
     return found
 
 
-def test_isolated_joint_reproduces_the_factors_of_figure_6() -> None:
+def test_isolated_joint_reproduces_the_factors_of_figure_6():
     found = estimated(*case_i())
     assert round(found.factors[0], 3) == 1.162
     assert round(found.factor, 2) == 1.30
@@ -223,14 +219,14 @@ def test_isolated_joint_reproduces_the_factors_of_figure_6() -> None:
     assert found.length == pytest.approx(0.325, rel=1e-3)
 
 
-def test_structure_of_fig_18_starts_from_the_factor_of_the_paper() -> None:
+def test_structure_of_fig_18_starts_from_the_factor_of_the_paper():
     found = estimated(*fig_18())
     assert round(found.factors[0], 3) == 1.045  # printed: 1.05
     assert found.converged
     assert found.length == pytest.approx(1.045 * 87.5e3 / TAU, rel=5e-4)
 
 
-def test_structure_at_resonance_is_reported_by_its_frequency_ratio() -> None:
+def test_structure_at_resonance_is_reported_by_its_frequency_ratio():
     # c / (4 * 0.6 m) = 2083 Hz with the whole joint active.
     below, above = (estimated(*fig_18(frequency)) for frequency in (1500.0, 2100.0))
     assert below.converged
@@ -239,7 +235,7 @@ def test_structure_at_resonance_is_reported_by_its_frequency_ratio() -> None:
     assert above.length > 0.1  # to be capped
 
 
-def test_static_length_is_the_force_over_tau_wherever_the_loads_act() -> None:
+def test_static_length_is_the_force_over_tau_wherever_the_loads_act():
     structure, _ = fig_18()
     for on in ("end", "linear", "after joint"):
         system = structure.system([Load(on, Harmonic(60e3, 1.0))])
@@ -250,7 +246,7 @@ def test_static_length_is_the_force_over_tau_wherever_the_loads_act() -> None:
     assert found.length == pytest.approx(50e3 / TAU, rel=1e-4)
 
 
-def test_what_has_no_estimate_is_refused() -> None:
+def test_what_has_no_estimate_is_refused():
     structure, _ = fig_18()
     pulse = structure.system([Load("end", HalfSine(1e4, 1e-3))])
     for s, system in ((structure, pulse), case("strip")[:2]):

@@ -1,7 +1,5 @@
 """Damaged scene files are refused in words, or read for what they say."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
@@ -38,7 +36,7 @@ def outcome(path: Path) -> Scene | str:
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> None:
+def test_damaged_scenes_are_refused_or_valid(example, tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "examples").mkdir()
     for mesh in MESHES:
@@ -63,7 +61,7 @@ def test_damaged_scenes_are_refused_or_valid(example: Path, tmp_path: Path) -> N
              "\u202emsh", "http://localhost/x.msh", "file:///x.msh"]
 )  # fmt: skip
 @pytest.mark.parametrize("key", ["mesh", "table"])
-def test_files_that_a_scene_may_not_mean(name: str, key: str, tmp_path: Path) -> None:
+def test_files_that_a_scene_may_not_mean(name, key, tmp_path):
     """Devices never end and are refused unread; all else says why it cannot be read."""
     text = (ROOT / "examples" / "lap_joint_case_I.toml").read_text(encoding="utf-8")
     mesh = '"../meshes/lap_joint_500mm.msh"'
@@ -83,7 +81,7 @@ def test_files_that_a_scene_may_not_mean(name: str, key: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ["scène 1.toml", "-scene.toml", "a'b\"c.toml", "%d.toml",
                                   "new\nline.toml"])  # fmt: skip
-def test_scenes_and_folders_may_have_odd_names(name: str, tmp_path: Path) -> None:
+def test_scenes_and_folders_may_have_odd_names(name, tmp_path):
     folder = tmp_path / name.removesuffix(".toml")
     folder.mkdir()
     text = EXAMPLES[0].read_text(encoding="utf-8").replace("../meshes", str(ROOT / "meshes"))

@@ -1,7 +1,5 @@
 """Scenes read with their meshes: files, names, and structures of every dimension."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib
@@ -54,14 +52,14 @@ SOLID = with_changes(
 
 
 @pytest.fixture
-def scene_file(tmp_path: Path) -> Write:
+def scene_file(tmp_path):
     """Write a scene with some of its text replaced, beside the meshes of bar and plates."""
     write_mesh(BAR, tmp_path / "bar.msh")
     write_mesh(LOWER, tmp_path / "lower.msh")
     write_mesh(UPPER, tmp_path / "upper.msh")
     (tmp_path / "force.csv").write_text("t,f\n0,0\n1e-3,5e3\n3e-3,0\n")
 
-    def write(*changes: Change, text: str = GOOD) -> Path:
+    def write(*changes, text=GOOD):
         path = tmp_path / "scene.toml"
         path.write_text(with_changes(text, *changes), encoding="utf-8")
         return path
@@ -69,7 +67,7 @@ def scene_file(tmp_path: Path) -> Write:
     return write
 
 
-def test_a_bar_becomes_its_structure_and_system(scene_file: Write) -> None:
+def test_a_bar_becomes_its_structure_and_system(scene_file):
     scene = load_scene(scene_file())
     assert scene.path.name == "scene.toml"
     assert scene.named_mesh.n_elements == 26
@@ -83,7 +81,7 @@ def test_a_bar_becomes_its_structure_and_system(scene_file: Write) -> None:
 
 
 @pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
-def test_a_solid_needs_no_section(kind: str) -> None:
+def test_a_solid_needs_no_section(kind):
     box = build_box([("body", 0.2, 4)], (0.05, 0.02), (2, 2), kind=kind)
     scene = scene_from(tomllib.loads(SOLID), box)
     assert scene.structure().dim == 3
@@ -96,7 +94,7 @@ def test_a_solid_needs_no_section(kind: str) -> None:
     np.testing.assert_allclose(pressure.vector, -force.vector, rtol=1e-12)
 
 
-def test_regions_supports_and_points_reach_the_structure(scene_file: Write) -> None:
+def test_regions_supports_and_points_reach_the_structure(scene_file):
     scene = load_scene(
         scene_file(
             ('fixed = ["left"]', 'fixed_x = ["left"]\nfixed_y = ["bottom"]'),
@@ -172,21 +170,21 @@ BAD_PLATES: list[tuple[Change, list[str]]] = [
     ],
 )
 def test_what_only_the_mesh_can_tell_is_refused_under_the_scenes_name(
-    scene_file: Write, text: str, change: Change, words: list[str]
-) -> None:
+    scene_file, text, change, words
+):
     problems = problems_of_file(scene_file(change, text=text))
     assert len(problems) == (2 if "unsupported" in words else 1)  # each of two plates is
     assert all(word in problem for word in words for problem in problems), problems
 
 
-def test_files_that_do_not_go_together_are_refused(scene_file: Write) -> None:
+def test_files_that_do_not_go_together_are_refused(scene_file):
     for second, word in (("lower.msh", "name '"), ("bar.msh", "bar.msh"), ("no.msh", "no.msh")):
         problems = problems_of_file(scene_file(("upper.msh", second), text=PLATES))
         assert all(problem.startswith("mesh.file: ") for problem in problems)
         assert word in problems[0]
 
 
-def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file: Write) -> None:
+def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file):
     path = scene_file(
         ('fixed = ["left"]', 'fixed = ["lft"]'),
         ('against = "joint"', 'against = "nowhere"'),
@@ -224,9 +222,7 @@ def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file: Wri
         (b"\n\nx" + b".x" * 20_000 + b" = 1", "line 3: not valid TOML: a key of more than"),
     ],
 )
-def test_file_that_is_not_toml_is_refused_with_its_line(
-    tmp_path: Path, content: bytes, expected: str
-) -> None:
+def test_file_that_is_not_toml_is_refused_with_its_line(tmp_path, content, expected):
     path = tmp_path / "scene.toml"
     path.write_bytes(content)
     (problem,) = problems_of_file(path)
@@ -234,7 +230,7 @@ def test_file_that_is_not_toml_is_refused_with_its_line(
     assert re.match(r"line \d+: ", problem)
 
 
-def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path: Path) -> None:
+def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path):
     assert "cannot be read" in problems_of_file(tmp_path / "none.toml")[0]
     assert "cannot be read" in problems_of_file(tmp_path)[0]
     (tmp_path / "large.toml").write_bytes(b"#" * (2**20 + 1))
@@ -244,7 +240,7 @@ def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path: Path) ->
     assert missing == {"mesh", "material", "load", "time"}
 
 
-def test_a_scene_from_memory_is_that_of_the_file(scene_file: Write) -> None:
+def test_a_scene_from_memory_is_that_of_the_file(scene_file):
     path = scene_file()
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors mark UTF-8
     from_file = load_scene(path)
@@ -259,7 +255,7 @@ def test_a_scene_from_memory_is_that_of_the_file(scene_file: Write) -> None:
         scene_from(tables | {"support": {"fixed": ["a"]}}, BAR)
 
 
-def test_what_is_built_follows_what_is_changed() -> None:
+def test_what_is_built_follows_what_is_changed():
     scene = scene_of(mesh=BAR)
     structure, system = scene.structure(), scene.system()
     same = scene.changed(time={"cycles": 5}, models={"run": ("full",)})
@@ -288,9 +284,7 @@ def test_what_is_built_follows_what_is_changed() -> None:
         ("structure_impulse", 0.5, 2e-6, 3000, 0.6),
     ],
 )
-def test_examples_are_the_systems_of_the_paper(
-    name: str, share: float, step: float, n_steps: int, length: float
-) -> None:
+def test_examples_are_the_systems_of_the_paper(name, share, step, n_steps, length):
     scene = load_scene(EXAMPLES / f"{name}.toml")
     assert (scene.time_step, scene.n_steps) == (pytest.approx(step), n_steps)
     assert scene.named_mesh.size == pytest.approx(length)

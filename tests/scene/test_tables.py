@@ -1,12 +1,9 @@
 """Scenes by themselves, without a mesh: what is read, what is refused, and under which key."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import pytest
-from scene_texts import Change, problems_of, scene_of
+from scene_texts import problems_of, scene_of
 
 from skfem_joint import loads
 from skfem_joint.errors import InputError
@@ -165,9 +162,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     ("change", "key", "words"),
     [((old, new), key, words) for old, rows in BAD.items() for new, key, *words in rows],
 )
-def test_mistake_is_named_by_key_with_what_is_allowed(
-    tmp_path: Path, change: Change, key: str, words: list[str]
-) -> None:
+def test_mistake_is_named_by_key_with_what_is_allowed(tmp_path, change, key, words):
     (tmp_path / "back.csv").write_text("0,0\n1,5e3\n0.5,0\n")
     problems = problems_of(change, folder=tmp_path)
     named = [problem for problem in problems if problem.startswith(f"{key}: ")]
@@ -179,7 +174,7 @@ def test_mistake_is_named_by_key_with_what_is_allowed(
     assert len(others) <= 1
 
 
-def test_mistakes_between_tables_are_reported_beside_mistakes_in_others() -> None:
+def test_mistakes_between_tables_are_reported_beside_mistakes_in_others():
     problems = problems_of(
         ("E = 200e9", "E = -1"),
         (HARMONIC, load("triangle", "peak = 1\nrise_time = 1e-3")),
@@ -189,7 +184,7 @@ def test_mistakes_between_tables_are_reported_beside_mistakes_in_others() -> Non
     assert keys == {"material.E", "time.cycles", "reduction.active_length.other"}
 
 
-def test_steps_must_resolve_every_harmonic_of_the_common_period() -> None:
+def test_steps_must_resolve_every_harmonic_of_the_common_period():
     components = f"components = [{SINE % 10}, {SINE % 610}]"
     sum_of_two = (HARMONIC, load("multi_harmonic", components))
     (problem,) = problems_of(sum_of_two)
@@ -219,7 +214,7 @@ def test_steps_must_resolve_every_harmonic_of_the_common_period() -> None:
         ),
     ],
 )
-def test_a_joint_arrives_as_given(text: str, expected: object) -> None:
+def test_a_joint_arrives_as_given(text, expected):
     laws = ("friction = 0.7", 'friction = 0.7\nlaw = "coulomb"\nagainst = "b"\naxis = [-2, 0]')
     joint = scene_of((PRESSURE, f"pressure = {text}"), laws).joint[0].to_joint()
     assert (joint.on, joint.pressure, joint.beta) == ("joint", expected, math.inf)
@@ -243,9 +238,7 @@ def test_a_joint_arrives_as_given(text: str, expected: object) -> None:
         ("rectangle", "peak = 2\nduration = 0.3\nstart = 1", loads.Rectangle(2, 0.3, 1)),
     ],
 )
-def test_each_kind_of_load_arrives_with_its_numbers(
-    kind: str, keys: str, expected: loads.Amplitude
-) -> None:
+def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):
     by_step = ("cycles = 3", "duration = 1.0\nstep = 1e-3")
     for text, direction in (("", None), ("\ndirection = [0, -3e15]", (0.0, -3e15))):
         scene = scene_of((HARMONIC, load(kind, keys + text)), by_step)
@@ -255,7 +248,7 @@ def test_each_kind_of_load_arrives_with_its_numbers(
         assert scene.cycle_period == expected.period
 
 
-def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said() -> None:
+def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said():
     mesh = build_bar([("joint", 0.1, 4), ("linear", 0.5, 5)], {"fixed": 0.0, "free_end": 0.6})
     by_base = ('on = "free_end"', 'base = "x"')
     scene = scene_of(by_base, ("[time]", "[damping]\nratio = 0.002\n[time]"), mesh=mesh)
@@ -268,9 +261,7 @@ def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said() -> No
     assert "C = a M + b K" in ratio
 
 
-def test_table_is_found_beside_the_scene_from_anywhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_table_is_found_beside_the_scene_from_anywhere(tmp_path, monkeypatch):
     (tmp_path / "force.csv").write_text("t,f\n0,0\n1e-3,5e3\n3e-3,0\n")
     monkeypatch.chdir("/")
     table = (HARMONIC, load("table", 'file = "force.csv"'))
@@ -278,7 +269,7 @@ def test_table_is_found_beside_the_scene_from_anywhere(
     assert scene.loads()[0].amplitude([0.0, 5e-4, 2e-3]) == pytest.approx([0.0, 2.5e3, 2.5e3])
 
 
-def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse() -> None:
+def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse():
     more = (
         '[[load]]\non = "junction"\nkind = "harmonic"\namplitude = 1\nfrequency = 750\n'
         '[[load]]\non = "middle"\nkind = "versine"\npeak = 1\nrise_time = 1e-4\n[time]'
@@ -293,16 +284,14 @@ def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse() -> None
     ("duration", "step", "n_steps"),
     [("6e-3", "2e-6", 3000), ("0.3", "0.1", 3), ("1.0", "0.3", 4), ("0.1", "0.1", 1)],
 )
-def test_steps_cover_the_duration_without_one_too_many(
-    duration: str, step: str, n_steps: int
-) -> None:
+def test_steps_cover_the_duration_without_one_too_many(duration, step, n_steps):
     slow = ("frequency = 500.0", "frequency = 0.1")
     assert (
         scene_of(slow, ("cycles = 3", f"duration = {duration}\nstep = {step}")).n_steps == n_steps
     )
 
 
-def test_a_scene_says_what_it_has_not() -> None:
+def test_a_scene_says_what_it_has_not():
     scene = scene_of()
     in_memory = Scene.model_validate(scene.model_dump(exclude_unset=True))
     for ask in ("path", "named_mesh"):

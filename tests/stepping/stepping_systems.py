@@ -1,7 +1,5 @@
 """Small systems for the tests of stepping, made by the public interface; SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from math import inf

@@ -3,8 +3,6 @@
 All in processes of their own, because a process compiles a function once.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -51,7 +49,7 @@ def errors_of(*code: str, **environment: str) -> str:
     return result.stderr
 
 
-def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
+def test_nothing_is_compiled_or_loaded_while_time_is_taken():
     """The first steps ask for the load; from then on no function meets new types."""
     code = """
         import numpy as np
@@ -95,7 +93,7 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
     errors_of(FORKED, code)
 
 
-def test_a_run_without_friction_loads_no_compiler() -> None:
+def test_a_run_without_friction_loads_no_compiler():
     code = """
         import sys
         from stepping_systems import by_every_stepper
@@ -108,7 +106,7 @@ def test_a_run_without_friction_loads_no_compiler() -> None:
     errors_of(code)
 
 
-def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path: Path) -> None:
+def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path):
     code = """
         from pathlib import Path
         forked(forces, False)
@@ -124,7 +122,7 @@ def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path:
     assert errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
 
 
-def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once() -> None:
+def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once():
     before = "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = []"
     after = "from skfem_joint.stepping import chain_solver, contact_problem, dense; forces(False)"
     errors = errors_of(before, FORCES, after)
@@ -132,7 +130,7 @@ def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once() -> No
     assert "NUMBA_CACHE_DIR" in errors
 
 
-def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path: Path) -> None:
+def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path):
     code = """
         import resource, signal
         def full():

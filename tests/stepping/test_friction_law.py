@@ -1,7 +1,5 @@
 """The friction law: force, slope, slip vectors, graph, and the compiled functions of them."""
 
-from __future__ import annotations
-
 import math
 from math import inf, pi, sqrt
 from typing import Any
@@ -31,7 +29,7 @@ PARAMETERS = np.concatenate(
 # One direction
 
 
-def test_arctan_law_is_equation_2() -> None:
+def test_arctan_law_is_equation_2():
     # At beta v = 1, sqrt(3) and 1 / sqrt(3) the arctangent is pi / 4, pi / 3 and pi / 6.
     beta = 1e5
     v = np.array([1.0, sqrt(3.0), 1.0 / sqrt(3.0)]) / beta
@@ -40,7 +38,7 @@ def test_arctan_law_is_equation_2() -> None:
 
 @pytest.mark.parametrize("beta", BETAS)
 @pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (-3.0, 5.0), (0.1, 40.0), (-200.0, 1.0)])
-def test_slope_is_the_derivative_of_the_force(beta: float, a: float, b: float) -> None:
+def test_slope_is_the_derivative_of_the_force(beta, a, b):
     integral, _ = quad(
         lambda z: float(friction.slope(z / beta, beta)), a, b, epsrel=1e-13, limit=200
     )
@@ -49,7 +47,7 @@ def test_slope_is_the_derivative_of_the_force(beta: float, a: float, b: float) -
 
 
 @pytest.mark.parametrize("beta", [*BETAS, inf])
-def test_force_is_odd_monotone_and_bounded(beta: float) -> None:
+def test_force_is_odd_monotone_and_bounded(beta):
     v = np.sort(
         np.concatenate([-np.geomspace(1e-15, 10, 400), [0.0], np.geomspace(1e-15, 10, 400)])
     )
@@ -69,7 +67,7 @@ def slips(count: int = 50) -> np.ndarray:
 
 
 @pytest.mark.parametrize("beta", [*BETAS, inf])
-def test_force_has_the_slip_s_direction_and_the_scalar_law_s_size(beta: float) -> None:
+def test_force_has_the_slip_s_direction_and_the_scalar_law_s_size(beta):
     y = slips()
     two = np.full(len(y), 2)
     f = friction.force_vectors(y.ravel(), beta, two).reshape(-1, 2)
@@ -95,7 +93,7 @@ def arctangent(z: Any) -> Any:
     return result
 
 
-def test_arctangent_is_right_to_four_parts_in_ten_to_the_sixteen() -> None:
+def test_arctangent_is_right_to_four_parts_in_ten_to_the_sixteen():
     z = np.concatenate(
         [
             np.geomspace(1e-12, 1e12, 200_001),
@@ -109,7 +107,7 @@ def test_arctangent_is_right_to_four_parts_in_ten_to_the_sixteen() -> None:
     np.testing.assert_allclose(total, pi / 2, rtol=4 * EPS, atol=0.0)
 
 
-def test_compiled_forces_are_the_plain_ones() -> None:
+def test_compiled_forces_are_the_plain_ones():
     rng = np.random.default_rng(0)
     slip = rng.normal(size=10_000) * 10.0 ** rng.uniform(-15.0, 3.0, 10_000)
     slip[:3] = 0.0, 1e300, -1e300
@@ -130,7 +128,7 @@ def resolved(kappa: float, beta: float) -> Any:
 
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("beta", [*BETAS, inf])
-def test_resolvent_solves_its_equation_to_round_off(beta: float, kappa: float) -> None:
+def test_resolvent_solves_its_equation_to_round_off(beta, kappa):
     """It solves ``kappa v + sigma = s`` with v and sigma on the graph of the law."""
     v, sigma = resolved(kappa, beta)
     residual = kappa * v + sigma - PARAMETERS
@@ -155,9 +153,7 @@ def graph(kind: Any, kappa: float, beta: Any, s: Any) -> Any:
 
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("kinds", [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
-def test_points_of_the_graph_lie_on_the_law_with_bounded_slopes(
-    kappa: float, kinds: tuple[int, ...]
-) -> None:
+def test_points_of_the_graph_lie_on_the_law_with_bounded_slopes(kappa, kinds):
     rng = np.random.default_rng(0)
     for steep in BETAS:
         kind = rng.choice(kinds, PARAMETERS.size)
