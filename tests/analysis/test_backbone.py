@@ -1,54 +1,49 @@
-"""Damping and frequency against amplitude: the exact curves of bars, loops, refusals; SI units."""
+"""Damping and frequency against amplitude: exact curves, loops, free vibration; SI units."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import sparse
+from stepping_systems import DENSITY, EA, MU, THICKNESS, WIDTH, arm, pressed
+from stepping_systems import plate as plate_of
 
-from skfem_joint import Bolt, Bolts, Joint, Material, PressureTable, Structure
-from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar, build_plate
+import skfem_joint as sj
+from skfem_joint.analysis.backbone import Backbone, backbone, scene_backbone, stuck_modes
 from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.system import System
 
-E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
-STEEL = Material(E, DENSITY, 0.3)
-EA, LINE = E * WIDTH * THICKNESS, DENSITY * WIDTH * THICKNESS
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+LINE = DENSITY * WIDTH * THICKNESS
 JOINT, FREE, TAU = 0.2, 0.5, 1.75e6  # m, m, N/m
 LIMIT = TAU * JOINT
+PULSE = 2e-4  # s, of its rise
 
 
-def bar(elements: int = 100, power: float = 0.0, damping: float = 0.0, held: bool = True) -> System:
+def bar(
+    elements: int = 100, power: float = 0.0, damping: float = 0.0, held: bool = True
+) -> sj.System:
     """Bar with a free length beyond a joint whose friction rises as a power from its loaded end."""
     x = np.linspace(0.0, JOINT, 401)
-    pressure = TAU / 0.7 / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
-    mesh = build_bar([("joint", JOINT, elements), ("free", FREE, 100)], {"fixed": 0.0, "end": 0.7})
-    structure = Structure(
-        mesh,
-        STEEL,
-        width=WIDTH,
-        thickness=THICKNESS,
-        fixed=["fixed"] if held else [],
-        joints=[Joint("joint", PressureTable(tuple(x), tuple(pressure)), 0.7)],
-        stiffness_damping=damping,
-    )
-    return structure.system([], ["end"])
+    pressure = TAU / MU / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
+    joint = sj.Joint("joint", sj.PressureTable(tuple(x), tuple(pressure)), MU)
+    supports = ["fixed"] if held else []
+    return arm(None, joint, (elements, 100), stiffness_damping=damping, fixed=supports)
 
 
-def plate(bolted: bool = False) -> System:
+def plate(bolted: bool = False) -> sj.System:
     """Plate in plan whose first mode bends: its slips turn."""
-    bolts = Bolts(tuple(Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15)), reach=0.01)
-    structure = Structure(
-        build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5),
-        STEEL,
-        thickness=0.01,
-        fixed=["left"],
-        joints=[Joint("joint", bolts if bolted else 8e6, 0.7)],
-    )
-    return structure.system([], [])
+    bolts = tuple(sj.Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15))
+    joint = pressed(pressure=sj.Bolts(bolts, reach=0.01) if bolted else 8e6)
+    return plate_of(
+        sj.build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5), [joint]
+    ).system()
+
+
+def struck(force: float, damping: float = 0.0) -> sj.System:
+    """Bar struck at its end; its frequencies are 2.5, 7.5, 12.5 kHz."""
+    return arm(sj.HalfSine(force, PULSE), stiffness_damping=damping)
 
 
 def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +152,7 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system):
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(sj.InputError, match=says):
         backbone(system, **how)
 
 
@@ -165,6 +160,54 @@ def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    whole = System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
-    with pytest.raises(InputError, match="every unknown is in contact"):
+    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
+    with pytest.raises(sj.InputError, match="every unknown is in contact"):
         backbone(whole)
+
+
+# Free vibration
+
+
+def test_modes_that_ring_together_are_told_apart():
+    system = struck(1.0, 1e-6)  # a newton: the joint sticks
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    for curve in backbone(system, (1, 2), levels=1):
+        found = sj.ring_down(system, curve, 20, start=hit)
+        assert found.frequency == pytest.approx(curve.stuck_frequency, rel=2e-4)
+        ratio = np.pi * curve.stuck_frequency * 1e-6
+        assert found.damping_ratio == pytest.approx(ratio, rel=0.01)
+
+
+def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
+    system = struck(60e3)
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    (curve,) = backbone(system)
+    halves = np.repeat(np.eye(2), 20, axis=1)
+    parted = replace(system, J=halves, joints=("inner", "outer"))
+    found = sj.ring_down(parted, curve, 30, start=hit)
+    work = found.friction_work.sum(axis=1)
+    assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])
+    assert np.all(np.diff(found.friction_work, axis=0) >= -1e-12 * work[-1])
+    assert found.friction_work[-1, 1] > found.friction_work[-1, 0]  # it is pulled from there
+    frequency = np.interp(found.amplitude, curve.amplitude, curve.frequency)
+    seen = found.amplitude > curve.amplitude[0]
+    assert seen.sum() > 5
+    assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
+
+
+def test_a_scene_s_pulse_rings_down_alike_in_both_models():
+    scene = sj.load_scene(EXAMPLES / "structure_impulse.toml")
+    asked = {"levels": 12, "ring_down": 12, "released": "loads"}
+    found = scene_backbone(scene.changed(backbone=asked, models={"run": ["full", "reduced"]}))
+    (full,), (reduced,) = (model.ring_downs for model in found.models)
+    high = full.amplitude > found.models[0].curves[0].amplitude[0]
+    assert high.sum() >= 3
+    for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
+        assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
+
+
+def test_too_few_cycles_are_refused():
+    system = struck(1.0)
+    (curve,) = backbone(system, levels=1)
+    with pytest.raises(sj.InputError, match="at least"):
+        sj.ring_down(system, curve, 1)

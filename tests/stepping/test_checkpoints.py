@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stepping_systems import LapJoint, by_every_stepper, differing, oscillator
+from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
 from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.schemes import generalized_alpha
 
 JOINT = LapJoint(elements=30)
-SYSTEMS: dict[str, sj.System] = by_every_stepper()
 # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
 JUMP = sj.Rectangle(62e3, 3.37e-4, 1.13e-4)
-SYSTEMS |= {f"{name}, jumps": by_every_stepper(JUMP)[name] for name in ("chain", "contact Coulomb")}
+KINDS = [(kind, None) for kind in STEPPERS] + [("chain", JUMP), ("contact Coulomb", JUMP)]
 TIMING: dict[str, Any] = {
     "step": 5e-6,
     "n_steps": 120,
@@ -44,10 +43,10 @@ def never(done: int, total: int) -> None:
     raise AssertionError(f"integrated {done} of {total} steps again")
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize(("kind", "load"), KINDS)
 @pytest.mark.parametrize("killed", [10, 70])
-def test_a_run_taken_up_again_is_the_same_to_the_bit(name, killed, tmp_path):
-    system, path = SYSTEMS[name], tmp_path / "run.npz"
+def test_a_run_taken_up_again_is_the_same_to_the_bit(kind, load, killed, tmp_path):
+    system, path = of_stepper(kind, load), tmp_path / "run.npz"
     whole = sj.integrate(system, **TIMING)
     with pytest.raises(KilledError):
         sj.integrate(
@@ -106,7 +105,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["chain", "dense", "contact"])
 def test_a_damaged_checkpoint_is_refused_or_is_the_whole_one(name, seed, tmp_path):
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=100, resume=True)
-    system = replace(JOINT, elements=4).system if name == "chain" else SYSTEMS[name]
+    system = replace(JOINT, elements=4).system if name == "chain" else of_stepper(name)
     timing = TIMING | {"n_steps": 30}
     whole = sj.integrate(system, **timing, checkpoint=checkpoint)
     data, rng = checkpoint.path.read_bytes(), np.random.default_rng(seed)

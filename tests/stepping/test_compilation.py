@@ -56,7 +56,7 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken():
         from numba.core.dispatcher import Dispatcher
         from skfem_joint.loads import Amplitude
         from skfem_joint.stepping.integrate import integrate
-        from stepping_systems import by_every_stepper
+        from stepping_systems import of_stepper
 
         made, begun = [], []
         compile = Dispatcher.compile
@@ -81,7 +81,7 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken():
                 return 30e3 * np.sin(np.minimum(t, 4e-5) * 3e4) + after
 
         def watch(kind, *jump):
-            run = integrate(by_every_stepper(Watched(jump))[kind], step=5e-7, n_steps=60)
+            run = integrate(of_stepper(kind, Watched(jump)), step=5e-7, n_steps=60)
             assert run.friction_work.sum() > 0.0 and run.preparation_s > 0.0
             assert begun[0] > 0, made
             assert len(made) == begun[0], made[begun[0]:]
@@ -96,9 +96,9 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken():
 def test_a_run_without_friction_loads_no_compiler():
     code = """
         import sys
-        from stepping_systems import by_every_stepper
+        from stepping_systems import of_stepper
         from skfem_joint.stepping.integrate import integrate
-        run = integrate(by_every_stepper()["linear"], step=1e-5, n_steps=20)
+        run = integrate(of_stepper("linear"), step=1e-5, n_steps=20)
         assert run.counters.friction_evaluations == 0 and run.peak[0] > 0.0
         heavy = {"numba", "meshio", "pyvista", "vtkmodules", "matplotlib"}
         assert "skfem" in sys.modules and not heavy & set(sys.modules)

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from stepping_systems import (
     DENSITY,
+    STEPPERS,
     E,
     LapJoint,
-    by_every_stepper,
     dense_system,
     differing,
+    of_stepper,
     order_of,
     oscillator,
 )
@@ -34,7 +35,6 @@ from skfem_joint.system import AppliedLoad
 
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system
-STEPPERS = ["chain", "Coulomb", "dense", "linear", "contact", "contact Coulomb", "relative"]
 every_stepper = pytest.mark.parametrize("kind", STEPPERS)
 
 
@@ -90,7 +90,7 @@ def test_arguments_that_do_not_fit_are_refused(arguments, message):
 
 @every_stepper
 def test_rows_are_stored_at_the_asked_strides(kind):
-    system = by_every_stepper()[kind]
+    system = of_stepper(kind)
     every = sj.integrate(system, step=1e-5, n_steps=60, save=sj.Save(fields=True))
     save = sj.Save(every=5, fields=True, fields_every=20)
     some = sj.integrate(system, step=1e-5, n_steps=60, save=save)
@@ -113,7 +113,7 @@ def test_rows_are_stored_at_the_asked_strides(kind):
 @pytest.mark.parametrize("jumps", [False, True])
 def test_where_chunks_end_changes_no_bit(kind, jumps, monkeypatch):
     # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
-    system = by_every_stepper(sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
+    system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     options: dict[str, Any] = {"step": 5e-6, "n_steps": 60, "save": sj.Save(every=4, fields=True),
                                "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
     whole = sj.integrate(system, **options)
@@ -150,7 +150,7 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
     monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
     monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
     run = sj.integrate(
-        by_every_stepper()[kind], step=5e-6, n_steps=400,
+        of_stepper(kind), step=5e-6, n_steps=400,
         progress=lambda done, total: seen.append((now, done)),
         checkpoint=Checkpoint(Path("run.npz"), "a", every=10),
     )  # fmt: skip
@@ -188,7 +188,7 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
 @pytest.mark.parametrize("jumps", [False, True])
 def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jumps, monkeypatch):
     """In the middle of a chunk, when rows, works and counters have gone on already."""
-    system = by_every_stepper(sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
+    system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
     options: dict[str, Any] = {
         "step": 5e-6,
@@ -254,7 +254,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
 
 @pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])
 def test_steps_that_do_not_converge_are_halved(kind, monkeypatch):
-    system = by_every_stepper()[kind]
+    system = of_stepper(kind)
     fine = sj.integrate(system, step=0.5e-5, n_steps=80, save=sj.Save(every=2), cycle_steps=40)
     refusing(monkeypatch, lambda first, h: h > 0.6e-5)
     halved = sj.integrate(system, step=1e-5, n_steps=40, cycle_steps=20)
@@ -295,13 +295,13 @@ class Broken(Amplitude):
 @every_stepper
 def test_a_solution_that_is_not_a_number_is_never_returned(kind):
     with pytest.raises(sj.ConvergenceError, match=r"step 15 at t = 0\.00015"):
-        sj.integrate(by_every_stepper(Broken())[kind], step=1e-5, n_steps=40)
+        sj.integrate(of_stepper(kind, Broken()), step=1e-5, n_steps=40)
 
 
 @every_stepper
 def test_a_tolerance_below_round_off_still_ends(kind):
     # Convergence is judged against the round-off of the residual, so zero asks for no more.
-    system = by_every_stepper()[kind]
+    system = of_stepper(kind)
     loose = sj.integrate(system, step=1e-5, n_steps=60)
     tight = sj.integrate(system, step=1e-5, n_steps=60, tolerance=0.0)
     np.testing.assert_allclose(tight.point_u, loose.point_u, atol=1e-8 * loose.peak[0])

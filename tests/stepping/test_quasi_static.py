@@ -6,22 +6,20 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import sparse
-from stepping_systems import STEEL, WIDTH, struts
+from stepping_systems import WIDTH, arm, plate, pressed
 
 import skfem_joint as sj
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
-TAU, JOINT, FREE = 1.75e6, 0.2, 0.5  # N/m, m, m
-ENDS = {"fixed": 0.0, "end": JOINT + FREE}
+TAU, JOINT = 1.75e6, 0.2  # N/m, m
 
 
 @cache
 def bar(elements: int = 100, held: bool = True) -> sj.System:
     """Bar with a free length beyond a joint of constant friction per length."""
-    mesh = sj.build_bar([("joint", JOINT, elements), ("free", FREE, 100)], ENDS)
     joint = sj.Joint("joint", TAU / 0.7 / WIDTH, 0.7, normal_force="consistent")
-    supports = {"fixed": ["fixed"]} if held else {"fixed": (), "free": True}
-    return struts(mesh, [joint], **supports).system([sj.Load("end", sj.Harmonic(1.0, 1.0))])
+    supports = {} if held else {"fixed": (), "free": True}
+    return arm(sj.Harmonic(1.0, 1.0), joint, (elements, 100), stiffness_damping=1e-5, **supports)
 
 
 def test_unloading_is_the_loading_doubled_and_loops_close():
@@ -52,9 +50,7 @@ def test_an_elastic_support_has_no_friction_limit():
 
 def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left():
     mesh = sj.build_plate([("joint", 0.1, 10), ("free", 0.1, 10)], 0.05, 4)
-    structure = sj.Structure(
-        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[sj.Joint("joint", 5e6, 0.5)]
-    )
+    structure = plate(mesh, [pressed(pressure=5e6, friction=0.5)])
     system = structure.system([sj.Load("right", sj.Harmonic(1.0, 1.0), (1.0, 0.3))], [])
     f = 6e3 * system.loads[0].vector
     path = QuasiStatic(system)

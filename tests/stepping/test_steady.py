@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stepping_systems import STEEL, struts
+from stepping_systems import arm, plate, pressed
 
 import skfem_joint as sj
 from skfem_joint.stepping import integrate as stepping
@@ -13,31 +13,23 @@ from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
 
-ENDS = {"fixed": 0.0, "end": 0.7}
-
 
 def bar(frequency: float, share: float, elements: int = 50, beta: float = np.inf) -> sj.System:
     """Bar with a joint, loaded by a share of its friction limit; 0.1 % damping at 2.5 kHz."""
-    mesh = sj.build_bar([("joint", 0.2, elements), ("free", 0.5, elements)], ENDS)
-    joints = [sj.Joint("joint", 50e6, 0.7, beta=beta)] if share else []
-    structure = struts(mesh, joints, fixed=["fixed"], stiffness_damping=2e-3 / 2500.0 / 2 / np.pi)
-    system = structure.system([sj.Load("end", sj.Harmonic(1.0, frequency))])
+    joint = sj.Joint("joint", 50e6, 0.7 if share else 0.0, beta=beta)
+    damping = 2e-3 / 2500.0 / 2 / np.pi
+    system = arm(
+        sj.Harmonic(1.0, frequency), joint, (elements, elements), stiffness_damping=damping
+    )
     force = share * float(system.w.sum()) if share else 1.0
     load = replace(system.loads[0], amplitude=sj.Harmonic(force, frequency, 0.3))
     return replace(system, loads=(load,))
 
 
-def plate() -> sj.System:
+def on_base() -> sj.System:
     mesh = sj.build_plate([("joint", 0.1, 3), ("free", 0.1, 3)], 0.05, 2)
-    structure = sj.Structure(
-        mesh,
-        STEEL,
-        thickness=0.01,
-        fixed=["left"],
-        joints=[sj.Joint("joint", 5e6, 0.5)],
-        stiffness_damping=1e-6,
-    )
-    return structure.system([sj.Load("right", sj.Harmonic(4e3, 3000.0), (1.0, 0.2))], [])
+    made = plate(mesh, [pressed(pressure=5e6, friction=0.5)], stiffness_damping=1e-6)
+    return made.system([sj.Load("right", sj.Harmonic(4e3, 3000.0), (1.0, 0.2))], [])
 
 
 def dense(system: sj.System) -> sj.System:
@@ -73,7 +65,7 @@ def test_linear_vibration_is_that_of_the_complex_stiffness(rho):
         bar(2025.0, 0.1),
         bar(1790.0, 0.3),
         dense(bar(2025.0, 0.1, beta=1e4)),
-        plate(),
+        on_base(),
     ],
     ids=["little slip", "resonance", "gross slip", "dense", "slip vectors"],
 )
