@@ -53,15 +53,6 @@ def test_own_modes_reproduce_the_reference_plate(poisson):
     assert abs(energy) < 0.005
 
 
-@pytest.mark.parametrize(("name", "modes"), [("strip", 12), ("two", 10), ("edge", 12)])
-def test_few_points_meet_the_tolerances_of_other_joints(name, modes):
-    _, system, step = case(name)
-    basis = own_basis(system, full(name), modes)
-    history, energy = errors(reduced(system, basis, step, 3 * modes), full(name))
-    assert history < 0.01
-    assert abs(energy) < 0.02
-
-
 def test_fixed_interface_modes_do_not_slip():
     _, system, _ = case("strip")
     plain = own_basis(system, full("strip"), 6)
