@@ -9,8 +9,6 @@ pulses that may set in late, near resonance and in gross slip too; reduced by 1 
 truth is the full model at an eighth of the step, of plates at a quarter.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -10,8 +10,6 @@ The residual form keeps the bands with any tridiagonal mass. The rates do so wit
 alone: the inverse of the consistent one is full, which makes their Jacobian full.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

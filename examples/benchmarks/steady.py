@@ -10,8 +10,6 @@ Coulomb element of the second example of NLstep (M. Krack and J. Gross, Universi
 doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one thread.
 """
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

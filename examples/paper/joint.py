@@ -1,7 +1,5 @@
 """Sections 2 to 4: mesh, friction law (Figs. 2 to 4), proper modes (Table 1, Fig. 5)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from math import inf, pi, tan

@@ -1,7 +1,5 @@
 """What the reduction saves (section 7.5, Fig. 22), and its error against the number of modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Jointed structure: harmonic load (section 7.3, Fig. 19), impulse (section 7.4, Figs. 20, 21)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, pi
