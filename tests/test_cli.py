@@ -106,16 +106,6 @@ def test_a_shell_completes_every_command(capsys):
     assert "--checkpoint-every" in shown
 
 
-def test_check_loads_no_library_that_draws(scene):
-    code = (
-        "import sys; from skfem_joint.cli import main; main(sys.argv[1:]); "
-        "print(sorted({'matplotlib', 'pyvista', 'vtk'} & set(sys.modules)))"
-    )
-    check = [sys.executable, "-c", code, "check", str(scene())]
-    ended = subprocess.run(check, capture_output=True, text=True, timeout=120, check=True)
-    assert ended.stdout.splitlines()[-1] == "[]"
-
-
 def test_check_of_a_valid_scene_writes_nothing(scene, tmp_path, capsys, monkeypatch):
     path = scene((NO_OUTPUT, "vtk = true\nplots = true"))
     monkeypatch.chdir(tmp_path)
