@@ -54,7 +54,7 @@ class Pool(ThreadPoolExecutor):
     def __init__(self) -> None:
         super().__init__(2)
 
-    def submit(self, *call: Any) -> Future[Any]:  # type: ignore[override]
+    def submit(self, *call: Any) -> Future[Any]:
         if self.broken:
             raise BrokenExecutor
         return super().submit(self._call, *call)

@@ -168,7 +168,6 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
     wait = "with holding(folder):\n    print('held', flush=True)\n    sys.stdin.read()"
     for end in ("whole", "killed"):
         first = in_a_process(wait, folder)
-        assert first.stdout is not None
         assert first.stdout.readline() == "held\n"
         with pytest.raises(InputError, match=f"another run .process {first.pid}."), holding(folder):
             pass

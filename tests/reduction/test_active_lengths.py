@@ -109,7 +109,7 @@ def test_creep_of_points_that_stick_is_no_slip():
 
 @pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
 def test_gross_slip_is_told_from_strain_and_creep(make):
-    structure, system = make()  # type: ignore[operator]
+    structure, system = make()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
     strained, part = np.zeros(system.w.size), np.zeros(system.w.size)

@@ -63,7 +63,6 @@ def on_a_line() -> tuple[sj.System, Basis, np.ndarray, np.ndarray]:
     structure, system = fig_18()
     options = Options(reference="paper", active_length=ACTIVE)
     basis = make_basis(structure, system, options, step=1e-5, n_steps=400, cycle_steps=200, warn=[])
-    assert basis.stretches is not None
     ((points, position),) = basis.stretches
     return system.project(basis.V), basis, points, position
 

@@ -83,7 +83,7 @@ def scaled(
     """Basis of scaled modes; the probe takes two periods of 500 Hz."""
     zones = active_zones(structure, system)
     probe = probed(system, zones, 1e-5, 400, None)
-    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])  # type: ignore[arg-type]
+    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
     return scaled_basis(structure, system, paper_reference(), zones, lengths, probe, **options)
 
 

@@ -59,7 +59,6 @@ def pairs_of(structure: sj.Structure) -> dict[str, Any]:
 def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -> dict[str, Any]:
     """Tables of a scene as matrices in files of a folder, without its mesh."""
     structure = scene.structure()
-    assert isinstance(structure, sj.Structure)
     M, K = structure.matrices()
     contact = {}
     for name, rows in pairs_of(structure).items():
@@ -143,7 +142,6 @@ SHORT = {"cycles": 1, "steps_per_cycle": 50}
 def test_pairs_with_two_slips_move_as_their_mesh(tmp_path, make):
     scene = make()
     structure, (load,) = scene.structure(), scene.loads()
-    assert isinstance(structure, sj.Structure)
     push = np.outer(structure.even_shares(str(load.on)), load.unit(structure.dim)).ravel()
     np.savez(tmp_path / "push.npz", push=push)
     tables = exported(tmp_path, scene, npz, {str(load.on): "push.npz:push"})
@@ -170,7 +168,6 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed):
         contacts={"lap": np.hstack([dofs, normal, np.ones((3, 1))])},
         joints=[sj.Joint("lap", 1e6, 0.3)],
     )
-    assert model.contact is not None
     u = np.zeros((18, 2))
     u[dofs[:, :3], 0] = u[dofs[:, :3], 1] = u[dofs[:, 3:], 1] = tangent
     slip = np.asarray(model.contact.B @ u).reshape(3, 2, 2)

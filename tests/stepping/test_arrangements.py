@@ -94,6 +94,11 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
     assert shuffled.counters == row.counters
     assert shuffled.counters.linear_solves == 0
     np.testing.assert_allclose(shuffled.point_u, row.point_u, rtol=0.0, atol=1e-12 * row.peak[0])
+    # An initial state is given on the system's own unknowns, too.
+    start = np.random.default_rng(1).normal(size=(2, 64)) * [[1e-6], [1e-2]]
+    place = np.argsort(np.argsort(structures[0].nodes[~structures[0].held.ravel(), 0]))
+    one, other = run_of(systems[0], initial=start[:, place]), run_of(systems[1], initial=start)
+    np.testing.assert_allclose(one.point_u, other.point_u, rtol=0.0, atol=1e-11 * other.peak[0])
     # Fields come in the mesh's own numbering, points of contact in that of the system.
     u = [one.expand(run.u)[..., 0] for one, run in zip(structures, (shuffled, row), strict=True)]
     order = np.argsort(structures[0].nodes[:, 0])

@@ -210,7 +210,7 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jump
                 raise KeyboardInterrupt
             return advance(h, amplitudes, first, store)
 
-        stepper.advance = half  # type: ignore[method-assign]
+        stepper.advance = half
         return stepper
 
     choose = driver.choose
@@ -246,7 +246,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
                     return done
             return advance(h, amplitudes, first, store)
 
-        stepper.advance = maybe  # type: ignore[method-assign]
+        stepper.advance = maybe
         return stepper
 
     monkeypatch.setattr(driver, "choose", chosen)
