@@ -183,6 +183,24 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
         assert [path.name for path in folder.iterdir()] == ["below"]
 
 
+def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path):
+    code = (
+        "from skfem_joint.errors import InputError\n"
+        "been_in = 0\n"
+        "while been_in < 50:\n"
+        "    try:\n"
+        "        with holding(folder):\n"
+        "            os.close(os.open(folder / 'inside', os.O_CREAT | os.O_EXCL))\n"
+        "            os.unlink(folder / 'inside')\n"
+        "            been_in += 1\n"
+        "    except InputError: pass\n"
+    )
+    runs = [in_a_process(code, tmp_path) for _ in range(3)]
+    for run in runs:
+        run.communicate()
+    assert [run.returncode for run in runs] == [0, 0, 0]
+
+
 def test_a_folder_that_cannot_be_made_or_written_to_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written to"), holding(tmp_path / "file"):

@@ -75,6 +75,26 @@ def two_bars() -> tuple[Structure, System]:
     return structure, structure.system([Load("end", PULL)])
 
 
+def test_numbering_of_the_mesh_does_not_matter():
+    structure = fig_18()[0]
+    shuffled = np.random.default_rng(0).permutation(structure.n_nodes)
+    place = np.argsort(shuffled)
+    old = structure.mesh
+    mesh = replace(
+        old,
+        mesh=replace(old.mesh, doflocs=old.mesh.p[:, shuffled], t=place[old.mesh.t]),
+        points={name: int(place[node]) for name, node in old.points.items()},
+        coordinates=old.coordinates[shuffled],
+    )
+    other = replace(structure, mesh=mesh)
+    (zone,), (expected,) = (
+        active_zones(s, s.system([Load("end", PULL)])) for s in (other, structure)
+    )
+    np.testing.assert_allclose(zone.distance, expected.distance, atol=1e-15)
+    assert np.array_equal(shuffled[zone.nodes], expected.nodes)
+    assert zone.tau == pytest.approx(expected.tau, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "expected"),
     [

@@ -11,7 +11,7 @@ import pytest
 from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
-from skfem_joint.stepping.checkpoint import Checkpoint
+from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
 from skfem_joint.stepping.schemes import generalized_alpha
 
 JOINT = LapJoint(elements=30)
@@ -138,6 +138,17 @@ def test_objects_in_a_checkpoint_are_not_loaded(tmp_path):
     with pytest.raises(sj.InputError, match="cannot be read as a checkpoint"):
         Checkpoint(path, "a", resume=True).load("b")
     assert not (tmp_path / "sprung").exists()
+
+
+def test_fingerprints_tell_apart_what_differs_and_nothing_else():
+    table = sj.Table([0.0, 1.0], [0.0, 1.0])
+    same = fingerprint(JOINT.system, table, {"a": 1.0}, [None, True, "text"])
+    assert fingerprint(JOINT.system, table, {"a": 1.0}, (None, True, "text")) != same
+    assert fingerprint(replace(JOINT).system, table, {"a": 1.0}, [None, True, "text"]) == same
+    parts: list[Any] = [0, 0.0, -0.0, False, None, "", "0", [], [0], [[0]], [0, 0], {}, {"": 0},
+                        np.zeros(1), np.zeros(2), np.zeros((1, 1)), np.zeros(1, int), table,
+                        sj.Table([0.0, 1.0], [0.0, 2.0]), ["ab", "c"], ["a", "bc"]]  # fmt: skip
+    assert len({fingerprint(part) for part in parts}) == len(parts)
 
 
 def test_plain_functions_of_time_cannot_be_saved_and_are_refused_with_advice(
