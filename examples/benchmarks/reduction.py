@@ -46,6 +46,7 @@ HEADER = (
 )
 #: 100 elements of 0.3 m of joint with 50 MPa, 0.4 m of bar: friction limit, N.
 LIMIT = 0.7 * 50e6 * 0.05 * 0.3
+IMPULSE = {"duration": 2e-3, "step": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,8 @@ class Found:
         """Row of the table."""
         asked = (task.unknowns, task.history, task.peak, task.friction)
         e, n = self.errors, self.basis.V.shape[1]
-        measured = (
-            n,
-            100.0 * e.displacement_rms,
-            100.0 * abs(e.peak_displacement or 0.0),
-            abs(self.friction),
-        )
+        errors = e.displacement_rms, abs(e.peak_displacement or 0.0)
+        measured = (n, *(100.0 * error for error in errors), abs(self.friction))
         cells = [
             f"{value:.2f} ({limit:g})" if np.isfinite(limit) else f"{value:.2f}"
             for value, limit in zip(measured, asked, strict=True)
@@ -121,7 +118,11 @@ class Found:
 
 def scene(file: str, **changes: Any) -> tuple[sj.System, dict[str, Any]]:
     """Shipped example."""
-    its = sj.load_scene(EXAMPLES / file).changed(**changes)
+    return timed(sj.load_scene(EXAMPLES / file).changed(**changes))
+
+
+def timed(its: Any) -> tuple[sj.System, dict[str, Any]]:
+    """System of a scene and how it is run."""
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
     return its.system(), steps
 
@@ -130,16 +131,9 @@ def paper(name: str, pulse: str = "") -> tuple[sj.System, dict[str, Any]]:
     """System of the paper by name, under its harmonic load or a pulse."""
     from paper import cases
 
-    options: dict[str, Any] = {}
     case = cases.CASES[name]
-    if pulse:
-        options = {
-            "load": cases.pulse(case, pulse, 2.5e-5),
-            "time": {"duration": 2e-3, "step": 1e-6},
-        }
-    its = cases.scene(case, **options)
-    steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
-    return its.system(), steps
+    load = cases.pulse(case, pulse, 2.5e-5) if pulse else None
+    return timed(cases.scene(case, load=load, time=IMPULSE if pulse else None))
 
 
 def harmonics(

@@ -58,12 +58,8 @@ STEEP, SAMPLES, FINE, OFF = 1e7, 400, 1600, 0.02
 GENTLE = 10.0
 NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
-BEAM = (
-    (50.0, 0.0737, 241.0),
-    (100.0, 0.0761, 221.0),
-    (200.0, 0.0886, 207.8),
-    (400.0, 0.2021, 157.0),
-)
+BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
+        (400.0, 0.2021, 157.0))  # fmt: skip
 
 
 def bar(
