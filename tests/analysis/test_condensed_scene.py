@@ -56,7 +56,7 @@ def test_backbone_and_response_agree_with_the_full_model():
         "full",
         backbone={"modes": [1], "levels": 5},
         response={
-            "frequencies": {"from": 400.0, "to": 800.0, "points": 3},
+            "frequencies": {"from": 400.0, "to": 800.0, "points": 2},
             "levels": [7e3],
         },
         accuracy={"estimate": False},

@@ -61,13 +61,13 @@ CASES: dict[str, Make] = {
     "points": lambda: bar(cycles=600),
     "two models": lambda: bar(*BOTH, cycles=300),
     # No two cycles from which looks could tell that the run has settled.
-    "two models, one cycle": lambda: bar(*BOTH, cycles=1, steps=60_000),
-    "fields": lambda: bar(elements=500, cycles=5, steps=100, vtk=True, frames=500),
+    "two models, one cycle": lambda: bar(*BOTH, cycles=1, steps=30_000),
+    "fields": lambda: bar(elements=500, cycles=3, steps=80, vtk=True, frames=240),
     "training": lambda: bar(
         *BOTH, elements=200, cycles=3, steps=600, reference="self", history=False
     ),
     "nodes": lambda: bar(elements=6000, cycles=1, steps=10, history=False),
-    "cycles": lambda: bar(cycles=3000, steps=10, history=False),
+    "cycles": lambda: bar(cycles=1500, steps=10, history=False),
     "plate, points": lambda: in_plan(
         elements=2, cycles=8, steps=100, points=["right", "top", *(f"at {k}" for k in range(9))]
     ),

@@ -21,7 +21,7 @@ def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeyp
 def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, monkeypatch):
     short = killed.KINDS["bar"][0], "cycles = 10", *killed.KINDS["bar"][2:]
     monkeypatch.setitem(killed.KINDS, "bar", short)
-    few = ["--kinds", "bar", "two plates", "--kills", "4", "--pairs", "1"]
+    few = ["--kinds", "bar", "two plates", "--kills", "3", "--pairs", "1"]
     assert killed.main(["--out", str(tmp_path), *few]) == 0
     said = capsys.readouterr().out
     assert said.count("the same to the bit") == 2
