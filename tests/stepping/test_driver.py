@@ -53,6 +53,9 @@ def test_all_ways_to_give_the_steps_are_one():
     np.testing.assert_allclose(cycles.cycles.friction, plain.cycles.friction, rtol=1e-9)
     duration = sj.integrate(system, step=1e-5, duration=400e-5, cycle_steps=200)
     assert differing(plain, duration) == []
+    aperiodic = replace(system, loads=(replace(system.loads[0], amplitude=np.sin),))
+    with pytest.raises(sj.InputError, match="no common period"):
+        sj.integrate(aperiodic, cycles=2, steps_per_cycle=100)
 
 
 @pytest.mark.parametrize(
