@@ -19,9 +19,7 @@ def grid(shape: tuple[int, ...]) -> sparse.csr_array:
 
 
 @pytest.mark.parametrize("shape", [(1,), (200,), (60, 7), (6, 6, 5), (14, 14, 14)])
-def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(
-    shape,
-):
+def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(shape):
     """The last is wider than a band."""
     A = grid(shape)
     assert (min(shape) ** (len(shape) - 1) > BAND) == (len(shape) == 3 and shape[0] == 14)

@@ -71,9 +71,7 @@ def test_what_is_zero_is_not_certified_as_exact():
     assert {error for part in still.parts.values() for error in part.values()} == {None}
 
 
-def test_a_short_full_run_certifies_a_reduced_model_that_runs_alone(
-    monkeypatch,
-):
+def test_a_short_full_run_certifies_a_reduced_model_that_runs_alone(monkeypatch):
     scene = coarse("reduced", reduction={"reference": "paper", "modes": 3})
     results_of_it = sj.run_scene(scene)
     steps = []

@@ -95,9 +95,7 @@ def test_report_has_all_models_and_what_they_cost(report):
 
 
 @given(st.lists(st.tuples(st.floats(1e-4, 1e2), st.floats(1e-8, 1.0), st.booleans()), max_size=30))
-def test_front_is_the_lower_left_of_the_finished_points(
-    data,
-):
+def test_front_is_the_lower_left_of_the_finished_points(data):
     measured = [point(w, e, et.FINISHED if done else "extrapolated") for w, e, done in data]
     finished = [(p.wall_s, p.error()) for p in measured if p.counts]
     ahead = [(p.wall_s, p.error()) for p in et.front(measured)]

@@ -180,9 +180,7 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension):
     assert len(chosen) == 2
 
 
-def test_the_step_of_a_full_model_is_found_on_a_reduced_one(
-    monkeypatch,
-):
+def test_the_step_of_a_full_model_is_found_on_a_reduced_one(monkeypatch):
     taken = []
 
     def counted(system, **options):

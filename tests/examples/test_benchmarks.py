@@ -181,9 +181,7 @@ def test_the_page_has_the_numbers_of_the_struts(example, struts):
         assert model.lost(result.pulse) == pytest.approx(pulse, abs=2e-3)
 
 
-def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_as_lossy(
-    struts,
-):
+def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_as_lossy(struts):
     simple, whole, half = struts
     for one, other in zip(half.ends, whole.ends, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())

@@ -211,12 +211,7 @@ def judged_with(monkeypatch: Patch, damage: Damage, case: Case) -> Verdict:
     ],
 )
 def test_a_broken_step_of_a_plate_is_wrong_in_silence(
-    monkeypatch,
-    damage,
-    reason,
-    elements,
-    rho,
-    beta,
+    monkeypatch, damage, reason, elements, rho, beta
 ):
     case = replace(SMALL, steps=12, elements=elements, rho=rho, beta=beta)
     verdict = judged_with(monkeypatch, damage, case)

@@ -161,9 +161,7 @@ def test_only_what_dead_processes_left_is_removed(tmp_path):
     assert contents(tmp_path) == users
 
 
-def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(
-    tmp_path,
-):
+def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(tmp_path):
     folder = tmp_path / "new" / "out"
     wait = "with holding(folder):\n    print('held', flush=True)\n    sys.stdin.read()"
     for end in ("whole", "killed"):

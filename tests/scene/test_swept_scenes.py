@@ -38,9 +38,7 @@ def test_a_product_has_every_value_with_every_other(read):
     assert all(scene.sweep is None for scene in swept.scenes)
 
 
-def test_a_list_goes_through_all_keys_at_once_even_where_the_scene_leaves_them_out(
-    read,
-):
+def test_a_list_goes_through_all_keys_at_once_even_where_the_scene_leaves_them_out(read):
     by_list = 'combine = "list"\n"load[0].amplitude" = {from = 1, to = 100, points = 3,'
     by_list += ' scale = "log"}\n"damping.mass" = [1, 2, 2]\n"joint[0].law" = ["arctan", '
     by_list += '"coulomb", "coulomb"]'

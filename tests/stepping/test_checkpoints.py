@@ -151,9 +151,7 @@ def test_fingerprints_tell_apart_what_differs_and_nothing_else():
     assert len({fingerprint(part) for part in parts}) == len(parts)
 
 
-def test_plain_functions_of_time_cannot_be_saved_and_are_refused_with_advice(
-    tmp_path,
-):
+def test_plain_functions_of_time_cannot_be_saved_and_are_refused_with_advice(tmp_path):
     system = oscillator(sj.Harmonic(1.0, 1.0))
     (load,) = system.loads
     plain = replace(system, loads=(replace(load, amplitude=np.sin),))

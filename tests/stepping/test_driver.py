@@ -42,10 +42,8 @@ every_stepper = pytest.mark.parametrize("kind", STEPPERS)
 
 
 def test_all_ways_to_give_the_steps_are_one():
-    load = sj.MultiHarmonic(
-        (sj.Harmonic(2e4, 1000.0), sj.Harmonic(1e4, 1500.0))
-    )  # common period: 2 ms
-    system = LapJoint(elements=5, load=load).system
+    both = sj.Harmonic(2e4, 1000.0), sj.Harmonic(1e4, 1500.0)  # common period: 2 ms
+    system = LapJoint(elements=5, load=sj.MultiHarmonic(both)).system
     plain = sj.integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
     cycles = sj.integrate(system, cycles=2, steps_per_cycle=200)
     np.testing.assert_allclose(cycles.times, plain.times, rtol=1e-12)
@@ -167,9 +165,7 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.7])
-def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
-    friction,
-):
+def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(friction):
     system = LapJoint(elements=20, friction=friction).system
     # The driver hands out at most 20,000 steps at a time; from there on nothing may grow.
     counts = (50_000, 200_000) if friction else (40, 200)
@@ -269,9 +265,7 @@ def test_steps_that_do_not_converge_are_halved(kind, monkeypatch):
     assert halved.energy_residual < 1e-10
 
 
-def test_a_step_that_never_converges_is_an_error_that_says_where(
-    monkeypatch,
-):
+def test_a_step_that_never_converges_is_an_error_that_says_where(monkeypatch):
     sizes: list[float] = []
 
     def refuses(step, h):

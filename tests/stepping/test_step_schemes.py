@@ -45,9 +45,7 @@ def test_schemes_are_unconditionally_stable(scheme):
 
 
 @named_schemes
-def test_written_for_the_velocity_a_step_fulfils_the_equations_of_the_method(
-    scheme,
-):
+def test_written_for_the_velocity_a_step_fulfils_the_equations_of_the_method(scheme):
     h, k, f = 0.3, 7.0, 2.0
     start = np.array([0.2, -0.4, 1.5, f - k * 0.2])
     u0, v0, a0, d0 = start
