@@ -37,6 +37,7 @@ from skfem_joint.analysis import response
 from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
+from skfem_joint.stepping.recording import Run
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
@@ -211,7 +212,7 @@ def sundials(quick: bool) -> None:
               f"{' | '.join(texts)} | {100 * kept / OFF:.2g} % |", flush=True)  # fmt: skip
 
 
-def first_harmonic(run: sj.Run) -> float:
+def first_harmonic(run: Run) -> float:
     """Its amplitude (m) at the end, from a run of one period."""
     u = run.point("end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))

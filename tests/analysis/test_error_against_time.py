@@ -14,7 +14,7 @@ from joint_scenes import BARS, LENGTH, joint, lap_joint, plate, plate_scene
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.history import difference, results
 from skfem_joint.analysis.reference import Reference, make_reference
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
 
@@ -142,6 +142,15 @@ def test_scenes_without_cycles_and_of_plates_are_compared_too(kind):
     assert full[1].error() < 0.4 * full[0].error()
     assert {p.job.family for p in found.points} >= {et.COULOMB, et.REDUCED, et.FEW_POINTS}
     assert "beta" in found.markdown()
+
+
+def test_what_does_not_converge_is_a_point_all_the_same(truth):
+    def fail():
+        raise ConvergenceError("step 3")
+
+    (found,) = et.measure([et.Job(et.FULL, {}, fail)], truth, repeats=2)
+    assert found.outcome.status == "step 3"
+    assert not found.counts
 
 
 def test_wrong_options_and_scenes_without_friction_are_refused():

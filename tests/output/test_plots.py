@@ -141,6 +141,12 @@ def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats():
     rest = np.exp(-50.0 * t) * np.sin(2 * np.pi * 30 * t)
     assert plots.envelope(t, rest + 1e-9 * (-1.0) ** np.arange(t.size)) is None
     assert plots.envelope(t, np.zeros(t.size)) is None
+    run = sj.integrate(system(2), step=STEP, n_steps=400 * ROWS, cycle_steps=ROWS)
+    panel = plots.histories_figure({"full": run}, ["free_end"]).axes[0]
+    assert not panel.lines
+    largest = np.abs(panel.collections[0].get_paths()[0].vertices[:, 1]).max()
+    assert largest == pytest.approx(1e6 * np.abs(run.point("free_end")).max())
+    assert panel.get_title(loc="left") == "free_end: least and largest in each 2 ms"
 
 
 def test_the_works_drawn_are_those_of_the_cycles_and_those_that_are_zero_are_left_out(
