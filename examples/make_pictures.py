@@ -7,7 +7,6 @@ Those of LONG come from benchmarks and are made where they are named.
 """
 
 # %% What is drawn
-from __future__ import annotations
 
 import argparse
 import runpy

@@ -1,7 +1,5 @@
 """The command line: exit statuses, messages, and the files it leaves."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -11,10 +9,8 @@ import select
 import signal
 import subprocess
 import sys
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -31,15 +27,13 @@ from skfem_joint.scene import load_scene
 ROOT = Path(__file__).parent.parent
 Write = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-Patch = pytest.MonkeyPatch
-PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Write:
+def scene(tmp_path):
     """Write the harmonic structure of ``examples/``, short, with some of its text replaced."""
 
-    def write(*changes: tuple[str, str]) -> Path:
+    def write(*changes):
         text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
         short = (
             ("../meshes/", f"{(ROOT / 'meshes').as_posix()}/"),
@@ -72,18 +66,13 @@ def command(*arguments: str | Path) -> list[str]:
     [
         ([], 0, "usage: skfem-joint"),
         (["--help"], 0, "error-time"),
-        (["run", "--help"], 0, "usage: skfem-joint run"),
         (["check", "--help"], 0, "SCENE.toml"),
         (["--version"], 0, __version__),
         (["fly"], 2, "usage: skfem-joint"),
-        (["run"], 2, "usage: skfem-joint"),
         (["run", "scene.toml"], 2, "usage: skfem-joint"),
-        (["check", "a", "b"], 2, "usage: skfem-joint"),
     ],
 )
-def test_help_and_wrong_usage(
-    arguments: list[str], status: int, words: str, capsys: Capture
-) -> None:
+def test_help_and_wrong_usage(arguments, status, words, capsys):
     try:
         found: object = cli.main(arguments)
     except SystemExit as ended:
@@ -93,7 +82,7 @@ def test_help_and_wrong_usage(
     assert words in (shown.err if status else shown.out)
 
 
-def test_as_much_is_said_as_is_asked_for(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_as_much_is_said_as_is_asked_for(scene, tmp_path, capsys):
     out = tmp_path / "out"
     run = ["run", str(scene(FULL_ONLY, ONE_CYCLE)), "--out", str(out)]
     assert cli.main([*run, "-q"]) == 0
@@ -108,7 +97,7 @@ def test_as_much_is_said_as_is_asked_for(scene: Write, tmp_path: Path, capsys: C
     assert "none.toml" in capsys.readouterr().err
 
 
-def test_a_shell_completes_every_command(capsys: Capture) -> None:
+def test_a_shell_completes_every_command(capsys):
     pytest.importorskip("shtab")
     assert cli.main(["--print-completion", "bash"]) == 0
     shown = capsys.readouterr().out
@@ -117,19 +106,7 @@ def test_a_shell_completes_every_command(capsys: Capture) -> None:
     assert "--checkpoint-every" in shown
 
 
-def test_check_loads_no_library_that_draws(scene: Write) -> None:
-    code = (
-        "import sys; from skfem_joint.cli import main; main(sys.argv[1:]); "
-        "print(sorted({'matplotlib', 'pyvista', 'vtk'} & set(sys.modules)))"
-    )
-    check = [sys.executable, "-c", code, "check", str(scene())]
-    ended = subprocess.run(check, capture_output=True, text=True, timeout=120, check=True)
-    assert ended.stdout.splitlines()[-1] == "[]"
-
-
-def test_check_of_a_valid_scene_writes_nothing(
-    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
-) -> None:
+def test_check_of_a_valid_scene_writes_nothing(scene, tmp_path, capsys, monkeypatch):
     path = scene((NO_OUTPUT, "vtk = true\nplots = true"))
     monkeypatch.chdir(tmp_path)
     assert cli.main(["check", str(path)]) == 0
@@ -140,7 +117,7 @@ def test_check_of_a_valid_scene_writes_nothing(
     assert files_below(tmp_path) == ["scene.toml"]
 
 
-def test_run_writes_what_the_scene_asks_for(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_run_writes_what_the_scene_asks_for(scene, tmp_path, capsys):
     out = tmp_path / "deep" / "results"
     path = scene((NO_OUTPUT, "vtk = true\nframes = 4\nplots = true"))
     assert cli.main(["run", str(path), "--out", str(out)]) == 0
@@ -156,22 +133,11 @@ def test_run_writes_what_the_scene_asks_for(scene: Write, tmp_path: Path, capsys
     assert found.warnings == summary["warnings"]
     assert all(fact in shown.out for fact in found.description.facts)
     assert summary["structure"] == found.description.values
-    assert set(summary["models"]) == {"full", "reduced"}
-    for model in summary["models"].values():
-        assert model["steps"] == 400
-    with np.load(out / "history.npz", allow_pickle=False) as history:
-        assert history["time"].size == 401
-        assert history["reduced_free_end_displacement"].size == 401
-    pictures = sorted(out.glob("*.png"))
-    assert len(pictures) >= 4
-    assert all(picture.read_bytes().startswith(PNG) for picture in pictures)
-    series = ET.parse(out / "fields.pvd").getroot().findall(".//DataSet")
-    assert len({data.get("timestep") for data in series}) == 5
-    assert all((out / str(data.get("file"))).is_file() for data in series)
+    assert {"history.npz", "fields.pvd", "joint.png"} <= set(files_below(out))
     assert not list(out.rglob(".*"))  # no leftovers
 
 
-def test_check_says_what_each_joint_is_and_each_note_once(tmp_path: Path, capsys: Capture) -> None:
+def test_check_says_what_each_joint_is_and_each_note_once(tmp_path, capsys):
     text = (ROOT / "examples" / "plate_reference.toml").read_text(encoding="utf-8")
     table = "pressure = { positions = [-1.0, 0.0, 0.3], values = [0.0, 9e6, 2e6] }"
     changes = (("pressure = 8e6", table), ("thickness = 0.01", "thickness = 10.0"))
@@ -187,7 +153,7 @@ def test_check_says_what_each_joint_is_and_each_note_once(tmp_path: Path, capsys
     assert "is the mesh in metres?" in notes[0]
 
 
-def test_files_are_whole_when_nobody_reads_the_table(scene: Write, tmp_path: Path) -> None:
+def test_files_are_whole_when_nobody_reads_the_table(scene, tmp_path):
     """A closed pipe, a full terminal and one that knows no ° or é lose no result."""
     path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', 'title = "Ring Ø 5 é '))
     read, write = os.pipe()
@@ -212,10 +178,8 @@ def test_files_are_whole_when_nobody_reads_the_table(scene: Write, tmp_path: Pat
     ("error", "status"),
     [(ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],
 )
-def test_results_outlive_what_ends_their_certificate(
-    error: BaseException, status: int, scene: Write, tmp_path: Path, monkeypatch: Patch
-) -> None:
-    def fail(*args: object, **options: object) -> None:
+def test_results_outlive_what_ends_their_certificate(error, status, scene, tmp_path, monkeypatch):
+    def fail(*args, **options):
         raise error
 
     monkeypatch.setattr("skfem_joint.analysis.certificate.certify", fail)
@@ -247,22 +211,7 @@ def refused_run(scene_file: Path, out: Path, capsys: Capture) -> list[str]:
     return lines
 
 
-def test_every_mistake_of_a_scene_is_told_at_once(
-    scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
-    path = scene(
-        ("[reduction]\n", "[reduction]\nmodes = 0\n"),
-        ('on = "free_end"', 'on = "free"'),
-        ("cycles = 2", "cycles = 0"),
-        ('title = "', 'colour = "red"\ntitle = "'),
-    )
-    lines = refused_run(path, tmp_path / "out", capsys)
-    keys = ("colour", "reduction.modes", "load on 'free'", "time.cycles")
-    assert len(lines) == len(keys)
-    assert all(any(f": {key}: " in line for line in lines) for key in keys)
-
-
-def test_missing_or_broken_files(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_missing_or_broken_files(scene, tmp_path, capsys):
     whole = (ROOT / "meshes" / "structure.msh").read_bytes()
     (tmp_path / "cut.msh").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "broken.toml").write_bytes(b"[mesh")
@@ -277,18 +226,14 @@ def test_missing_or_broken_files(scene: Write, tmp_path: Path, capsys: Capture) 
 
 
 @pytest.mark.parametrize("below", ["", "/deeper/still"])
-def test_output_folder_that_is_a_file(
-    below: str, scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
+def test_output_folder_that_is_a_file(below, scene, tmp_path, capsys):
     (tmp_path / "taken").write_text("mine")
     refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "taken")
     assert (tmp_path / "taken").read_text() == "mine"
     assert files_below(tmp_path) == ["scene.toml", "taken"]
 
 
-def test_reduction_that_does_not_fit_the_scene(
-    scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
+def test_reduction_that_does_not_fit_the_scene(scene, tmp_path, capsys):
     paper = ('reference = "static"', 'reference = "paper"')
     path = scene(('on = "free_end"', 'on = "joint"'), paper)
     out = tmp_path / "out"
@@ -306,8 +251,8 @@ def test_reduction_that_does_not_fit_the_scene(
     ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
 )
 def test_missing_optional_library_is_told_before_the_run(
-    library: str, asked: str, scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
-) -> None:
+    library, asked, scene, tmp_path, capsys, monkeypatch
+):
     for module in [name for name in sys.modules if name.split(".")[0] == library]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
@@ -315,10 +260,8 @@ def test_missing_optional_library_is_told_before_the_run(
     refused(["run", str(path), "--out", str(tmp_path / "out")], capsys, "skfem-joint[")
 
 
-def test_run_that_does_not_converge_ends_with_3(
-    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
-) -> None:
-    def fail(*args: object, **options: object) -> None:
+def test_run_that_does_not_converge_ends_with_3(scene, tmp_path, capsys, monkeypatch):
+    def fail(*args, **options):
         raise ConvergenceError("step 7 at t = 7e-05 s did not converge")
 
     monkeypatch.setattr(study, "integrate", fail)
@@ -328,46 +271,7 @@ def test_run_that_does_not_converge_ends_with_3(
     assert files_below(out) == []
 
 
-def interrupting(monkeypatch: Patch, call: int, wanted: str = "full model") -> None:
-    """Make the progress of a model raise as Ctrl-C does, at its n-th call."""
-    left = [call]
-
-    def progress(label: str, done: int, total: int) -> None:
-        left[0] -= label == wanted
-        if left[0] == 0 and label == wanted:
-            raise KeyboardInterrupt
-
-    @contextmanager
-    def bar(*_: bool) -> Iterator[cli.Progress]:
-        yield progress
-
-    monkeypatch.setattr(cli, "progress_bar", bar)
-
-
-def test_interrupted_run_leaves_valid_files_of_what_was_done(
-    scene: Write, tmp_path: Path, capsys: Capture, monkeypatch: Patch
-) -> None:
-    interrupting(monkeypatch, 3)
-    out = tmp_path / "out"
-    path = scene(("cycles = 2", "cycles = 6"), (NO_OUTPUT, "vtk = true\nframes = 12\nplots = true"))
-    assert cli.main(["run", str(path), "--out", str(out)]) == 130
-    assert "interrupted in the full model at t = 0.006 s" in capsys.readouterr().out
-    summary = json.loads((out / "summary.json").read_text())
-    assert list(summary["models"]) == ["full"]
-    assert summary["models"]["full"]["interrupted"] is True
-    assert summary["models"]["full"]["steps"] == 600
-    with np.load(out / "history.npz", allow_pickle=False) as history:
-        assert history["time"][-1] == pytest.approx(0.006, rel=1e-12)
-        assert np.abs(history["full_free_end_displacement"][-200:]).max() > 4e-4
-    times = {
-        float(str(data.get("timestep")))
-        for data in ET.parse(out / "fields.pvd").getroot().findall(".//DataSet")
-    }
-    assert sorted(times) == pytest.approx([1e-3 * k for k in range(7)])
-    assert all(picture.read_bytes().startswith(PNG) for picture in out.glob("*.png"))
-
-
-def test_ctrl_c_on_a_terminal(scene: Write, tmp_path: Path) -> None:
+def test_ctrl_c_on_a_terminal(scene, tmp_path):
     out = tmp_path / "out"
     path = scene(FULL_ONLY, ("cycles = 2", "cycles = 100000"), ("every = 1", "every = 1000"))
     master, terminal = pty.openpty()
@@ -399,7 +303,7 @@ def test_ctrl_c_on_a_terminal(scene: Write, tmp_path: Path) -> None:
         assert abs(history["time"].size - 1 - steps / 1000) <= 1
 
 
-def test_points_may_have_any_name(tmp_path: Path, scene: Write) -> None:
+def test_points_may_have_any_name(tmp_path, scene):
     from skfem_joint.mesh import build_bar, write_mesh
 
     name = "freie Länge / 2"
@@ -443,9 +347,7 @@ def earlier(out: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["backbone", "response"])
-def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
-    name: str, scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
+def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tmp_path, capsys):
     path, out = scene(), earlier(tmp_path / "out")
     path.write_text(path.read_text(encoding="utf-8") + STEADY, encoding="utf-8")
     assert cli.main([name, str(path), "--out", str(out)]) == 0
@@ -476,22 +378,17 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(
         assert error["frequency"] < 1e-3
         assert error["damping_ratio"] < 0.02
     if name == "response":
-        peaks = [
-            [level["peak_amplitude_m"] for level in model["levels"]]
-            for model in content["models"].values()
-        ]
-        assert peaks[0] == pytest.approx(peaks[1], rel=0.02)
-        errors = [level["estimated_error"] for level in content["models"]["reduced"]["levels"]]
-        assert all(0.0 < error["peak_displacement"] < 0.05 for error in errors)
+        full, reduced = (model["levels"] for model in content["models"].values())
+        for one, other in zip(full, reduced, strict=True):
+            assert one["peak_amplitude_m"] == pytest.approx(other["peak_amplitude_m"], rel=0.02)
+            assert 0.0 < other["estimated_error"]["peak_displacement"] < 0.05
     shown = capsys.readouterr().out
     assert f"Written to {out}" in shown
     assert "left as they are: notes.txt." in shown
 
 
-def test_error_time_replaces_what_was_there(
-    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
-    def write(out: Path) -> list[Path]:
+def test_error_time_replaces_what_was_there(scene, tmp_path, monkeypatch, capsys):
+    def write(out):
         for name in error_time.FILES:
             (out / name).write_text("report")
         return [out / name for name in error_time.FILES]
@@ -521,6 +418,7 @@ def test_error_time_replaces_what_was_there(
             "response.frequencies",
         ),
         ("run --workers 2", "", "--certify"),
+        ("run --checkpoint-every=0", "", "--checkpoint-every: found 0"),
         ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
         ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
         ("backbone", "[backbone]\nup_to = 30.0\n", "slips as a whole at the first level"),
@@ -528,16 +426,14 @@ def test_error_time_replaces_what_was_there(
         ("backbone", '[backbone]\nring_down = 9\nreleased = "loads"\n', "pulses that end"),
     ],
 )
-def test_what_steady_vibration_cannot_be_asked_for(
-    command: str, table: str, says: str, scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
+def test_what_a_command_cannot_be_asked_for(command, table, says, scene, tmp_path, capsys):
     path = scene()
     path.write_text(f"{path.read_text(encoding='utf-8')}\n{table}", encoding="utf-8")
     assert cli.main([*command.split(), str(path), "--out", str(tmp_path / "out")]) == 2
     assert says in capsys.readouterr().err
 
 
-def test_a_run_goes_on_until_it_is_steady(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_a_run_goes_on_until_it_is_steady(scene, tmp_path, capsys):
     path, out = scene(("cycles = 2", 'until = "steady"')), tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(out)]) == 0
     models = json.loads((out / "summary.json").read_text(encoding="utf-8"))["models"]

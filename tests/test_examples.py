@@ -1,7 +1,5 @@
 """The examples give the numbers they speak of."""
 
-from __future__ import annotations
-
 import ast
 import runpy
 from pathlib import Path
@@ -11,32 +9,32 @@ import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-LITERATE = ("lap_joint", "reduced_structure", "own_basis", "bolted_plates", "damping")
+LITERATE = ("lap_joint", "reduced_structure", "own_basis", "bolted_plates", "damping", "sweep")
 TABLE_1 = (86.55, 10.24, 1.70, 0.73, 0.29)  # percent
 
 
-def run(name: str, run_name: str = "example") -> dict[str, Any]:
-    return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=run_name)
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run an example as a script, which prints what it finds; its names."""
+    monkeypatch.chdir(tmp_path)
+
+    def found(name: str) -> dict[str, Any]:
+        names = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        assert len(capsys.readouterr().out.splitlines()) >= 3
+        return names
+
+    return found
 
 
-@pytest.mark.parametrize("name", [*LITERATE, "brake_reuss", "sweep"])
-def test_literate_examples_are_short(name: str) -> None:
+@pytest.mark.parametrize("name", [*LITERATE, "brake_reuss"])
+def test_literate_examples_are_short(name):
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     body = ast.parse(text).body[1:]
     lines = text.splitlines()[body[0].lineno - 1 :]
     assert sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines) < 40
 
 
-@pytest.mark.parametrize("name", LITERATE)
-def test_literate_examples_run_as_scripts(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    run(name, "__main__")
-    assert len(capsys.readouterr().out.splitlines()) >= 3
-
-
-def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form() -> None:
+def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form(run):
     found = run("lap_joint")
     assert found["proper"].proper_values[:5] == pytest.approx(TABLE_1, abs=0.1)
     # Peak F^2 / (2 EA tau) with EA = 100 MN and tau = 0.7 x 8 MPa x 50 mm; inertia adds to it.
@@ -48,7 +46,7 @@ def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form() ->
     assert 1.0 < found["run"].cycles.friction[-1] / loss < 1.15
 
 
-def test_the_reduced_structure_is_small_and_close_to_the_full_one() -> None:
+def test_the_reduced_structure_is_small_and_close_to_the_full_one(run):
     found = run("reduced_structure")
     small, full = found["small"], found["system"]
     assert (full.n, full.contact_points) == (200, 100)
@@ -59,7 +57,7 @@ def test_the_reduced_structure_is_small_and_close_to_the_full_one() -> None:
     assert tip == pytest.approx(found["reduced"].point_u[-1, 0], rel=1e-12)
 
 
-def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip() -> None:
+def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip(run):
     found = run("own_basis")
     free, half, stuck = (found["runs"][limit].peak_of("tip") for limit in (0.0, 0.5, 1.1))
     # Slow beside the first natural frequency, 2.9 Hz; the start sets off a little more.
@@ -68,7 +66,7 @@ def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip() -> None
     assert stuck == 0.0
 
 
-def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
+def test_bolted_plates_hold_as_much_as_their_bolts_press(run):
     found = run("bolted_plates")
     assert found["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
     assert found["run"].energy_residual < 1e-11
@@ -78,26 +76,22 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press() -> None:
     assert found["run"].cycles.friction[-1] > 0.0
 
 
-def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = run("sweep", "__main__")
-    assert len(capsys.readouterr().out.splitlines()) >= 3
+def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(run, tmp_path):
+    found = run("sweep")
     assert [row.number for row in found["rows"]] == list(range(25))
     assert np.abs(found["away"]).max() < 0.005
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_brake_reuss_beam_has_the_published_frequencies() -> None:
+def test_the_brake_reuss_beam_has_the_published_frequencies():
     """Between or within 2 % of those of two finite-element models with frictionless contact."""
-    found = run("brake_reuss")
+    found = runpy.run_path(str(EXAMPLES / "brake_reuss.py"))  # but for its damping
     assert found["pressed"].force.sum() == pytest.approx(36e3, rel=1e-10)
     pairs = zip(found["frequency"], found["PUBLISHED"], strict=False)
     assert all(0.98 * low < one < 1.02 * high for one, (low, high) in pairs)
 
 
-def test_peaks_of_the_response_lie_where_the_structure_rings_down() -> None:
+def test_peaks_of_the_response_lie_where_the_structure_rings_down(run):
     found = run("damping")
     down, end = found["down"], found["end"]
     amplitude, frequency = end * down.amplitude[::-1], down.frequency[::-1]

@@ -1,7 +1,5 @@
 """Factors solve what they were made of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import sparse
@@ -21,9 +19,7 @@ def grid(shape: tuple[int, ...]) -> sparse.csr_array:
 
 
 @pytest.mark.parametrize("shape", [(1,), (200,), (60, 7), (6, 6, 5), (14, 14, 14)])
-def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(
-    shape: tuple[int, ...],
-) -> None:
+def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(shape):
     """The last is wider than a band."""
     A = grid(shape)
     assert (min(shape) ** (len(shape) - 1) > BAND) == (len(shape) == 3 and shape[0] == 14)
@@ -33,7 +29,7 @@ def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(
     np.testing.assert_allclose(solve(A @ X[:, 0]), X[:, 0], atol=1e-11)
 
 
-def test_a_factor_solves_a_matrix_that_is_not_definite() -> None:
+def test_a_factor_solves_a_matrix_that_is_not_definite():
     A = sparse.csr_array([[1.0, 2.0], [2.0, 1.0]])
     np.testing.assert_allclose(factorised(A)(np.array([5.0, 4.0])), [1.0, 2.0], rtol=1e-14)
 
@@ -41,9 +37,7 @@ def test_a_factor_solves_a_matrix_that_is_not_definite() -> None:
 @pytest.mark.parametrize("hold", [False, True])
 @pytest.mark.parametrize("dense", [False, True])
 @pytest.mark.parametrize("shape", [(40,), (14, 14, 14)])
-def test_a_factor_with_blocks_added_solves_for_what_is_not_held(
-    shape: tuple[int, ...], dense: bool, hold: bool
-) -> None:
+def test_a_factor_with_blocks_added_solves_for_what_is_not_held(shape, dense, hold):
     """Points of one and of two unknowns, one matrix for two sets of blocks."""
     A = grid(shape)
     first, second = np.array([3, 7, 11]), np.array([5, -1, 2])

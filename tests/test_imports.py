@@ -1,7 +1,5 @@
 """Imports go one way: a module imports only from floors below its own."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys
@@ -49,13 +47,13 @@ def floor(module: str) -> int:
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])
-def test_module_imports_only_from_its_own_floor_and_those_below(module: str) -> None:
+def test_module_imports_only_from_its_own_floor_and_those_below(module):
     found = imported(module, tree_of(module)) - {"__init__"}
     too_high = sorted(name for name in found if floor(name) > floor(module))
     assert not too_high, f"{module} must not import {too_high}"
 
 
-def test_imports_run_in_no_circle() -> None:
+def test_imports_run_in_no_circle():
     graph = {
         module: {
             name
@@ -80,7 +78,7 @@ def _without_typing(tree: ast.Module) -> ast.Module:
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_heavy_libraries_are_imported_only_where_they_are_used(module: str) -> None:
+def test_heavy_libraries_are_imported_only_where_they_are_used(module):
     found = set()
     for node in tree_of(module).body:
         if isinstance(node, ast.Import):
@@ -90,7 +88,7 @@ def test_heavy_libraries_are_imported_only_where_they_are_used(module: str) -> N
     assert not HEAVY & found
 
 
-def test_the_public_names_are_there_and_cost_nothing_until_they_are_used() -> None:
+def test_the_public_names_are_there_and_cost_nothing_until_they_are_used():
     for name in skfem_joint.__all__:
         assert getattr(skfem_joint, name).__doc__
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
@@ -101,7 +99,7 @@ def test_the_public_names_are_there_and_cost_nothing_until_they_are_used() -> No
     assert (PACKAGE / "py.typed").is_file()
 
 
-def test_sizes_stay_readable() -> None:
+def test_sizes_stay_readable():
     """No module beyond 500 lines, no function beyond 80 but compiled ones."""
     for module in MODULES:
         text = path_of(module).read_text(encoding="utf-8")

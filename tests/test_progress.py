@@ -1,7 +1,5 @@
 """Progress by a clock of its own: lines now and then, and the time that remains."""
 
-from __future__ import annotations
-
 import io
 import re
 from itertools import pairwise
@@ -42,7 +40,7 @@ def left(line: str) -> float:
 
 # A run taken up again has its first steps for nothing.
 @pytest.mark.parametrize(("seconds", "first"), [(0.001, 1), (0.6, 1), (0.6, 3001), (45.0, 3990)])
-def test_the_remaining_time_is_that_of_the_steps_left(seconds: float, first: int) -> None:
+def test_the_remaining_time_is_that_of_the_steps_left(seconds, first):
     clock = Clock()
     total = 4000 if seconds > 0.01 else 200_000
     clock.steps(seconds, first, total, total)
@@ -53,7 +51,7 @@ def test_the_remaining_time_is_that_of_the_steps_left(seconds: float, first: int
         assert left(line) == pytest.approx((total - done) * seconds, abs=1.0)
 
 
-def test_a_second_run_of_the_same_name_starts_anew() -> None:
+def test_a_second_run_of_the_same_name_starts_anew():
     clock = Clock()
     clock.steps(0.5, 1, 100, 100)
     said = len(clock.said)
@@ -63,7 +61,7 @@ def test_a_second_run_of_the_same_name_starts_anew() -> None:
         assert left(line) == pytest.approx((200 - int(line.split()[1])) * 2.0, abs=1.0)
 
 
-def test_lines_come_now_and_then_and_ever_less() -> None:
+def test_lines_come_now_and_then_and_ever_less():
     clock = Clock()
     clock.steps(0.5, 1, 19, 20)
     assert clock.said == []  # a run of less than ten seconds says nothing

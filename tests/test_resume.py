@@ -1,7 +1,5 @@
 """Runs that are killed go on from their checkpoints: every file as if nothing had happened."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource
@@ -25,8 +23,6 @@ from skfem_joint.scene import load_scene
 from skfem_joint.stepping.checkpoint import Checkpoints
 
 ROOT = Path(__file__).parent.parent
-Write = Callable[..., Path]
-Capture = pytest.CaptureFixture[str]
 Patch = pytest.MonkeyPatch
 
 
@@ -35,8 +31,8 @@ class KilledError(Exception):
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Write:
-    def write(cycles: int = 30, output: str = "", run: str = '"full", "reduced"') -> Path:
+def scene(tmp_path):
+    def write(cycles=30, output="", run='"full", "reduced"'):
         text = with_changes(
             GOOD,
             ("bar.msh", (ROOT / "meshes" / "structure.msh").as_posix()),
@@ -113,43 +109,11 @@ def killed(begun: Callable[[], bool], pause: float, *arguments: str | Path) -> i
     return process.returncode
 
 
-def test_killed_at_random_times_and_resumed_is_the_same_to_the_bit(
-    scene: Write, tmp_path: Path
-) -> None:
-    path = scene(cycles=200, output="every = 10")
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
-    rng = np.random.default_rng(5)
-    out = tmp_path / "out"
-    arguments = ("run", path, "--out", out, "--checkpoint-every", "400", "--resume")
-    kills = 0
-    for _ in range(4):
-        checkpoint = out / f"checkpoint_{('full', 'full', 'reduced')[kills % 3]}.npz"
-        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-
-        def is_further(file: Path = checkpoint, before: int = before) -> bool:
-            return file.exists() and file.stat().st_mtime_ns != before
-
-        # Let it get one checkpoint further, then anything from nothing to many more.
-        status = killed(is_further, float(rng.uniform(0.0, 0.1)), *arguments)
-        kills += status == -signal.SIGKILL
-        assert_only_whole_files(out)
-        if status == 0:
-            break
-    assert kills >= 3
-    process = launch(*arguments)
-    _, said = process.communicate(timeout=180.0)  # also where others keep the machine busy
-    assert process.returncode == 0, said
-    assert results(out) == results(tmp_path / "whole")
-    assert sorted(file.name for file in out.rglob("*")) == ["history.npz", "summary.json"]
-
-
 @pytest.mark.parametrize("model", ["full", "reduced"])
 @pytest.mark.parametrize(
     "name", ["structure_harmonic", "structure_impulse", "plate_reference", "two_plates"]
 )
-def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
-    name: str, model: str, tmp_path: Path
-) -> None:
+def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_path):
     """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
     scene = load_scene(ROOT / "examples" / f"{name}.toml")
     few: dict[str, Any] = {"cycles": 2, "steps_per_cycle": 12}
@@ -159,7 +123,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
     scene = scene.changed(output=written, models={"run": (model,)}, time=few)
     whole, out = tmp_path / "whole", tmp_path / "out"
 
-    def kill(label: str, done: int, total: int) -> None:
+    def kill(label, done, total):
         if label == f"{model} model" and done >= total // 2:
             raise KilledError
 
@@ -185,7 +149,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(
         assert (whole / name).read_bytes() == (out / name).read_bytes(), name
 
 
-def test_killed_while_it_writes_leaves_whole_files(scene: Write, tmp_path: Path) -> None:
+def test_killed_while_it_writes_leaves_whole_files(scene, tmp_path):
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 40", run='"full"')
     out = tmp_path / "out"
     rng = np.random.default_rng(7)
@@ -199,14 +163,12 @@ def test_killed_while_it_writes_leaves_whole_files(scene: Write, tmp_path: Path)
     assert not list(out.rglob(".*"))  # what the killed ones had begun is cleared
 
 
-def test_a_finished_model_is_not_run_again(
-    scene: Write, tmp_path: Path, monkeypatch: Patch
-) -> None:
+def test_a_finished_model_is_not_run_again(scene, tmp_path, monkeypatch):
     path, out = scene(cycles=4), tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
     original = study._MAKERS["reduced"]
 
-    def killed(*_: Any) -> Any:
+    def killed(*_):
         raise KilledError
 
     monkeypatch.setitem(study._MAKERS, "reduced", killed)
@@ -218,7 +180,7 @@ def test_a_finished_model_is_not_run_again(
     steps: list[str] = []
     scene_read = study.run_scene
 
-    def watched(what: Any, progress: Any, checkpoints: Any) -> Any:
+    def watched(what, progress, checkpoints):
         return scene_read(what, lambda label, done, total: steps.append(label), checkpoints)
 
     monkeypatch.setattr(study, "run_scene", watched)
@@ -229,7 +191,7 @@ def test_a_finished_model_is_not_run_again(
     assert not list(out.glob("checkpoint_*"))
 
 
-def test_nothing_is_lost_without_resume(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_nothing_is_lost_without_resume(scene, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "checkpoint_full.npz").write_bytes(b"hours of work")
@@ -241,7 +203,7 @@ def test_nothing_is_lost_without_resume(scene: Write, tmp_path: Path, capsys: Ca
     assert "cannot be read as a checkpoint" in capsys.readouterr().err
 
 
-def test_another_scene_or_mesh_is_refused(scene: Write, tmp_path: Path, capsys: Capture) -> None:
+def test_another_scene_or_mesh_is_refused(scene, tmp_path, capsys):
     path, out = scene(cycles=2, run='"full"'), tmp_path / "out"
     text = path.read_text(encoding="utf-8")
     mesh = (ROOT / "meshes" / "structure.msh").read_text(encoding="utf-8")
@@ -251,41 +213,26 @@ def test_another_scene_or_mesh_is_refused(scene: Write, tmp_path: Path, capsys: 
     out.mkdir()
     study.run_scene(load_scene(path), checkpoints=Checkpoints(out, every=100))
     arguments = ["run", str(path), "--out", str(out), "--resume"]
-    for change in (("friction = 0.7", "friction = 0.71"), ("cycles = 2", "cycles = 3")):
-        path.write_text(text.replace(*change), encoding="utf-8")
+    own = tmp_path / "own.msh"
+    for file, old, new in ((path, "friction = 0.7", "friction = 0.71"), (own, "0.6 ", "0.601 ")):
+        good = file.read_text(encoding="utf-8")
+        file.write_text(good.replace(old, new), encoding="utf-8")
         assert cli.main(arguments) == 2
         assert "another scene or mesh" in capsys.readouterr().err
-    path.write_text(text, encoding="utf-8")
-    (tmp_path / "own.msh").write_text(mesh.replace("0.6 ", "0.601 "))
-    assert cli.main(arguments) == 2
-    assert "another scene or mesh" in capsys.readouterr().err
-    (tmp_path / "own.msh").write_text(mesh, encoding="utf-8")
+        file.write_text(good, encoding="utf-8")
     assert cli.main(arguments) == 0
-
-
-@pytest.mark.parametrize("steps", ["0", "-3"])
-def test_steps_between_checkpoints_must_be_positive(
-    steps: str, scene: Write, tmp_path: Path, capsys: Capture
-) -> None:
-    out = tmp_path / "out"
-    assert cli.main(["run", str(scene()), "--out", str(out), f"--checkpoint-every={steps}"]) == 2
-    assert "--checkpoint-every: found" in capsys.readouterr().err
-    assert not out.exists()
 
 
 # A disk that fills up
 
 
-@pytest.mark.parametrize("kilobytes", [6, 60])
-def test_a_limit_on_file_sizes_leaves_whole_files(
-    kilobytes: int, scene: Write, tmp_path: Path
-) -> None:
+def test_a_limit_on_file_sizes_leaves_whole_files(scene, tmp_path):
     out = tmp_path / "out"
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')
 
-    def limited() -> None:
+    def limited():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1024 * kilobytes, 1024 * kilobytes))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60 * 1024, 60 * 1024))
 
     arguments = ("run", path, "--out", out, "--checkpoint-every", "100")
     process = launch(*arguments, preexec_fn=limited)
@@ -297,12 +244,10 @@ def test_a_limit_on_file_sizes_leaves_whole_files(
     assert not list(out.rglob(".*"))
 
 
-def test_a_full_disk_of_a_library_is_told_without_a_traceback(
-    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_a_full_disk_of_a_library_is_told_without_a_traceback(scene, tmp_path, monkeypatch, capsys):
     """Numba keeps compiled code in files of its own."""
 
-    def full(*_: Any) -> Any:
+    def full(*_):
         raise OSError(28, "No space left on device", "cache")
 
     monkeypatch.setitem(study._MAKERS, "full", full)
@@ -312,16 +257,14 @@ def test_a_full_disk_of_a_library_is_told_without_a_traceback(
     assert said.count("\n") == 1
 
 
-def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(
-    scene: Write, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(scene, tmp_path, monkeypatch, capsys):
     path = scene(cycles=2, output="vtk = true\nframes = 4", run='"full"')
     real = os.replace
     counts = set()
     for allowed in range(40):
         left = [allowed]
 
-        def full(source: Any, target: Any, left: list[int] = left) -> None:
+        def full(source, target, left=left):
             if left[0] == 0:
                 raise OSError(28, "No space left on device")
             left[0] -= 1

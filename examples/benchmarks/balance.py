@@ -5,8 +5,6 @@ between frequency and time with pyHarm's own operators. Its Newton method takes 
 here than with its condensation on the joint, or with SciPy's hybrid method.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import os

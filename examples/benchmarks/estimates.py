@@ -9,8 +9,6 @@ pulses that may set in late, near resonance and in gross slip too; reduced by 1 
 truth is the full model at an eighth of the step, of plates at a quarter.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -44,54 +42,35 @@ def _bar(rng: np.random.Generator) -> tuple[NamedMesh, list[str], list[str]]:
     """Bar of one to three joints with plain parts between, its joints and points to load."""
     regions, points, joints, x = [], {"fixed": 0.0}, [], 0.0
     for k in range(int(rng.integers(1, 4))):
-        for name, share in (
-            (f"joint_{k}", 1.0),
-            (f"plain_{k}", rng.choice([0.0, 1.0], p=(0.3, 0.7))),
-        ):
-            if share:
-                length = round(float(rng.uniform(0.05, 0.25)), 3)
-                regions.append((name, length, int(rng.integers(10, 31))))
-                x += length
-                points[f"end_{name}"] = x
+        beside = rng.choice([0.0, 1.0], p=(0.3, 0.7))
+        for name in (f"joint_{k}", f"plain_{k}") if beside else (f"joint_{k}",):
+            length = round(float(rng.uniform(0.05, 0.25)), 3)
+            regions.append((name, length, int(rng.integers(10, 31))))
+            x += length
+            points[f"end_{name}"] = x
         joints.append(f"joint_{k}")
     return build_bar(regions, points), joints, [name for name in points if name != "fixed"]
 
 
 def _shape(rng: np.random.Generator, force: float, natural: float, steps: int | None) -> Any:
     """Load and time of a scene whose first natural frequency is known, Hz."""
-    ratio = float(
-        rng.choice(
-            [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)],
-            p=(0.6, 0.2, 0.2),
-        )
-    )
-    base, kind = (
-        ratio * natural,
-        rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35)),
-    )
-    cycles = {
-        "cycles": int(rng.integers(3, 9)),
-        "steps_per_cycle": steps or int(rng.choice([60, 100, 200])),
-    }
+    ratios = [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)]
+    base = float(rng.choice(ratios, p=(0.6, 0.2, 0.2))) * natural
+    kind = rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35))
+    cycles = {"cycles": int(rng.integers(3, 9))}
+    cycles["steps_per_cycle"] = steps or int(rng.choice([60, 100, 200]))
     if kind == "harmonic":
         return {"kind": kind, "amplitude": force, "frequency": base}, cycles
     if kind == "multi_harmonic":
         parts = [(1, 0.7), (int(rng.integers(2, 5)), 0.4)]
-        component = [
-            {
-                "amplitude": a * force,
-                "frequency": n * base / 2.0,
-                "phase": float(rng.uniform(0, 6.28)),
-            }
-            for n, a in parts
-        ]
+        waves = ((a * force, n * base / 2.0, float(rng.uniform(0, 6.28))) for n, a in parts)
+        keys = "amplitude", "frequency", "phase"
+        component = [dict(zip(keys, wave, strict=True)) for wave in waves]
         if steps:
             cycles["steps_per_cycle"] = steps * parts[1][0]
         return {"kind": kind, "components": component}, cycles
-    rise, start = (
-        float(rng.uniform(0.05, 0.6)) / natural,
-        float(rng.choice([0.0, 3.0], p=(0.7, 0.3))) / natural,
-    )
+    rise = float(rng.uniform(0.05, 0.6)) / natural
+    start = float(rng.choice([0.0, 3.0], p=(0.7, 0.3))) / natural
     step = rise / (steps or int(rng.integers(10, 41)))
     shape = str(rng.choice(["triangle", "half_sine", "versine"]))
     load = {"kind": shape, "peak": force, "rise_time": rise, "start": start}
@@ -116,31 +95,25 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
         flat = rng.random() < 0.2
         if flat:
             long, wide = int(rng.integers(8, 17)), int(rng.integers(2, 4))
-            mesh: NamedMesh = build_plate(
-                [("joint", 0.2, long // 2), ("linear", 0.2, long // 2)], WIDTH, wide
-            )
+            strips = [("joint", 0.2, long // 2), ("linear", 0.2, long // 2)]
+            mesh: NamedMesh = build_plate(strips, WIDTH, wide)
             joints, places, fixed = ["joint"], ["right"], "left"
         else:
             (mesh, joints, places), fixed = _bar(rng), "fixed"
         pressure = float(rng.uniform(2e6, 2e7))
-        law = (
-            {"law": "coulomb"}
-            if rng.random() < 0.15
-            else {"beta": float(10 ** rng.uniform(3.5, 6))}
-        )
+        law: dict[str, Any] = {"law": "coulomb"}
+        if rng.random() >= 0.15:
+            law = {"beta": float(10 ** rng.uniform(3.5, 6))}
+        pressed = {"pressure": pressure, "friction": FRICTION} | law
+        pull = {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
         values: dict[str, Any] = {
             "mesh": {"file": "none"},
             "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
             "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
             "support": {"fixed": [fixed]},
-            "joint": [
-                {"on": on, "pressure": pressure, "friction": FRICTION} | law for on in joints
-            ],
+            "joint": [{"on": on} | pressed for on in joints],
             "damping": {"stiffness": float(10 ** rng.uniform(-6.5, -5))},
-            "load": [
-                {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
-                | ({"direction": [1.0, 0.0]} if flat else {})
-            ],
+            "load": [pull | ({"direction": [1.0, 0.0]} if flat else {})],
             "time": {"cycles": 1},
         }
         plain = scene_from(values, mesh)
@@ -148,24 +121,18 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
         direction = {"direction": [1.0, float(rng.choice([0.0, 0.3]))]} if flat else {}
         level = float(rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9))
         limit = float(plain.system().w.sum()) * (1.0 if flat else 1.0 / len(joints))
-        load, times = _shape(
-            rng, level * limit, natural_frequency(plain), int(rng.choice(steps)) if steps else None
-        )
+        count = int(rng.choice(steps)) if steps else None
+        load, times = _shape(rng, level * limit, natural_frequency(plain), count)
         modes = int(rng.integers(1, 21))
         apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
-        references = [one for one in REFERENCES if one != "paper" or apart]
-        reference = str(rng.choice(references))
-        if reference == "paper":
-            modes = min(modes, 12)
-        reduction = {"reference": reference, "modes": modes}
+        reference = str(rng.choice([one for one in REFERENCES if one != "paper" or apart]))
+        most = 12 if reference == "paper" else 20
+        reduction: dict[str, Any] = {"reference": reference, "modes": min(modes, most)}
         reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
         reduction |= {"friction_points": "all"} if rng.random() < 0.3 else {}
-        changed = values | {
-            "load": [{"on": place} | direction | load],
-            "time": times,
-            "reduction": reduction,
-        }
-        yield scene_from(changed | {"models": {"run": ["full" if steps else "reduced"]}}, mesh)
+        values |= {"load": [{"on": place} | direction | load], "time": times}
+        values |= {"reduction": reduction, "models": {"run": ["full" if steps else "reduced"]}}
+        yield scene_from(values, mesh)
 
 
 def truth_of(scene: Scene) -> Results:

@@ -4,8 +4,6 @@ Friction regularised by a steep arctangent makes the equations stiff: the stable
 law's slope over the nodal mass and not by the mesh. The step is checked before the run.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

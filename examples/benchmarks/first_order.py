@@ -10,8 +10,6 @@ The residual form keeps the bands with any tridiagonal mass. The rates do so wit
 alone: the inverse of the consistent one is full, which makes their Jacobian full.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -162,11 +160,8 @@ class FirstOrder:
 
     def rate_jacobian(self, square: bool) -> Callable[[FloatArray, FloatArray], None]:
         """``jacobian(y, out)`` of the rates with a lumped mass, square or packed."""
-        scale, compiled, (w, beta) = (
-            1.0 / self._matrices[0].diagonal(),
-            _compiled()[1],
-            self._friction,
-        )
+        scale, compiled = 1.0 / self._matrices[0].diagonal(), _compiled()[1]
+        w, beta = self._friction
         G, none = packed(sparse.diags_array(scale) @ self._matrices[1]), np.zeros((0, self.size))
         w = w * scale[1::2]
         return lambda y, out: compiled(G, none, 0.0, w, beta, y, square, out)

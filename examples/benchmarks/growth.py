@@ -6,8 +6,6 @@
 BLAS threads are pinned, runs of different models are interleaved, and medians are reported.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys
@@ -20,14 +18,9 @@ os.environ.update(
 
 import numpy as np
 
-from skfem_joint.analysis.study import run_scene
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar
+import skfem_joint as sj
 from skfem_joint.reduction.reference import FORCE, FREQUENCY, lap_joint
-from skfem_joint.scene import load_scene
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Load
+from skfem_joint.stepping.recording import Run
 
 STEPS = 100  # per period
 #: Elements, steps and repeats.
@@ -36,17 +29,17 @@ SIZES = ((100, 300, 15), (1_000, 300, 5), (10_000, 100, 3), (100_000, 40, 1), (1
 
 def time_per_step(elements: int, n_steps: int, repeats: int) -> None:
     """Print a line for each law: full model of the paper's lap joint, nothing stored."""
-    loads = [Load("free_end", Harmonic(FORCE, FREQUENCY))]
+    loads = [sj.Load("free_end", sj.Harmonic(FORCE, FREQUENCY))]
     betas = {"arctan": 1e5, "Coulomb": np.inf}
     systems = {
         law: lap_joint(elements=elements, beta=beta).system(loads, [])
         for law, beta in betas.items()
     }
-    step, save = 1.0 / FREQUENCY / STEPS, Save(points=False)
+    step, save = 1.0 / FREQUENCY / STEPS, sj.Save(points=False)
     runs: dict[str, list[Run]] = {law: [] for law in systems}
     for _ in range(repeats):
         for law, system in systems.items():
-            runs[law].append(integrate(system, step=step, n_steps=n_steps, save=save))
+            runs[law].append(sj.integrate(system, step=step, n_steps=n_steps, save=save))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     for law, done in runs.items():
         seconds = median(run.wall_s for run in done) / n_steps
@@ -58,13 +51,13 @@ def time_per_step(elements: int, n_steps: int, repeats: int) -> None:
 
 def long_structure(elements: int, repeats: int) -> None:
     """Structure of Fig. 18, so many elements in the joint and beyond; the paper's five modes."""
-    scene = load_scene(Path(__file__).parents[1] / "structure_harmonic.toml")
+    scene = sj.load_scene(Path(__file__).parents[1] / "structure_harmonic.toml")
     points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
-    bar = build_bar([("joint", 0.1, elements), ("linear", 0.5, elements)], points)
+    bar = sj.build_bar([("joint", 0.1, elements), ("linear", 0.5, elements)], points)
     models = {"run": ("full", "reduced")}
     reduction = {"reference": "paper", "modes": 5}
     long = scene.changed(mesh=bar, time={"cycles": 6}, models=models, reduction=reduction)
-    done = [run_scene(long).models for _ in range(repeats)]
+    done = [sj.run_scene(long).models for _ in range(repeats)]
     full, small = (median(found[name].run.wall_s for found in done) for name in models["run"])
     reduced = done[0]["reduced"]
     errors = reduced.errors

@@ -9,8 +9,6 @@ measured against the same reference as all others, with the time-step error agai
 model's own.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from dataclasses import dataclass, field

@@ -12,8 +12,6 @@ The rival is Newton's method with an exact search along its direction, which fac
 at each iteration with the same ordering and library, from the same extrapolated start.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -27,15 +25,10 @@ os.environ.update(
 
 import numpy as np
 
+import skfem_joint as sj
 from skfem_joint.analysis.history import compare
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_plate
-from skfem_joint.reduction import condense, reduce
 from skfem_joint.stepping import contact_problem, steppers
-from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import Bolt, Bolts, Joint, Load, Material, Structure
-from skfem_joint.system import System
 
 FREQUENCY, STEPS, CYCLES, REPEATS = 500.0, 200, 2, 3
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -44,26 +37,28 @@ SIZES = (((63, 31, 0.25), (198, 9, 0.05)), ((142, 69, 0.25), (432, 22, 0.05)))
 QUICK = (((24, 12, 0.25), (60, 4, 0.05)),)
 
 
-def system_of(along: int, across: int, width: float, bolted: bool) -> System:
+def system_of(along: int, across: int, width: float, bolted: bool) -> sj.System:
     """One of the plates."""
     pressed = round(0.4 * along)
-    mesh = build_plate([("joint", 0.2, pressed), ("linear", 0.3, along - pressed)], width, across)
-    bolts = tuple(Bolt((x, 0.5 * width), BOLT_FORCE, 0.009, 0.0055) for x in (0.05, 0.15))
-    structure = Structure(
+    mesh = sj.build_plate(
+        [("joint", 0.2, pressed), ("linear", 0.3, along - pressed)], width, across
+    )
+    bolts = tuple(sj.Bolt((x, 0.5 * width), BOLT_FORCE, 0.009, 0.0055) for x in (0.05, 0.15))
+    structure = sj.Structure(
         mesh,
-        Material(E=200e9, density=8000.0, poisson=0.3),
+        sj.Material(E=200e9, density=8000.0, poisson=0.3),
         thickness=0.01,
         fixed=["left"],
-        joints=[Joint("joint", Bolts(bolts, reach=0.01) if bolted else PRESSURE, FRICTION)],
+        joints=[sj.Joint("joint", sj.Bolts(bolts, reach=0.01) if bolted else PRESSURE, FRICTION)],
         stiffness_damping=1e-5,
     )
     limit = FRICTION * (2 * BOLT_FORCE if bolted else PRESSURE * 0.2 * width)
-    return structure.system([Load("right", Harmonic(0.5 * limit, FREQUENCY), (1.0, 0.0))], [])
+    return structure.system([sj.Load("right", sj.Harmonic(0.5 * limit, FREQUENCY), (1.0, 0.0))], [])
 
 
-def run(system: System, n_steps: int = CYCLES * STEPS) -> Run:
+def run(system: sj.System, n_steps: int = CYCLES * STEPS) -> Run:
     """Run from rest."""
-    return integrate(system, step=1.0 / FREQUENCY / STEPS, n_steps=n_steps, cycle_steps=STEPS)
+    return sj.integrate(system, step=1.0 / FREQUENCY / STEPS, n_steps=n_steps, cycle_steps=STEPS)
 
 
 def line(name: str, base: float, runs: list[Run], offline: float = 0.0, errors: str = "") -> None:
@@ -92,15 +87,15 @@ def report(along: int, across: int, width: float, bolted: bool) -> None:
     full = run(system)
     base = full.wall_s / full.counters.steps
     line("full", base, [full])
-    models = [partial(reduce, modes=modes) for modes in (6, 12, 18)]
-    for make in [condense, *models] if bolted else models:  # few points, or too many to condense
+    models = [partial(sj.reduce, modes=modes) for modes in (6, 12, 18)]
+    for make in [sj.condense, *models] if bolted else models:  # few points, or too many to condense
         begin = time.perf_counter()
         small = make(system)
         offline = time.perf_counter() - begin
         runs = [run(small) for _ in range(REPEATS)]
         off = 100 * compare(full, runs[0]).displacement_max
         energy = 100 * (runs[0].cycles.friction[-1] / full.cycles.friction[-1] - 1.0)
-        kind = "condensed" if make is condense else "reduced"
+        kind = "condensed" if make is sj.condense else "reduced"
         name = f"{kind}, {small.n} unknowns, {small.w.size} points"
         line(name, base, runs, offline, f"  {off:15.3f}  {energy:+18.3f}")
 

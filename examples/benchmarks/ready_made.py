@@ -5,8 +5,6 @@
 For scenes of bars; SUNDIALS takes part if scikit-sundae is installed (extra ``bench``).
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import os

@@ -10,8 +10,6 @@ cycles) in percent. How many times faster two and twelve periods are includes th
 second time that of the estimated errors too, which stand beside it.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -28,23 +26,18 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).res
 
 import numpy as np
 
-from skfem_joint import load_scene
+import skfem_joint as sj
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
-from skfem_joint.loads import Harmonic, MultiHarmonic
-from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.reduction.basis import Basis, static_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.static_path import slip_path
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.structure import Joint, Load, Material, Structure
-from skfem_joint.system import System
 
 EXAMPLES = Path(__file__).resolve().parents[1]
-STEEL = Material(E=200e9, density=8000.0, poisson=0.3)
+STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 #: Columns of the table; the last are quasi-static states, factorisations and preliminary steps.
 HEADER = (
     *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
@@ -53,6 +46,7 @@ HEADER = (
 )
 #: 100 elements of 0.3 m of joint with 50 MPa, 0.4 m of bar: friction limit, N.
 LIMIT = 0.7 * 50e6 * 0.05 * 0.3
+IMPULSE = {"duration": 2e-3, "step": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -60,7 +54,7 @@ class Task:
     """A structure, how it is run, and what is asked of its reduced model, in percent."""
 
     name: str
-    make: Callable[[], tuple[System, dict[str, Any]]]
+    make: Callable[[], tuple[sj.System, dict[str, Any]]]
     modes: int = 12
     interface_modes: str | int = "auto"
     unknowns: int = 1000
@@ -93,12 +87,8 @@ class Found:
         """Row of the table."""
         asked = (task.unknowns, task.history, task.peak, task.friction)
         e, n = self.errors, self.basis.V.shape[1]
-        measured = (
-            n,
-            100.0 * e.displacement_rms,
-            100.0 * abs(e.peak_displacement or 0.0),
-            abs(self.friction),
-        )
+        errors = e.displacement_rms, abs(e.peak_displacement or 0.0)
+        measured = (n, *(100.0 * error for error in errors), abs(self.friction))
         cells = [
             f"{value:.2f} ({limit:g})" if np.isfinite(limit) else f"{value:.2f}"
             for value, limit in zip(measured, asked, strict=True)
@@ -126,49 +116,48 @@ class Found:
         return share * self.full.wall_s / (self.offline_s + more_s + share * self.reduced.wall_s)
 
 
-def scene(file: str, **changes: Any) -> tuple[System, dict[str, Any]]:
+def scene(file: str, **changes: Any) -> tuple[sj.System, dict[str, Any]]:
     """Shipped example."""
-    its = load_scene(EXAMPLES / file).changed(**changes)
+    return timed(sj.load_scene(EXAMPLES / file).changed(**changes))
+
+
+def timed(its: Any) -> tuple[sj.System, dict[str, Any]]:
+    """System of a scene and how it is run."""
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
     return its.system(), steps
 
 
-def paper(name: str, pulse: str = "") -> tuple[System, dict[str, Any]]:
+def paper(name: str, pulse: str = "") -> tuple[sj.System, dict[str, Any]]:
     """System of the paper by name, under its harmonic load or a pulse."""
     from paper import cases
 
-    options: dict[str, Any] = {}
     case = cases.CASES[name]
-    if pulse:
-        options = {
-            "load": cases.pulse(case, pulse, 2.5e-5),
-            "time": {"duration": 2e-3, "step": 1e-6},
-        }
-    its = cases.scene(case, **options)
-    steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
-    return its.system(), steps
+    load = cases.pulse(case, pulse, 2.5e-5) if pulse else None
+    return timed(cases.scene(case, load=load, time=IMPULSE if pulse else None))
 
 
 def harmonics(
     *parts: tuple[float, float, float], length: float = 0.3, arm: float = 0.4
-) -> tuple[System, dict[str, Any]]:
+) -> tuple[sj.System, dict[str, Any]]:
     """Bar with a joint under harmonics: shares of the friction limit, frequencies, phases."""
-    mesh = build_bar(
+    mesh = sj.build_bar(
         [("joint", length, 100), ("arm", arm, 100)], {"left": 0.0, "end": length + arm}
     )
-    joint = Joint("joint", 50e6, 0.7, normal_force="equal")
-    structure = Structure(
+    joint = sj.Joint("joint", 50e6, 0.7, normal_force="equal")
+    structure = sj.Structure(
         mesh, STEEL, width=0.05, thickness=0.01, fixed=["left"], joints=[joint],
         stiffness_damping=1e-5,
     )  # fmt: skip
     limit = LIMIT * length / 0.3
-    load = MultiHarmonic(tuple(Harmonic(share * limit, f, phase) for share, f, phase in parts))
+    load = sj.MultiHarmonic(
+        tuple(sj.Harmonic(share * limit, f, phase) for share, f, phase in parts)
+    )
     period = load.period or 0.0
     steps = {"step": period / 400, "n_steps": 1600, "cycle_steps": 400}
-    return structure.system([Load("end", load)]), steps
+    return structure.system([sj.Load("end", load)]), steps
 
 
-def plate(along: int, across: int, width: float, bolted: bool) -> tuple[System, dict[str, Any]]:
+def plate(along: int, across: int, width: float, bolted: bool) -> tuple[sj.System, dict[str, Any]]:
     """Plate of the benchmark of steps, two periods."""
     from plates import CYCLES, FREQUENCY, STEPS, system_of
 
@@ -176,15 +165,15 @@ def plate(along: int, across: int, width: float, bolted: bool) -> tuple[System, 
     return system_of(along, across, width, bolted), steps
 
 
-def bending() -> tuple[System, dict[str, Any]]:
+def bending() -> tuple[sj.System, dict[str, Any]]:
     """Plate seen from the side, pressed on a base along its lower edge, pulled: it bends."""
     border = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
-    mesh = build_plate([("foot", 0.1, 40), ("arm", 0.3, 60)], 0.05, 8, boundaries=border)
-    structure = Structure(
-        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[Joint("joint", 100e6, 0.5)],
+    mesh = sj.build_plate([("foot", 0.1, 40), ("arm", 0.3, 60)], 0.05, 8, boundaries=border)
+    structure = sj.Structure(
+        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[sj.Joint("joint", 100e6, 0.5)],
         stiffness_damping=1e-5,
     )  # fmt: skip
-    system = structure.system([Load("right", Harmonic(20e3, 500.0), (1.0, 0.0))], [])
+    system = structure.system([sj.Load("right", sj.Harmonic(20e3, 500.0), (1.0, 0.0))], [])
     return system, {"step": 2e-5, "n_steps": 400, "cycle_steps": 100}
 
 
@@ -224,17 +213,17 @@ def tasks() -> Iterator[Task]:
 def measure(task: Task) -> Found:
     """Run the full model and the reduced one."""
     system, how = task.make()
-    full = integrate(system, **how)
+    full = sj.integrate(system, **how)
     begin = time.perf_counter()
     path = slip_path(system, how["step"], how["n_steps"])
     basis = static_basis(system, path, task.modes, task.interface_modes)
     periodic = how["cycle_steps"] is not None
     small, _ = reduced_system(system, basis, periodic=periodic, warn=[])
     offline = time.perf_counter() - begin
-    reduced = integrate(small, **how)
+    reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s
     begin = time.perf_counter()
-    steps = {**how, "scheme": generalized_alpha(1.0), "save": Save()}
+    steps = {**how, "scheme": generalized_alpha(1.0), "save": sj.Save()}
     found = estimate.of_reduced(system, basis, small, steps, reduced)
     took = time.perf_counter() - begin
     return Found(basis, path.work, full, reduced, compare(full, reduced), offline, found, took)

@@ -10,8 +10,6 @@ Coulomb element of the second example of NLstep (M. Krack and J. Gross, Universi
 doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one thread.
 """
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -39,6 +37,7 @@ from skfem_joint.analysis import response
 from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
+from skfem_joint.stepping.recording import Run
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
@@ -60,12 +59,8 @@ STEEP, SAMPLES, FINE, OFF = 1e7, 400, 1600, 0.02
 GENTLE = 10.0
 NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
-BEAM = (
-    (50.0, 0.0737, 241.0),
-    (100.0, 0.0761, 221.0),
-    (200.0, 0.0886, 207.8),
-    (400.0, 0.2021, 157.0),
-)
+BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
+        (400.0, 0.2021, 157.0))  # fmt: skip
 
 
 def bar(
@@ -217,7 +212,7 @@ def sundials(quick: bool) -> None:
               f"{' | '.join(texts)} | {100 * kept / OFF:.2g} % |", flush=True)  # fmt: skip
 
 
-def first_harmonic(run: sj.Run) -> float:
+def first_harmonic(run: Run) -> float:
     """Its amplitude (m) at the end, from a run of one period."""
     u = run.point("end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))

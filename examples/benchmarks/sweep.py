@@ -6,8 +6,6 @@
 BLAS threads are pinned; both are run in turn, and medians are reported.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,7 +1,5 @@
 """Section 6: active length under harmonic and impulsive loads (Figs. 6, 7 and 10, Table 2)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from math import inf, nan, pi

@@ -1,7 +1,5 @@
 """The paper's systems and their runs: reference system, Cases I to VII, the jointed structure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from math import inf

@@ -1,7 +1,5 @@
 """Pictures of curves, as ``pictures.toml`` chooses them: one style, a unit on each axis."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase

@@ -1,7 +1,5 @@
 """Harmonic loads: Case I (Tables 3, 4, Figs. 8, 9, 11), Cases IV to VII (Table 5, Figs. 12-14)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 from typing import Any

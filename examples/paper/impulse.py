@@ -1,7 +1,5 @@
 """Impulse on the joint, section 7.2: Figs. 15, 16 and 17."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 

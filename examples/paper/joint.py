@@ -1,7 +1,5 @@
 """Sections 2 to 4: mesh, friction law (Figs. 2 to 4), proper modes (Table 1, Fig. 5)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from math import inf, pi, tan
@@ -147,11 +145,9 @@ def _modes(
     snapshots: str = "displacement",
 ) -> package.ReferenceModes:
     """Modes of a case that has the reference joint's geometry."""
-    joint, load = (
-        package.lap_joint(beta=beta, normal_force=normal_force),
-        (case.force, case.frequency),
-    )
-    found = package.run_lap_joint(joint, *load, cycles=cycles, steps_per_cycle=steps)
+    joint = package.lap_joint(beta=beta, normal_force=normal_force)
+    times = {"cycles": cycles, "steps_per_cycle": steps}
+    found = package.run_lap_joint(joint, case.force, case.frequency, **times)
     options = {"snapshots": snapshots, "inner_product": "euclidean"}
     return package.modes_of_lap_joint(joint, found, **options)
 

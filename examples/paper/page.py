@@ -4,8 +4,6 @@
 the printed numbers; ``pictures.toml`` says what of the curves is drawn.
 """
 
-from __future__ import annotations
-
 import re
 import string
 import tomllib

@@ -1,7 +1,5 @@
 """What the reduction saves (section 7.5, Fig. 22), and its error against the number of modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -149,9 +147,8 @@ def _add_times(item: Item, quick: bool, computed: dict[str, Pair], chattering: P
     full_explicit = _explicit(full, repeats)
     few = [_reference(DEFAULT | {"modes": int(j)}).run.system for j in counts]
     projected = [systems(int(j))["reduced"] for j in counts]
-    every, gauss = (
-        np.array([_implicit(one, repeats) for one in made]) for made in (projected, few)
-    )
+    every = np.array([_implicit(one, repeats) for one in projected])
+    gauss = np.array([_implicit(one, repeats) for one in few])
     explicit = np.array([_explicit(one, repeats) for one in projected])
     five = int(np.flatnonzero(counts == 5)[0])
     points, micro = few[five].w.size, (every[five, 0], gauss[five, 0], explicit[five])
@@ -253,9 +250,8 @@ def modes(item: Item, quick: bool) -> None:
             found = [errors(system, choice, count) for count in counts]
             columns = {f"{n} (%)": np.array([of(e) for e in found]) for n, of in MEASURES.items()}
             curves.append({"modes": np.array(counts, float)} | columns)
-            item.curves[f"modes_{system}_{choice.replace(' ', '_').replace(chr(39), '')}"] = curves[
-                -1
-            ]
+            plain = choice.replace(" ", "_").replace("'", "")
+            item.curves[f"modes_{system}_{plain}"] = curves[-1]
         for measure in ("peak", "free end at any time", "friction energy"):
             limit = aim[AIMS[measure]]
             needed = [_enough(counts, one[f"{measure} (%)"], limit) for one in curves]

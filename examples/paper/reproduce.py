@@ -7,8 +7,6 @@ the pictures, every curve as CSV, and files of the jointed structure for ParaVie
 figures or sections such as table3, fig19, section7.5; all (about a minute) if none is given.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Jointed structure: harmonic load (section 7.3, Fig. 19), impulse (section 7.4, Figs. 20, 21)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, pi
@@ -232,11 +230,8 @@ def section7_4(item: Item, quick: bool) -> None:
     text = []
     for shape in PULSES:
         active, found = impulse(shape).active_length["joint"] / CASE.length, impulse(shape).run
-        energy, share, shown = (
-            found.friction_work.sum(),
-            friction_share(found),
-            shape.replace("_", " "),
-        )
+        energy, share = found.friction_work.sum(), friction_share(found)
+        shown = shape.replace("_", " ")
         text += words("section7.4.pulse", **locals())
     item.say(text="; ".join(text))
     item.curves["fig20"] = cases.pulses(CASE, item.printed["rise_time"], 1.6e-4)

@@ -1,7 +1,5 @@
 """The matrix of stiff and extreme cases: bars, then plates."""
 
-from __future__ import annotations
-
 from functools import partial
 from math import inf, pi
 from typing import Any

@@ -1,7 +1,5 @@
 """What must hold of a run whatever its answer: balance of energy, law of friction, motion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skfem_joint.analysis.history import steady_state

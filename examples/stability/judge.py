@@ -1,7 +1,5 @@
 """Judge of a case: its answer is right, or it was refused, or it is wrong in silence."""
 
-from __future__ import annotations
-
 import os
 import time
 import warnings

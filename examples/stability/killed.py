@@ -8,8 +8,6 @@ does, bit for bit but for times. Of two runs into one folder that start at about
 one is refused in a sentence, or they follow each other. The exit status is 1 if a file differs.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

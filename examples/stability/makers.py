@@ -1,21 +1,17 @@
 """Structures and systems of cases, of bars and of plates alike, in the units of each case."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+import skfem_joint as sj
 from skfem_joint.arrays import FloatArray
-from skfem_joint.loads import HalfSine, Harmonic, RampAndHold, Rectangle, Triangle, Versine
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named
-from skfem_joint.structure import Joint, Load, Material, PressureTable, Structure
-from skfem_joint.system import System
+from skfem_joint.mesh import NamedMesh, named
 from stability.problem import DENSITY, DIRECTIONS, ONE, TWO, UNITS, Case, E
 
 
-def structure_of(case: Case) -> Structure:
+def structure_of(case: Case) -> sj.Structure:
     """Structure of a case: held at the left, loaded at the right."""
     metre, kilogram, second = (1.0 / unit for unit in UNITS[case.units])
     pascal, length = kilogram / metre / second**2, case.length * metre
@@ -23,9 +19,9 @@ def structure_of(case: Case) -> Structure:
     lower = {"E": modulus * case.stiffness_ratio, "density": density * case.density_ratio}
     mesh = (_plates if case.is_plate else _bar)(case, length)
     section: dict[str, Any] = {"plane": case.plane} if case.is_plate else {"width": 0.2 * length}
-    return Structure(
+    return sj.Structure(
         mesh,
-        Material(modulus, density, case.poisson if case.is_plate else None),
+        sj.Material(modulus, density, case.poisson if case.is_plate else None),
         thickness=0.04 * length,
         **section,
         fixed=["left"] if case.held else [],
@@ -35,17 +31,17 @@ def structure_of(case: Case) -> Structure:
     )
 
 
-def _joints(case: Case, length: float, pascal: float, beta: float) -> list[Joint]:
+def _joints(case: Case, length: float, pascal: float, beta: float) -> list[sj.Joint]:
     high = case.pressure * pascal
-    pressure: float | PressureTable = high
+    pressure: float | sj.PressureTable = high
     if case.pressed == "halves":
         middle, low = 0.5 * length, 1e-6 * high
-        pressure = PressureTable(
+        pressure = sj.PressureTable(
             (0.0, middle, middle * (1.0 + 1e-9), length), (low, low, high, high)
         )
     on = "face" if case.bodies in ("edge", "side by side") else "joint"
     against = f"lower_{on}" if case.bodies in TWO else None
-    joint = Joint(on, pressure, case.friction, against=against, beta=case.beta * beta)
+    joint = sj.Joint(on, pressure, case.friction, against=against, beta=case.beta * beta)
     if case.second_friction is None:
         return [joint]
     return [joint, replace(joint, on="second_joint", friction=case.second_friction)]
@@ -55,11 +51,11 @@ def _bar(case: Case, length: float) -> NamedMesh:
     """Bar whose elements grow geometrically towards the support, and its half there."""
     (n,) = case.elements
     if case.grading == case.stiffness_ratio == case.density_ratio == 1.0:
-        return build_bar([("joint", length, n)], {"left": 0.0, "right": length})
+        return sj.build_bar([("joint", length, n)], {"left": 0.0, "right": length})
     sizes = np.geomspace(case.grading, 1.0, n)
     sizes *= length / sizes.sum()
     parts = [("joint", float(size), 1) for size in sizes]
-    bar = build_bar(parts, {"left": 0.0, "right": float(sizes.sum())})
+    bar = sj.build_bar(parts, {"left": 0.0, "right": float(sizes.sum())})
     half = bar.mesh.with_subdomains({"lower_half": np.arange(n // 2)})
     return replace(bar, mesh=half)
 
@@ -79,17 +75,17 @@ def _plates(case: Case, length: float) -> NamedMesh:
             reach = pressed * length / along
             strips = [("joint", reach, pressed), ("free", length - reach, along - pressed)]
         sides: Any = {"left": "left", "right": "right", "face": "bottom"}
-        plate = build_plate(strips, width, across, boundaries=sides, **kind)
+        plate = sj.build_plate(strips, width, across, boundaries=sides, **kind)
     else:
         edge, more = case.bodies == "side by side", int(case.bodies != "lap")
-        lower = build_plate(
+        lower = sj.build_plate(
             [("lower_rest", 0.5 * length, rest), ("lower_joint", 0.5 * length, half)],
             width,
             across,
             boundaries={"left": "left", "lower_face": ("top", "lower_joint")},
             **kind,
         )
-        upper = build_plate(
+        upper = sj.build_plate(
             [("joint", 0.5 * length, half + more), ("rest", 0.5 * length, rest)],
             width,
             across + more,
@@ -97,7 +93,7 @@ def _plates(case: Case, length: float) -> NamedMesh:
             boundaries={"right": "right", "face": ("bottom", "joint")},
             **kind,
         )
-        plate = merged([lower, upper])
+        plate = sj.merged([lower, upper])
     if case.turned == 0.0:
         return plate
     turned = replace(plate.mesh, doflocs=_turn(case) @ plate.mesh.p)
@@ -109,7 +105,7 @@ def _turn(case: Case) -> FloatArray:
     return np.array([[c, -s], [s, c]])
 
 
-def system_of(case: Case) -> System:
+def system_of(case: Case) -> sj.System:
     """System of a case; it observes the right end.
 
     A bar's is one displacement. A plate's are three: along the load, then along and across the
@@ -117,7 +113,7 @@ def system_of(case: Case) -> System:
     """
     structure = structure_of(case)
     direction = tuple(_turn(case) @ DIRECTIONS[case.direction]) if case.is_plate else None
-    system = structure.system([Load("right", amplitude_of(case, 1.0), direction)], ["right"])
+    system = structure.system([sj.Load("right", amplitude_of(case, 1.0), direction)], ["right"])
     w = system.w.copy()
     if case.pressed == "one node":
         w[np.arange(w.size) != w.size // 2] = 0.0
@@ -138,15 +134,15 @@ def amplitude_of(case: Case, peak: float) -> Any:
     """Load of a case over time, by its largest force."""
     time = UNITS[case.units][2]
     if case.load == "harmonic":
-        return Harmonic(peak, case.frequency * time, case.phase)
+        return sj.Harmonic(peak, case.frequency * time, case.phase)
     rise = case.step * case.duration if case.duration else 0.5 / case.frequency
     rise, start = rise / time, 2.3 * case.step / time
     if case.load == "rectangle":
-        return Rectangle(peak, 2.0 * rise, start)
+        return sj.Rectangle(peak, 2.0 * rise, start)
     kinds: dict[str, Any] = {
-        "triangle": Triangle,
-        "half sine": HalfSine,
-        "versine": Versine,
-        "ramp": RampAndHold,
+        "triangle": sj.Triangle,
+        "half sine": sj.HalfSine,
+        "versine": sj.Versine,
+        "ramp": sj.RampAndHold,
     }
     return kinds[case.load](peak, rise, start)

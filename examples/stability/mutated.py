@@ -9,8 +9,6 @@ the same motion. In the others the bytes of the scene or of its mesh are damaged
 with a message, or run. What breaks this is kept in DIR; the exit status is then 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import faulthandler

@@ -1,7 +1,5 @@
 """What a case is, as plain data, and how variants of one are made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, prod, sqrt

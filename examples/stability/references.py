@@ -1,7 +1,5 @@
 """Models and runs of cases, what their answers are compared with, and how close they must be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf, pi
 

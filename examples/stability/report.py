@@ -1,7 +1,5 @@
 """What became of the cases: a page with a table of all of them, and a picture of the schemes."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

@@ -6,8 +6,6 @@
 Writes a page and a picture; the exit status is 1 if a case is wrong.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """Scenes of bars and plates for the tests of analysis, in SI units; changes are by table."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,56 +1,49 @@
-"""Damping and frequency against amplitude: the exact curves of bars, loops, refusals; SI units."""
-
-from __future__ import annotations
+"""Damping and frequency against amplitude: exact curves, loops, free vibration; SI units."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import sparse
+from stepping_systems import DENSITY, EA, MU, THICKNESS, WIDTH, arm, pressed
+from stepping_systems import plate as plate_of
 
-from skfem_joint import Bolt, Bolts, Joint, Material, PressureTable, Structure
-from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar, build_plate
+import skfem_joint as sj
+from skfem_joint.analysis.backbone import Backbone, backbone, scene_backbone, stuck_modes
 from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.system import System
 
-E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
-STEEL = Material(E, DENSITY, 0.3)
-EA, LINE = E * WIDTH * THICKNESS, DENSITY * WIDTH * THICKNESS
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+LINE = DENSITY * WIDTH * THICKNESS
 JOINT, FREE, TAU = 0.2, 0.5, 1.75e6  # m, m, N/m
 LIMIT = TAU * JOINT
+PULSE = 2e-4  # s, of its rise
 
 
-def bar(elements: int = 100, power: float = 0.0, damping: float = 0.0, held: bool = True) -> System:
+def bar(
+    elements: int = 100, power: float = 0.0, damping: float = 0.0, held: bool = True
+) -> sj.System:
     """Bar with a free length beyond a joint whose friction rises as a power from its loaded end."""
     x = np.linspace(0.0, JOINT, 401)
-    pressure = TAU / 0.7 / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
-    mesh = build_bar([("joint", JOINT, elements), ("free", FREE, 100)], {"fixed": 0.0, "end": 0.7})
-    structure = Structure(
-        mesh,
-        STEEL,
-        width=WIDTH,
-        thickness=THICKNESS,
-        fixed=["fixed"] if held else [],
-        joints=[Joint("joint", PressureTable(tuple(x), tuple(pressure)), 0.7)],
-        stiffness_damping=damping,
-    )
-    return structure.system([], ["end"])
+    pressure = TAU / MU / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
+    joint = sj.Joint("joint", sj.PressureTable(tuple(x), tuple(pressure)), MU)
+    supports = ["fixed"] if held else []
+    return arm(None, joint, (elements, 100), stiffness_damping=damping, fixed=supports)
 
 
-def plate(bolted: bool = False) -> System:
+def plate(bolted: bool = False) -> sj.System:
     """Plate in plan whose first mode bends: its slips turn."""
-    bolts = Bolts(tuple(Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15)), reach=0.01)
-    structure = Structure(
-        build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5),
-        STEEL,
-        thickness=0.01,
-        fixed=["left"],
-        joints=[Joint("joint", bolts if bolted else 8e6, 0.7)],
-    )
-    return structure.system([], [])
+    bolts = tuple(sj.Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15))
+    joint = pressed(pressure=sj.Bolts(bolts, reach=0.01) if bolted else 8e6)
+    return plate_of(
+        sj.build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5), [joint]
+    ).system()
+
+
+def struck(force: float, damping: float = 0.0) -> sj.System:
+    """Bar struck at its end; its frequencies are 2.5, 7.5, 12.5 kHz."""
+    return arm(sj.HalfSine(force, PULSE), stiffness_damping=damping)
 
 
 def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +64,7 @@ def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0])
-def test_curves_of_a_bar_converge_to_the_exact_ones(power: float) -> None:
+def test_curves_of_a_bar_converge_to_the_exact_ones(power):
     errors = []
     for elements in (100, 400):
         (found,) = backbone(bar(elements, power), levels=8, up_to=0.7)
@@ -81,28 +74,27 @@ def test_curves_of_a_bar_converge_to_the_exact_ones(power: float) -> None:
         seen = found.level > 0.1 * found.slips_at
         ratio = found.frequency / found.stuck_frequency / frequency
         errors.append(np.abs([ratio - 1.0, found.friction_damping / damping - 1.0])[:, seen].max(1))
-        assert found.masing_error is not None
         assert found.masing_error < 1e-8
     assert errors[1][0] < errors[0][0] < 1e-4
     assert errors[1][1] < 0.6 * errors[0][1] < 6e-3
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0])
-def test_energy_of_a_slow_cycle_goes_with_a_power_of_the_force(power: float) -> None:
+def test_energy_of_a_slow_cycle_goes_with_a_power_of_the_force(power):
     (found,) = backbone(bar(400, power), levels=12, up_to=0.6)
     work = 2.0 * np.pi * found.level * found.amplitude * found.friction_damping
     fitted = np.polyfit(np.log(found.level), np.log(work), 1)[0]
     assert fitted == pytest.approx((2.0 * power + 3.0) / (power + 1.0), rel=0.01)
 
 
-def test_viscous_damping_is_added_and_stuck_joints_have_it_alone() -> None:
+def test_viscous_damping_is_added_and_stuck_joints_have_it_alone():
     (found,) = backbone(bar(damping=1e-6), levels=3, up_to=1e-4)
     assert found.state == ("stick",) * 3
     assert found.frequency == pytest.approx(found.stuck_frequency, rel=1e-9)
     assert found.damping_ratio == pytest.approx(np.pi * found.frequency * 1e-6, rel=1e-9)
 
 
-def test_a_joint_beyond_its_limit_slips_as_a_whole() -> None:
+def test_a_joint_beyond_its_limit_slips_as_a_whole():
     (found,) = backbone(bar(), levels=4, up_to=1.3)
     assert found.state[-1] == "gross"
     assert found.share[-1] == pytest.approx(1.0)
@@ -114,27 +106,26 @@ def test_a_joint_beyond_its_limit_slips_as_a_whole() -> None:
 
 
 @pytest.mark.parametrize("bolted", [False, True])
-def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted: bool) -> None:
+def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted):
     (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
-    assert found.masing_error is not None
     assert 1e-6 < found.masing_error < 0.1
 
 
-def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks() -> None:
+def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks():
     (fixed,) = backbone(bar(), levels=5, up_to=0.5)
     (held,) = backbone(bar(held=False), levels=5, up_to=0.5, slips_at=fixed.slips_at)
     assert held.frequency == pytest.approx(fixed.frequency, rel=1e-7)
     assert held.friction_damping == pytest.approx(fixed.friction_damping, rel=1e-5)
 
 
-def test_higher_modes_near_odd_multiples_are_told() -> None:
+def test_higher_modes_near_odd_multiples_are_told():
     assert any(
         "mode 2 at 3 times" in sentence for sentence in backbone(bar(), levels=2)[0].warnings
     )
 
 
 @pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
-def test_a_reduced_model_has_the_curve_of_the_full_one(system: System) -> None:
+def test_a_reduced_model_has_the_curve_of_the_full_one(system):
     (full,) = backbone(system)
     stuck = stuck_modes(system, 2)[1]
     basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
@@ -158,17 +149,63 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system: System) -> None:
         (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
     ],
 )
-def test_modes_that_are_not_there_are_refused(
-    system: System, how: dict[str, object], says: str
-) -> None:
-    with pytest.raises(InputError, match=says):
+def test_modes_that_are_not_there_are_refused(system, how, says):
+    with pytest.raises(sj.InputError, match=says):
         backbone(system, **how)
 
 
-def test_nothing_is_left_where_all_is_in_contact() -> None:
+def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    whole = System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
-    with pytest.raises(InputError, match="every unknown is in contact"):
+    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
+    with pytest.raises(sj.InputError, match="every unknown is in contact"):
         backbone(whole)
+
+
+# Free vibration
+
+
+def test_modes_that_ring_together_are_told_apart():
+    system = struck(1.0, 1e-6)  # a newton: the joint sticks
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    for curve in backbone(system, (1, 2), levels=1):
+        found = sj.ring_down(system, curve, 20, start=hit)
+        assert found.frequency == pytest.approx(curve.stuck_frequency, rel=2e-4)
+        ratio = np.pi * curve.stuck_frequency * 1e-6
+        assert found.damping_ratio == pytest.approx(ratio, rel=0.01)
+
+
+def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
+    system = struck(60e3)
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    (curve,) = backbone(system)
+    halves = np.repeat(np.eye(2), 20, axis=1)
+    parted = replace(system, J=halves, joints=("inner", "outer"))
+    found = sj.ring_down(parted, curve, 30, start=hit)
+    work = found.friction_work.sum(axis=1)
+    assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])
+    assert np.all(np.diff(found.friction_work, axis=0) >= -1e-12 * work[-1])
+    assert found.friction_work[-1, 1] > found.friction_work[-1, 0]  # it is pulled from there
+    frequency = np.interp(found.amplitude, curve.amplitude, curve.frequency)
+    seen = found.amplitude > curve.amplitude[0]
+    assert seen.sum() > 5
+    assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
+
+
+def test_a_scene_s_pulse_rings_down_alike_in_both_models():
+    scene = sj.load_scene(EXAMPLES / "structure_impulse.toml")
+    asked = {"levels": 12, "ring_down": 12, "released": "loads"}
+    found = scene_backbone(scene.changed(backbone=asked, models={"run": ["full", "reduced"]}))
+    (full,), (reduced,) = (model.ring_downs for model in found.models)
+    high = full.amplitude > found.models[0].curves[0].amplitude[0]
+    assert high.sum() >= 3
+    for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
+        assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
+
+
+def test_too_few_cycles_are_refused():
+    system = struck(1.0)
+    (curve,) = backbone(system, levels=1)
+    with pytest.raises(sj.InputError, match="at least"):
+        sj.ring_down(system, curve, 1)

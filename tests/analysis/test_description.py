@@ -1,10 +1,7 @@
 """What a structure is said to be: closed forms, and what is implausible."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +25,7 @@ def said(scene: Scene) -> list[str]:
     return [*doubts(scene.structure(), scene.system()), *describe(scene).doubts]
 
 
-def test_a_bar_has_the_figures_of_its_closed_forms() -> None:
+def test_a_bar_has_the_figures_of_its_closed_forms():
     """Stuck, 0.5 m are left of it; the force at its end is amplified by 1 / cos(k 0.5 m)."""
     values = describe(bar_scene()).values
     c, area, force, limit = 5000.0, WIDTH * THICKNESS, 87.5e3, MU * 50e6 * WIDTH * 0.1
@@ -47,7 +44,7 @@ def test_a_bar_has_the_figures_of_its_closed_forms() -> None:
 
 
 @pytest.mark.parametrize("law", ["coulomb", "arctan"])
-def test_moments_count_and_friction_alone_may_hold_a_body(law: str) -> None:
+def test_moments_count_and_friction_alone_may_hold_a_body(law):
     """A narrow strip of length L under a force F at a distance a from its middle turns.
 
     About a point c beyond the middle: F = 2 t c and F a = t (L²/4 - c²), t the limit by length.
@@ -74,7 +71,7 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law: str) -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_sound_scenes_raise_no_doubt(path: Path) -> None:
+def test_sound_scenes_raise_no_doubt(path):
     """But where plates lapped on each other are bent, which changes the pressure between them."""
     scene = load_scene(path)
     found = [one for one in said(scene) if one not in scene.system().notes]
@@ -122,7 +119,7 @@ def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(
         ({"joint": []}, "There is no joint"),
     ],
 )  # fmt: skip
-def test_what_is_implausible_is_said_and_runs(changes: dict[str, Any], sentence: str) -> None:
+def test_what_is_implausible_is_said_and_runs(changes, sentence):
     scene = bar_scene("full", **({"time": {"cycles": 1}} | changes))
     notes = said(scene)
     assert any(re.search(sentence, note) for note in notes)

@@ -1,12 +1,9 @@
 """Error against run time: a reference that is one, a front that is one, advice that follows."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,7 +31,7 @@ def small(elements: int = 10, **changes: Any) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def truth() -> Reference:
+def truth():
     return make_reference(small(beta=1e3), quick=True)
 
 
@@ -46,7 +43,7 @@ def others(reference: Reference) -> Iterator[et.Job]:
 
 
 @pytest.fixture(scope="module")
-def report() -> et.Report:
+def report():
     return et.error_time(small(), repeats=1, quick=True, wanted=TINY, more=others)
 
 
@@ -57,7 +54,7 @@ def point(wall: float, error: float, status: str = et.FINISHED, **what: Any) -> 
     return et.Point(job, et.Outcome(None, wall, status), {et.RMS: error}, wall)
 
 
-def test_error_of_the_full_model_falls_with_the_step(truth: Reference) -> None:
+def test_error_of_the_full_model_falls_with_the_step(truth):
     errors = [
         difference(truth.results, results(truth.grid.integrate(truth.system, parts)))[et.RMS] or 0.0
         for parts in (2, 4, 8, 16)
@@ -66,7 +63,7 @@ def test_error_of_the_full_model_falls_with_the_step(truth: Reference) -> None:
         assert 1.7 < coarse / fine < 4.6  # orders 0.8 to 2.2
 
 
-def test_report_has_all_models_and_what_they_cost(report: et.Report) -> None:
+def test_report_has_all_models_and_what_they_cost(report):
     rows = list(csv.DictReader(io.StringIO(report.csv())))
     assert len(rows) == len(report.points)
     families = {
@@ -98,9 +95,7 @@ def test_report_has_all_models_and_what_they_cost(report: et.Report) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(1e-4, 1e2), st.floats(1e-8, 1.0), st.booleans()), max_size=30))
-def test_front_is_the_lower_left_of_the_finished_points(
-    data: list[tuple[float, float, bool]],
-) -> None:
+def test_front_is_the_lower_left_of_the_finished_points(data):
     measured = [point(w, e, et.FINISHED if done else "extrapolated") for w, e, done in data]
     finished = [(p.wall_s, p.error()) for p in measured if p.counts]
     ahead = [(p.wall_s, p.error()) for p in et.front(measured)]
@@ -122,7 +117,7 @@ def test_front_is_the_lower_left_of_the_finished_points(
         (1e-3, 5e-2, "does not pay: none reaches it, the best has 5.0e-02"),
     ],
 )
-def test_advice_says_whether_a_reduction_pays(wall: float, error: float, words: str) -> None:
+def test_advice_says_whether_a_reduction_pays(wall, error, words):
     full = point(1e-2, 1e-3, **{"step (s)": 1e-5})
     reduced = point(wall, error, family=et.REDUCED, modes=5, offline=0.09)
     assert words in et.advice([full, reduced], 1e-2)
@@ -133,7 +128,7 @@ def test_advice_says_whether_a_reduction_pays(wall: float, error: float, words: 
 
 
 @pytest.mark.parametrize("kind", ["impulse", "plate"])
-def test_scenes_without_cycles_and_of_plates_are_compared_too(kind: str) -> None:
+def test_scenes_without_cycles_and_of_plates_are_compared_too(kind):
     scene = plate_scene("full", mesh=plate(3), time={"cycles": 1, "steps_per_cycle": 50})
     if kind == "impulse":
         load = {"on": "free_end", "kind": "half_sine", "peak": 63e3, "rise_time": 2.5e-4}
@@ -149,8 +144,8 @@ def test_scenes_without_cycles_and_of_plates_are_compared_too(kind: str) -> None
     assert "beta" in found.markdown()
 
 
-def test_what_does_not_converge_is_a_point_all_the_same(truth: Reference) -> None:
-    def fail() -> et.Outcome:
+def test_what_does_not_converge_is_a_point_all_the_same(truth):
+    def fail():
         raise ConvergenceError("step 3")
 
     (found,) = et.measure([et.Job(et.FULL, {}, fail)], truth, repeats=2)
@@ -158,7 +153,7 @@ def test_what_does_not_converge_is_a_point_all_the_same(truth: Reference) -> Non
     assert not found.counts
 
 
-def test_wrong_options_and_scenes_without_friction_are_refused() -> None:
+def test_wrong_options_and_scenes_without_friction_are_refused():
     with pytest.raises(InputError, match=r"--bound: found 0, must be"):
         et.error_time(small(), bound=0.0)
     with pytest.raises(InputError, match=r"--repeats: found 0, must be"):
@@ -167,7 +162,7 @@ def test_wrong_options_and_scenes_without_friction_are_refused() -> None:
         et.error_time(small(joint=[joint(friction=0.0)]))
 
 
-def test_report_is_written(report: et.Report, tmp_path: Path) -> None:
+def test_report_is_written(report, tmp_path):
     files = report.write(tmp_path)
     names = {f"error-time.{s}" for s in ("md", "csv", "png")} | {"total-time.png"}
     assert {f.name for f in files} == names

@@ -1,20 +1,15 @@
 """Memory stays within what is estimated, and a run that needs too much is refused beforehand."""
 
-from __future__ import annotations
-
 import re
 import tracemalloc
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 from joint_scenes import LENGTH, WIDTH, bar_scene, plate, plate_scene
 
+import skfem_joint as sj
 from skfem_joint.analysis import memory
-from skfem_joint.analysis.study import run_scene
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar
 from skfem_joint.output import write
 from skfem_joint.scene import Scene
 
@@ -31,7 +26,7 @@ def bar(
     reference: str = "paper",
     **output: Any,
 ) -> Scene:
-    mesh = build_bar(
+    mesh = sj.build_bar(
         [("joint", 0.1, elements), ("linear", 0.5, elements)],
         {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
     )
@@ -66,13 +61,13 @@ CASES: dict[str, Make] = {
     "points": lambda: bar(cycles=600),
     "two models": lambda: bar(*BOTH, cycles=300),
     # No two cycles from which looks could tell that the run has settled.
-    "two models, one cycle": lambda: bar(*BOTH, cycles=1, steps=60_000),
-    "fields": lambda: bar(elements=500, cycles=5, steps=100, vtk=True, frames=500),
+    "two models, one cycle": lambda: bar(*BOTH, cycles=1, steps=30_000),
+    "fields": lambda: bar(elements=500, cycles=3, steps=80, vtk=True, frames=240),
     "training": lambda: bar(
         *BOTH, elements=200, cycles=3, steps=600, reference="self", history=False
     ),
     "nodes": lambda: bar(elements=6000, cycles=1, steps=10, history=False),
-    "cycles": lambda: bar(cycles=3000, steps=10, history=False),
+    "cycles": lambda: bar(cycles=1500, steps=10, history=False),
     "plate, points": lambda: in_plan(
         elements=2, cycles=8, steps=100, points=["right", "top", *(f"at {k}" for k in range(9))]
     ),
@@ -83,23 +78,21 @@ CASES: dict[str, Make] = {
 
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory: pytest.TempPathFactory) -> None:
+def loaded(tmp_path_factory):
     """Compile, and load what solves and writes, which takes memory of its own."""
     folder = tmp_path_factory.mktemp("out")
     for make in (bar, in_plan):
         small: Any = {"elements": 4, "cycles": 1, "steps": 50, "vtk": True, "frames": 2}
-        write(run_scene(make(*BOTH, **small)), folder)
+        write(sj.run_scene(make(*BOTH, **small)), folder)
 
 
 @pytest.mark.usefixtures("loaded")
 @pytest.mark.parametrize("case", CASES)
-def test_the_estimate_bounds_what_a_run_takes_and_is_not_far_above(
-    case: str, tmp_path: Path
-) -> None:
+def test_the_estimate_bounds_what_a_run_takes_and_is_not_far_above(case, tmp_path):
     tracemalloc.start()
     try:
         scene = CASES[case]()
-        write(run_scene(scene), tmp_path)
+        write(sj.run_scene(scene), tmp_path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -125,56 +118,39 @@ DEAR: list[tuple[Make, list[str], list[str]]] = [
 
 
 @pytest.mark.parametrize(("scene", "named", "not_named"), DEAR)
-def test_the_options_named_are_those_that_store_less(
-    scene: Make, named: list[str], not_named: list[str]
-) -> None:
+def test_the_options_named_are_those_that_store_less(scene, named, not_named):
     dear = scene()
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         memory.check(dear, 0.5 * need(dear))
     text = str(caught.value)
     assert all(word in text for word in named)
     assert not any(word in text for word in not_named)
 
 
-def test_a_long_run_is_refused_with_a_stride_that_fits() -> None:
+def test_a_long_run_is_refused_with_a_stride_that_fits():
     limit = 20 * MIB
     dear = bar(cycles=5_000_000)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         memory.check(dear, limit)
     (text,) = caught.value.problems
     assert f"would need {memory.size(need(dear))}" in text
     assert "more than the 20 MiB" in text
     assert "histories of points" in text
     dear = bar(cycles=10_000)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         memory.check(dear, limit)
     every = re.search(r"output\.every = (\d+)", str(caught.value))
-    assert every is not None
     fitting = dear.changed(output={"every": int(every[1])})
     memory.check(fitting, limit)
     assert need(fitting) <= limit
     for wrong in (0.0, -1.0, float("nan")):
-        with pytest.raises(InputError, match=r"--memory-limit: found .* must be > 0"):
+        with pytest.raises(sj.InputError, match=r"--memory-limit: found .* must be > 0"):
             memory.check(fitting, wrong)
 
 
-def test_the_bound_is_a_share_of_what_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bound_is_a_share_of_what_is_available(monkeypatch):
+    assert 16 * MIB < memory.available() < 2**50
     monkeypatch.setattr(memory, "available", lambda: 10 * memory.GIB)
     assert memory.default_limit() == 8 * memory.GIB
     monkeypatch.setattr(memory, "available", lambda: None)
     assert memory.default_limit() == 4 * memory.GIB
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("MemTotal: 9 kB\nMemAvailable:   2048 kB\nSwapFree: 0 kB\n", 2 * MIB),
-        ("MemTotal: 9 kB\n", None),
-        ("MemAvailable: much kB\n", None),
-    ],
-)
-def test_available_memory_as_the_system_says(
-    text: str, expected: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Path, "read_text", lambda *_, **__: text)
-    assert memory.available() == expected

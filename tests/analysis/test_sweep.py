@@ -1,7 +1,5 @@
 """Sweeps: every scene has one row, whatever happens to processes, and none is run for nothing."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os
@@ -9,10 +7,9 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,7 +22,6 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import holding
 from skfem_joint.scene import Scene
 
-Patch = pytest.MonkeyPatch
 FRICTION = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
 PEAK = "full.peak_displacement_whole_run_m.free_end"
 
@@ -37,7 +33,7 @@ def scene(friction: float, *run: str, **changes: Any) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def scenes() -> list[Scene]:
+def scenes():
     return [scene(friction) for friction in FRICTION]
 
 
@@ -58,7 +54,7 @@ class Pool(ThreadPoolExecutor):
     def __init__(self) -> None:
         super().__init__(2)
 
-    def submit(self, *call: Any) -> Future[Any]:  # type: ignore[override]
+    def submit(self, *call: Any) -> Future[Any]:
         if self.broken:
             raise BrokenExecutor
         return super().submit(self._call, *call)
@@ -75,11 +71,11 @@ class Pool(ThreadPoolExecutor):
 
 
 def test_only_what_was_in_a_broken_pool_is_run_again_and_only_the_culprit_fails(
-    scenes: list[Scene], monkeypatch: Patch
-) -> None:
+    scenes, monkeypatch
+):
     runs: Counter[float] = Counter()
 
-    def run(one: Scene) -> tuple[dict[str, Any], str]:
+    def run(one):
         friction = one.joint[0].friction
         runs[friction] += 1
         if friction == 0.3:
@@ -94,7 +90,7 @@ def test_only_what_was_in_a_broken_pool_is_run_again_and_only_the_culprit_fails(
     assert sum(runs.values()) in (7, 8)  # with one neighbour in the pool, or with none
 
 
-def test_what_goes_wrong_is_a_row_and_what_went_well_is_kept() -> None:
+def test_what_goes_wrong_is_a_row_and_what_went_well_is_kept():
     too_many = scene(0.4, "full", "reduced", reduction={"reference": "paper", "modes": 1000})
     with ThreadPoolExecutor(1) as executor:
         rows = list(sweep([scene(0.4), too_many], executor))
@@ -104,11 +100,11 @@ def test_what_goes_wrong_is_a_row_and_what_went_well_is_kept() -> None:
 
 
 def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
-    scenes: list[Scene], tmp_path: Path, monkeypatch: Patch
-) -> None:
+    scenes, tmp_path, monkeypatch
+):
     ran: list[float] = []
 
-    def run(one: Scene) -> tuple[dict[str, Any], str]:
+    def run(one):
         ran.append(one.joint[0].friction)
         if ran[-1] == 0.2:
             raise MemoryError("for want of memory")
@@ -140,8 +136,8 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
 
 
 @pytest.mark.parametrize("given", [True, False])
-def test_a_killed_process_costs_no_row(scenes: list[Scene], given: bool) -> None:
-    def killing(rows: Iterator[Row]) -> Iterator[Row]:
+def test_a_killed_process_costs_no_row(scenes, given):
+    def killing(rows):
         for k, row in enumerate(rows):
             if k == 1:
                 multiprocessing.active_children()[0].kill()
@@ -157,7 +153,7 @@ def test_a_killed_process_costs_no_row(scenes: list[Scene], given: bool) -> None
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_killed_worker_of_dask_costs_no_row() -> None:
+def test_a_killed_worker_of_dask_costs_no_row():
     distributed = pytest.importorskip("distributed")
     scenes = [scene(friction, time={"cycles": 200}) for friction in FRICTION]
     cluster = distributed.LocalCluster(
@@ -187,9 +183,7 @@ def test_a_killed_worker_of_dask_costs_no_row() -> None:
         (("mpi", 2), "skfem-joint[mpi]"),
     ],
 )
-def test_executors_that_there_cannot_be(
-    options: tuple[Any, ...], words: str, monkeypatch: Patch
-) -> None:
+def test_executors_that_there_cannot_be(options, words, monkeypatch):
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     with pytest.raises(InputError) as caught, executors(*options):
         pass

@@ -1,14 +1,10 @@
 """Competitors solve the same equations; benchmarks run; two plates do what their page says."""
 
-from __future__ import annotations
-
 import csv
 import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +13,11 @@ from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
 
+import skfem_joint as sj
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.history import difference, results
-from skfem_joint.analysis.reference import Reference, make_reference
-from skfem_joint.analysis.response import response
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar
+from skfem_joint.analysis.reference import make_reference
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.integrate import integrate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
@@ -32,16 +25,16 @@ PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
 
 def small(beta: float = 1e3) -> Scene:
     """The reference system of the paper with ten elements and a gentle law."""
-    bar = build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
+    bar = sj.build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
     return lap_joint(bar=bar, beta=beta, time={"cycles": 2, "steps_per_cycle": 50})
 
 
 @pytest.fixture(scope="module")
-def truth() -> Reference:
+def truth():
     return make_reference(small(), quick=True)
 
 
-def test_samples_give_the_energies_that_steps_add_up(truth: Reference) -> None:
+def test_samples_give_the_energies_that_steps_add_up(truth):
     run = truth.grid.integrate(truth.system, truth.parts, fields=ready_made.SAMPLES)
     found = difference(truth.results, ready_made.sampled(truth, run.u, run.v))
     assert (found["displacement_rms"] or 0.0) < 1e-4
@@ -50,7 +43,7 @@ def test_samples_give_the_energies_that_steps_add_up(truth: Reference) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
-def test_ready_made_integrators_solve_the_same_equations(form: Form, truth: Reference) -> None:
+def test_ready_made_integrators_solve_the_same_equations(form, truth):
     tolerance = {"Radau": 1e-2, "BDF": 1e-4}.get(form.name, 1e-5)
     model = FirstOrder(lumped(truth.system) if form.is_lumped else truth.system)
     times = ready_made.sample_times(truth)
@@ -63,14 +56,14 @@ def test_ready_made_integrators_solve_the_same_equations(form: Form, truth: Refe
     assert error < max(10.0 * tolerance, 5e-5)
 
 
-def test_jacobians_are_derivatives(truth: Reference) -> None:
+def test_jacobians_are_derivatives(truth):
     n, c = 2 * truth.system.n, 3e4
     generator = np.random.default_rng(1)
     y = generator.normal(size=n) * np.where(np.arange(n) % 2, 1e-3, 1e-6)
     rate = generator.normal(size=n)
     steps = np.where(np.arange(n) % 2, 1e-7, 1e-9)
 
-    def difference_of(function: Any, shift: float) -> np.ndarray:
+    def difference_of(function, shift):
         columns = []
         for e in np.diag(steps):
             ends = np.zeros((2, n))
@@ -99,7 +92,7 @@ def test_jacobians_are_derivatives(truth: Reference) -> None:
     assert np.abs(left).max() < 1e-12 * np.abs(light.system.M @ found[1::2]).max()
 
 
-def test_competitor_beyond_the_bound_is_listed_as_such(truth: Reference) -> None:
+def test_competitor_beyond_the_bound_is_listed_as_such(truth):
     jobs = ready_made.ready_made_jobs(truth, 1e-3, [Form("BDF", (1e-4, 1e-6, 1e-8))])
     found = et.measure(jobs, truth, repeats=1)
     assert found[0].outcome.status == "did not finish in 0.001 s"
@@ -107,20 +100,18 @@ def test_competitor_beyond_the_bound_is_listed_as_such(truth: Reference) -> None
     assert not any(p.counts for p in found)
 
 
-def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(
-    truth: Reference, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(truth, monkeypatch):
     monkeypatch.setattr(ready_made.importlib.util, "find_spec", lambda _: None)
     (job,) = ready_made.ready_made_jobs(truth, 1.0, [Form("IDA", (1e-4,))])
     assert "skfem-joint[bench]" in job.run().status
     coulomb = replace(truth, system=truth.system.with_beta(np.inf))
     assert list(ready_made.ready_made_jobs(coulomb, 1.0)) == []
     assert list(ready_made.explicit_jobs(coulomb)) == []
-    with pytest.raises(InputError, match="set-valued"):
+    with pytest.raises(sj.InputError, match="set-valued"):
         FirstOrder(coulomb.system)
 
 
-def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth: Reference) -> None:
+def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth):
     gentle = replace(truth, system=truth.system.with_beta(20.0))
     own = results(truth.grid.integrate(gentle.system, 256))
     for longest, status in ((np.inf, et.FINISHED), (0.0, "extrapolated")):
@@ -131,36 +122,7 @@ def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth: Reference
             assert (difference(own, found.results)["displacement_rms"] or 0.0) < 1e-3
 
 
-def test_coarse_mesh_keeps_regions_and_points() -> None:
-    points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
-    bar = build_bar([("joint", 0.1, 40), ("linear", 0.5, 100)], points)
-    coarse = ready_made.coarsened(bar, 12)
-    assert coarse.n_elements == 12
-    for name, at in points.items():
-        assert coarse.mesh.p[0, coarse.points[name]] == pytest.approx(at, abs=1e-12)
-    np.testing.assert_array_equal(coarse.regions["joint"], [0, 1])
-    np.testing.assert_array_equal(coarse.regions["linear"], np.arange(2, 12))
-    np.testing.assert_allclose(coarse.coordinates[-1], bar.coordinates[-1])
-
-
-def test_time_at_an_error_follows_the_logarithms() -> None:
-    points: Any = [
-        SimpleNamespace(
-            wall_s=wall,
-            seconds=lambda total=False, wall=wall: wall,
-            counts=True,
-            error=lambda name, error=error: error,
-        )
-        for wall, error in ((1e-3, 1e-2), (1e-2, 1e-4), (5e-2, 1e-3))
-    ]
-    assert ready_made.time_at(points, 1e-3) == pytest.approx(10**-2.5)
-    assert ready_made.time_at(points, 1e-1) == 1e-3
-    assert ready_made.time_at(points, 1e-5) is None
-
-
-def test_the_report_joins_competitors_to_our_models(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_joins_competitors_to_our_models(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ready_made, "load_scene", lambda _: small(beta=200.0))
     monkeypatch.setattr(ready_made, "COARSE", (5,))
     few = {"parts": (1, 4), "reduced_parts": (2,), "factors": (10.0,), "modes": (2,)}
@@ -174,9 +136,7 @@ def test_the_report_joins_competitors_to_our_models(
     assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
 
 
-def test_benchmarks_of_steps_run(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_benchmarks_of_steps_run(monkeypatch, capsys):
     monkeypatch.setattr(growth, "SIZES", ((20, 5, 1), (40, 5, 1)))
     assert growth.main(["--quick"]) == 0
     monkeypatch.setattr(plates, "QUICK", (((8, 4, 0.25), (12, 2, 0.05)),))
@@ -192,12 +152,12 @@ def test_benchmarks_of_steps_run(
 
 
 @pytest.fixture(scope="module")
-def example() -> dict[str, Any]:
+def example():
     return runpy.run_path(str(EXAMPLES / "two_plates.py"))
 
 
 @pytest.fixture(scope="module")
-def struts(example: dict[str, Any]) -> list[Any]:
+def struts(example):
     models = [example[name]() for name in ("strut_b", "strut_a", "strut_in_series")]
     return [example["run_all"](model) for model in models]
 
@@ -209,7 +169,7 @@ def row(name: str) -> list[float]:
     return [float(cell.group(1)) if cell else np.nan for cell in cells]
 
 
-def test_the_page_has_the_numbers_of_the_struts(example: dict[str, Any], struts: list[Any]) -> None:
+def test_the_page_has_the_numbers_of_the_struts(example, struts):
     for result in struts:
         model = result.model
         resonance, end, friction, active, _, pulse = row(model.name)
@@ -221,9 +181,7 @@ def test_the_page_has_the_numbers_of_the_struts(example: dict[str, Any], struts:
         assert model.lost(result.pulse) == pytest.approx(pulse, abs=2e-3)
 
 
-def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_as_lossy(
-    struts: list[Any],
-) -> None:
+def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_as_lossy(struts):
     simple, whole, half = struts
     for one, other in zip(half.ends, whole.ends, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())
@@ -235,9 +193,7 @@ def test_half_of_the_joint_in_series_is_the_whole_and_the_simple_one_four_times_
     assert losses == pytest.approx(4.0, abs=0.05)
 
 
-def test_a_slow_load_meets_the_closed_form(
-    example: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_slow_load_meets_the_closed_form(example, capsys):
     models = [example[name](100, 10) for name in ("strut_b", "strut_a")]
     example["print_slow"]({model.name: (model, example["slow"](model)) for model in models})
     lines = capsys.readouterr().out.splitlines()[2:]
@@ -248,7 +204,7 @@ def test_a_slow_load_meets_the_closed_form(
         assert numbers[6] == pytest.approx(numbers[7], abs=1.5)
 
 
-def test_pulled_plates_are_antisymmetric(example: dict[str, Any]) -> None:
+def test_pulled_plates_are_antisymmetric(example):
     """In plan view, where nodes match: turned about the joint's middle the plates change places."""
     model = example["plate_a"]()
     save = example["Save"](fields=True)
@@ -263,33 +219,33 @@ def test_pulled_plates_are_antisymmetric(example: dict[str, Any]) -> None:
         np.testing.assert_allclose(u[here], -u[there], atol=1e-7 * np.abs(u).max())
 
 
-def test_the_published_beam_has_its_peak_where_it_is_published() -> None:
+def test_the_published_beam_has_its_peak_where_it_is_published():
     force, peak, omega = steady.BEAM[2]
     around = (omega + np.array([-4.0, -1.5, 1.0])) / (2.0 * np.pi)
-    (curve,) = response(steady.beam(), around, (force,), refined=False)
+    (curve,) = sj.response(steady.beam(), around, (force,), refined=False)
     at, size = curve.peak
     assert 2.0 * np.pi * at == pytest.approx(omega, abs=3.0)
     assert 1e3 * size == pytest.approx(peak, rel=0.015)
 
 
-def test_the_benchmark_of_steady_vibration_counts_periods() -> None:
+def test_the_benchmark_of_steady_vibration_counts_periods():
     systems = [steady.bar(2000.0, 0.03), steady.bar(1790.0, 0.3)]
     assert 5 * steady.periods(systems, 8) < steady.periods(systems, 0)
 
 
-def test_sundials_marches_steady_vibration_to_what_it_was() -> None:
+def test_sundials_marches_steady_vibration_to_what_it_was():
     where, elements = (2270.0, 0.03), 20
-    run = integrate(steady.bar(*where, elements=elements), until="steady", steps_per_cycle=800)
+    run = sj.integrate(steady.bar(*where, elements=elements), until="steady", steps_per_cycle=800)
     steep = steady.bar(*where, steady.STEEP, elements)
     size, energy = steady.marched(steep, run.final, 2)[:, -1]
     assert np.ptp(run.point("end")) == pytest.approx(2.0 * size, rel=1e-3)
     assert run.cycles.friction[-1] == pytest.approx(energy, rel=1e-3)
 
 
-def test_harmonic_balance_converges_to_our_steady_vibration() -> None:
+def test_harmonic_balance_converges_to_our_steady_vibration():
     balanced = pytest.importorskip("benchmarks.balance").balanced
     bar = steady.bar(2050.0, 0.1, 1.0, 10)
-    ours = steady.first_harmonic(integrate(bar, until="steady", steps_per_cycle=400))
+    ours = steady.first_harmonic(sj.integrate(bar, until="steady", steps_per_cycle=400))
     errors = [abs(balanced(bar, most) / ours - 1.0) for most in ([1], [1, 3], [1, 3, 5])]
     assert errors[2] < 5e-5
     assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]

@@ -1,7 +1,5 @@
 """The gallery shows every example, its pictures come from its script, and no link leads nowhere."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path
@@ -22,11 +20,11 @@ def links(page: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_leads_to_a_file(page: Path) -> None:
+def test_every_link_leads_to_a_file(page):
     assert [str(link) for link in links(page) if not link.exists()] == []
 
 
-def test_the_gallery_has_every_example_with_a_question_a_command_and_a_picture() -> None:
+def test_the_gallery_has_every_example_with_a_question_a_command_and_a_picture():
     page = EXAMPLES / "README.md"
     linked = {link.resolve().relative_to(EXAMPLES).parts[0] for link in links(page)}
     examples = {path.name for path in EXAMPLES.iterdir() if path.suffix != ".md"}
@@ -37,14 +35,14 @@ def test_the_gallery_has_every_example_with_a_question_a_command_and_a_picture()
         assert len(re.findall(r"!\[[^]]+\]\(pictures/", entry)) == 1
 
 
-def test_the_pictures_are_those_of_the_script_are_small_and_are_shown() -> None:
+def test_the_pictures_are_those_of_the_script_are_small_and_are_shown():
     pictures = set((EXAMPLES / "pictures").iterdir())
     assert {path.stem for path in pictures} == {*SCRIPT["SHORT"], *SCRIPT["LONG"]}
     assert max(path.stat().st_size for path in pictures) < SCRIPT["LARGEST"]
     assert pictures <= {link for page in PAGES for link in links(page)}
 
 
-def test_the_script_makes_the_pictures_that_are_named(tmp_path: Path) -> None:
+def test_the_script_makes_the_pictures_that_are_named(tmp_path):
     SCRIPT["main"](["own_basis", "lap_joint", "--out", str(tmp_path)])
     assert {path.name for path in tmp_path.iterdir()} == {"own_basis.png", "lap_joint.png"}
     for path in tmp_path.iterdir():

@@ -1,10 +1,7 @@
 """The reproduction of the paper: our numbers beside the printed ones, in its quick form."""
 
-from __future__ import annotations
-
 import sys
 from functools import cache
-from math import log, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 
-from benchmarks.explicit import stable_step
-from paper import active, cases, harmonic, page, reduction, reproduce, structure
+from paper import active, harmonic, page, reduction, reproduce, structure
 
 from skfem_joint.reduction.active_length import estimate
 
@@ -108,19 +104,19 @@ def number(cell: str) -> float:
 
 
 @pytest.mark.parametrize(("key", "start", "cell", "value", "within"), NUMBERS)
-def test_numbers(key: str, start: str, cell: str, value: float, within: float) -> None:
+def test_numbers(key, start, cell, value, within):
     (row,) = (row for row in item(key).rows if row.quantity.startswith(start))
     assert abs(number(getattr(row, cell)) - value) <= within
 
 
 @pytest.mark.parametrize(("key", "start", "verdict"), VERDICTS)
-def test_verdicts(key: str, start: str, verdict: str) -> None:
+def test_verdicts(key, start, verdict):
     found = [row.verdict for row in item(key).rows if row.quantity.startswith(start)]
     assert found
     assert all(one.startswith(verdict) for one in found)
 
 
-def test_printed_numbers_agree_within_their_rounding_and_not_beyond() -> None:
+def test_printed_numbers_agree_within_their_rounding_and_not_beyond():
     found = page.Item("table3")
     within = page.published()["table3"]["peak_full"]["within"]
     for factor in (-1.01, -0.99, 0.99, 1.01):
@@ -128,17 +124,7 @@ def test_printed_numbers_agree_within_their_rounding_and_not_beyond() -> None:
     assert [row.verdict for row in found.rows] == ["differs", "agrees", "agrees", "differs"]
 
 
-def test_aims_are_judged_by_peak_and_friction_energy() -> None:
-    for modes, verdict in ((5, "meets the aim"), (1, "misses the aim")):
-        found = page.Item("aims")
-        model = cases.run(cases.CASES["IV"], cases.DEFAULT | {"modes": modes})
-        cases.aim_rows(found, "IV", model.errors)
-        assert [row.verdict for row in found.rows] == [verdict] * 2
-
-
-def test_page_curves_and_pictures_are_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_page_curves_and_pictures_are_written(tmp_path, capsys):
     assert reproduce.main(["table9", "--out", str(tmp_path)]) == 2
     assert "table9" in capsys.readouterr().err
     assert reproduce.main(["Fig3", "fig5", "--quick", "--out", str(tmp_path)]) == 0
@@ -153,7 +139,7 @@ def test_page_curves_and_pictures_are_written(
     np.testing.assert_allclose(written, made, rtol=1e-8, atol=1e-12)
 
 
-def test_lumping_explains_the_mesh_sensitivity() -> None:
+def test_lumping_explains_the_mesh_sensitivity():
     curve = item("fig2").curves["fig2a"]
     at = curve["elements"] >= 10
     assert np.abs(curve["change_consistent_percent"][at]).max() < 0.1
@@ -162,14 +148,14 @@ def test_lumping_explains_the_mesh_sensitivity() -> None:
     assert ratio == pytest.approx(np.ones(at.size), abs=0.1)
 
 
-def test_arctan_reaches_ninety_percent_at_a_velocity_that_falls_with_beta() -> None:
+def test_arctan_reaches_ninety_percent_at_a_velocity_that_falls_with_beta():
     speeds = [number(row.full) for row in rows("fig3", "velocity at which 90 %")]
     assert speeds == pytest.approx([6.314 / beta for beta in (1e4, 1e5, 1e6, 1e7)], rel=1e-3)
     assert np.all(np.abs(item("fig3").curves["fig3"]["force_over_limit_beta_inf"]) <= 1.0)
 
 
-def test_iteration_fails_where_the_theory_says() -> None:
-    def last(share: float) -> tuple[bool, float]:
+def test_iteration_fails_where_the_theory_says():
+    def last(share):
         found = estimate(1.0, share, lambda length: 1.0 / length, 5000)
         return found.converged, found.factor
 
@@ -181,7 +167,7 @@ def test_iteration_fails_where_the_theory_says() -> None:
 
 
 @pytest.mark.parametrize("letter", "abc")
-def test_threshold_and_estimate_of_the_active_length(letter: str) -> None:
+def test_threshold_and_estimate_of_the_active_length(letter):
     curve = item("table2").curves[f"fig7{letter}"]
     # A smaller threshold lengthens the active part; the estimate is close far below resonance.
     change = curve["full_1e-4_percent"] - curve["full_1e-3_percent"]
@@ -190,7 +176,7 @@ def test_threshold_and_estimate_of_the_active_length(letter: str) -> None:
     assert estimated == pytest.approx(measured, rel=0.05)
 
 
-def test_nodes_stick_longer_near_the_grey_length() -> None:
+def test_nodes_stick_longer_near_the_grey_length():
     curves = item("table5").curves["fig14"]
     speeds = [np.abs(v) for name, v in curves.items() if name.startswith("velocity")]
     sticks = [np.mean(v < harmonic.STILL * v.max()) for v in speeds]
@@ -198,7 +184,7 @@ def test_nodes_stick_longer_near_the_grey_length() -> None:
     assert np.all(np.diff(sticks) > 0.0)
 
 
-def test_impulse_plain_choice_stays_below_the_printed_error() -> None:
+def test_impulse_plain_choice_stays_below_the_printed_error():
     for row in rows("fig15", "plain"):
         assert number(row.reduced) < 1.0
         assert row.verdict == "agrees"
@@ -206,13 +192,13 @@ def test_impulse_plain_choice_stays_below_the_printed_error() -> None:
     assert number(eleven.reduced) < number(five.reduced)
 
 
-def test_less_damping_lets_more_of_the_joint_slip_whatever_the_pulse() -> None:
+def test_less_damping_lets_more_of_the_joint_slip_whatever_the_pulse():
     for name, columns in item("fig15").curves.items():
         if name.startswith("fig15_sensitivity"):
             assert np.all(np.diff(columns["active_length_percent"]) > 0.0)
 
 
-def test_files_for_paraview_are_written(tmp_path: Path) -> None:
+def test_files_for_paraview_are_written(tmp_path):
     page.write(tmp_path, item("section7.3"))
     assert (tmp_path / "paraview" / "structure_harmonic.pvd").is_file()
     blocks = (tmp_path / "paraview" / "structure_harmonic" / "frame_0000.vtm").read_text()
@@ -222,7 +208,7 @@ def test_files_for_paraview_are_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("law", structure.LAWS)
-def test_an_envelope_fits_its_own_law(law: str) -> None:
+def test_an_envelope_fits_its_own_law(law):
     t = np.linspace(0.0, 1.0, 30)
     amplitude = 3e-6 * structure.LAWS[law](t, 1.0, 0.8)
     fits = structure.Envelope(t, amplitude, 0.0 * t).fits()
@@ -231,13 +217,7 @@ def test_an_envelope_fits_its_own_law(law: str) -> None:
     assert min(misfits, key=lambda name: misfits[name]) == law
 
 
-def test_an_exponential_has_a_constant_decrement() -> None:
-    t = 0.5 * np.arange(20.0)  # a swing takes half a cycle
-    decrement = structure.Envelope(t, 0.9**t, 0.0 * t).decrement
-    np.testing.assert_allclose(decrement, -log(0.9), rtol=1e-12)
-
-
-def test_micro_slip_decays_like_a_hyperbola_and_the_papers_damping_hides_it() -> None:
+def test_micro_slip_decays_like_a_hyperbola_and_the_papers_damping_hides_it():
     paper, held, *_, bare = rows("section7.4", "decay at the free end")
     assert paper.difference == held.difference == "exponential fits best"
     assert bare.difference == "hyperbolic fits best"
@@ -248,13 +228,7 @@ def test_micro_slip_decays_like_a_hyperbola_and_the_papers_damping_hides_it() ->
     assert swings.decrement[0] > 5.0 * swings.decrement[-1]
 
 
-def test_undamped_runge_kutta_limit_is_the_root_of_eight_over_the_frequency() -> None:
-    for system in reduction.systems().values():
-        step = stable_step(reduction.without_friction(system, damped=False))
-        assert step * reduction.largest_frequency(system) == pytest.approx(sqrt(8.0), rel=1e-6)
-
-
-def test_measured_stable_steps_are_the_computed_ones() -> None:
+def test_measured_stable_steps_are_the_computed_ones():
     for part in ("K and M alone", "with C"):
         computed, measured = (
             rows("section7.5", "stable Runge-Kutta step", f"{part}, {how}")[0]
@@ -267,13 +241,13 @@ def test_measured_stable_steps_are_the_computed_ones() -> None:
 
 
 @pytest.mark.parametrize("system", reduction.SWEPT)
-def test_more_modes_err_less(system: str) -> None:
+def test_more_modes_err_less(system):
     for choice in reduction.CHOICES:
         five, nine = (reduction.errors(system, choice, j).by_point["free_end"][1] for j in (5, 9))
         assert nine < 0.8 * five
 
 
-def test_aims_are_judged_by_the_numbers_beside_them() -> None:
+def test_aims_are_judged_by_the_numbers_beside_them():
     judged = rows("modes", "aim:")
     assert len(judged) == 14
     for row in judged:

@@ -1,11 +1,8 @@
 """The check on stiff and extreme cases: what it lets pass, what it does not, what it writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +11,11 @@ from stability import judge as judging
 from stability import references, report, run
 from stability.cases import BAR, PLATE, matrix, quick_matrix
 from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
-from stability.makers import system_of
 from stability.problem import ONE, TWO, UNITS, Case
 
-from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping import chain, steppers
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.integrate import integrate
 
 Patch = pytest.MonkeyPatch
 Damage = Callable[..., Solution]
@@ -33,7 +27,7 @@ def values(cases: list[Case], name: str) -> set[Any]:
     return {getattr(case, name) for case in cases}
 
 
-def test_matrix_has_enough_cases_of_every_axis_and_each_once() -> None:
+def test_matrix_has_enough_cases_of_every_axis_and_each_once():
     bars = [case for case in matrix() if not case.is_plate]
     plates = [case for case in matrix() if case.is_plate]
     assert len(bars) > 1000
@@ -61,7 +55,7 @@ def test_matrix_has_enough_cases_of_every_axis_and_each_once() -> None:
     assert {(case.kind, case.order) for case in plates} == kinds
 
 
-def test_a_quick_matrix_leaves_no_axis_out() -> None:
+def test_a_quick_matrix_leaves_no_axis_out():
     assert values(quick_matrix(), "axis") == values(matrix(), "axis") - {"drift"}
 
 
@@ -73,11 +67,10 @@ def test_a_quick_matrix_leaves_no_axis_out() -> None:
         *((replace(SMALL, beta=beta), 0.05) for beta in (1e5, inf)),
     ],
 )
-def test_easy_cases_are_right(case: Case, error: float) -> None:
+def test_easy_cases_are_right(case, error):
     verdict = judge(case)
     assert verdict.outcome == RIGHT, verdict.reason
     assert 0.0 < (verdict.error or 0.0) < error
-    assert verdict.energy is not None
     assert verdict.energy < 1e-10
 
 
@@ -93,7 +86,7 @@ def test_easy_cases_are_right(case: Case, error: float) -> None:
         (replace(SMALL, axis="plate as bar", poisson=0.0, direction="along"), "the bar"),
     ],
 )
-def test_known_answers_are_met(case: Case, against: str) -> None:
+def test_known_answers_are_met(case, against):
     """Closed forms as far as the step goes; the same problem in another guise to round-off."""
     verdict = judge(case)
     assert verdict.outcome == RIGHT, verdict.reason
@@ -101,30 +94,19 @@ def test_known_answers_are_met(case: Case, against: str) -> None:
     assert (verdict.error or 0.0) < (0.05 if against == "closed form" else 1e-9)
 
 
-def test_the_closed_form_of_the_resonant_oscillator_grows_without_damping() -> None:
-    case = replace(BAR, elements=(1,), friction=0.0, damping=0.0, force=1.0)
-    system = system_of(case)
-    omega = float(np.sqrt(system.K.toarray() / system.M.toarray())[0, 0])
-    case = replace(case, frequency=omega / 2.0 / np.pi)
-    times = np.linspace(0.0, 20.0 / case.frequency, 5)
-    u = references.linear_response(case, system_of(case), times)[:, 0]
-    expected = (np.sin(omega * times) - omega * times * np.cos(omega * times)) / 2.0
-    np.testing.assert_allclose(u, expected / system.K.toarray()[0, 0], rtol=1e-6, atol=1e-24)
-
-
 @pytest.mark.parametrize(("factor", "outcome"), [(0.99, RIGHT), (1.01, REFUSED), (2.0, REFUSED)])
-def test_the_explicit_method_is_right_up_to_its_stable_step(factor: float, outcome: str) -> None:
+def test_the_explicit_method_is_right_up_to_its_stable_step(factor, outcome):
     case = replace(BAR, elements=(2,), beta=30.0, periods=1, solver="explicit", frequency=5e3)
     verdict = judge(replace(case, step_factor=factor, must_refuse=factor > 1.0))
     assert verdict.outcome == outcome, verdict.reason
 
 
-def test_an_answer_where_only_a_refusal_is_right_is_wrong() -> None:
+def test_an_answer_where_only_a_refusal_is_right_is_wrong():
     assert judge(replace(EASY, must_refuse=True)).outcome == WRONG
 
 
-def test_an_error_that_does_not_say_what_to_do_is_wrong(monkeypatch: Patch) -> None:
-    def refuse(*_: Any, **__: Any) -> None:
+def test_an_error_that_does_not_say_what_to_do_is_wrong(monkeypatch):
+    def refuse(*_, **__):
         raise ConvergenceError("it did not converge")
 
     monkeypatch.setattr(references, "integrate", refuse)
@@ -151,13 +133,13 @@ BROKEN: dict[str, tuple[Callable[[Any, Any], Any], str | None]] = {
 
 @pytest.mark.parametrize("beta", [1e5, inf])
 @pytest.mark.parametrize("what", [*BROKEN])
-def test_a_broken_step_is_wrong_in_silence(monkeypatch: Patch, what: str, beta: float) -> None:
+def test_a_broken_step_is_wrong_in_silence(monkeypatch, what, beta):
     """Done step by step; where nothing is damaged that is right."""
     real, (damage, reason) = steppers.CompiledStepper.advance, BROKEN[what]
     if what == "stuck points creep" and beta < inf:
         reason = ""  # under the arctan law all points creep: it is off its law
 
-    def advance(self: Any, h: float, amplitudes: Any, first: int, store: bool) -> int:
+    def advance(self, h, amplitudes, first, store):
         for k in range(amplitudes.shape[1] - 1):
             free = self.recorder.free_rows()
             if real(self, h, amplitudes[:, k : k + 2], first + k, store) == 0:
@@ -172,13 +154,11 @@ def test_a_broken_step_is_wrong_in_silence(monkeypatch: Patch, what: str, beta: 
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.5, 0.0])
-def test_half_the_friction_is_seen_by_the_equation_of_motion(
-    monkeypatch: Patch, rho: float
-) -> None:
+def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
     """The law, the audit of each step and a quarter of the step all agree with one another."""
     build, make = chain.build_chain, ContactProblem.__init__
 
-    def halved(self: Any, A: Any, first: Any, second: Any, w: Any, *rest: Any) -> None:
+    def halved(self, A, first, second, w, *rest):
         make(self, A, first, second, 0.5 * w, *rest)
 
     monkeypatch.setattr(chain, "build_chain", lambda H, w, beta: build(H, 0.5 * w, beta))
@@ -231,13 +211,8 @@ def judged_with(monkeypatch: Patch, damage: Damage, case: Case) -> Verdict:
     ],
 )
 def test_a_broken_step_of_a_plate_is_wrong_in_silence(
-    monkeypatch: Patch,
-    damage: Damage,
-    reason: str,
-    elements: tuple[int, int],
-    rho: float,
-    beta: float,
-) -> None:
+    monkeypatch, damage, reason, elements, rho, beta
+):
     case = replace(SMALL, steps=12, elements=elements, rho=rho, beta=beta)
     verdict = judged_with(monkeypatch, damage, case)
     assert verdict.outcome == WRONG
@@ -245,9 +220,7 @@ def test_a_broken_step_of_a_plate_is_wrong_in_silence(
 
 
 @pytest.mark.parametrize("bodies", [*ONE, *TWO])
-def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(
-    monkeypatch: Patch, bodies: str
-) -> None:
+def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(monkeypatch, bodies):
     case = replace(SMALL, beta=inf, bodies=bodies, share=0.5)
     assert judge(case).outcome == RIGHT
     assert "creep" in judged_with(monkeypatch, _creeps, case).reason
@@ -256,21 +229,7 @@ def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(
 # The report
 
 
-def test_the_steady_loop_is_symmetric_about_its_middle() -> None:
-    case = replace(EASY, beta=inf, periods=6)
-    verdict = judge(case)
-    assert verdict.steady == "reached"
-    assert verdict.asymmetry is not None
-    assert verdict.asymmetry < 1e-3
-    found = integrate(system_of(case), step=case.step, n_steps=600, cycle_steps=100)
-    u, force = hysteresis_loop(found, "right", rows_per_cycle=100)
-    area = 0.5 * np.sum((u[1:] - u[:-1]) * (force[1:] + force[:-1]))
-    assert area == pytest.approx(found.cycles.input[-1, 0], rel=1e-9)
-
-
-def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
-    tmp_path: Path, monkeypatch: Patch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, monkeypatch, capsys):
     verdicts = [
         Verdict(EASY, RIGHT, error=1e-3, error_bound=0.02, energy=1e-12, energy_bound=1e-8),
         Verdict(replace(EASY, axis="explicit"), REFUSED, "a step of 1e-5 s; use 2e-6 s"),
@@ -287,9 +246,7 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_quick_run_finds_nothing_wrong_in_silence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
     assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.PICTURE}

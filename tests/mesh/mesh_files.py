@@ -1,7 +1,5 @@
 """Meshes and Gmsh files for the tests of meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

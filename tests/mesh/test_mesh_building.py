@@ -1,7 +1,5 @@
 """Bars, plates and boxes have the sizes, numbers and names that they were asked for."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np
@@ -80,15 +78,6 @@ def test_bars_and_plates_are_numbered_along_themselves():
         assert np.all(np.diff(mesh.mesh.p[0, mesh.mesh.t].min(axis=0)) > -1e-12)
     mesh = build_plate([("joint", 1.0, 2)], 1.0, 2, kind="triangle").mesh
     np.testing.assert_array_equal(mesh.t[:, :4].T, [[0, 3, 4], [0, 4, 1], [1, 4, 2], [4, 5, 2]])
-
-
-def test_points_of_bars_are_names_for_scikit_fem():
-    bar = build_bar([("joint", 0.1, 100), ("linear", 0.5, 100)], {"junction": 0.1, "end": 0.6})
-    basis = skfem.Basis(bar.mesh, skfem.ElementLineP1())
-    np.testing.assert_array_equal(basis.get_dofs(elements="joint").all(), np.arange(101))
-    assert basis.get_dofs("junction").all() == [100]
-    assert bar.mesh.p[0, basis.get_dofs("end").all()] == pytest.approx(0.6, abs=1e-15)
-    assert bar.boundaries == {}
 
 
 def test_a_bar_of_a_million_elements_takes_little_memory():

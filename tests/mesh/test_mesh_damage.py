@@ -1,10 +1,7 @@
 """Damaged files are refused in words, within bounded time and memory, or read for what they say."""
 
-from __future__ import annotations
-
 import math
 import random
-import struct
 import tracemalloc
 from pathlib import Path
 
@@ -13,11 +10,9 @@ import numpy as np
 import pytest
 from mesh_files import (
     KINDS,
-    MESHES,
     Cells,
     assert_same,
     msh22,
-    nodes_and_elements,
     saved,
     sizes,
     strip,
@@ -28,7 +23,6 @@ from stability.mutated import damaged
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
 
-BARS = [MESHES / f"{name}.msh" for name in ("lap_joint_250mm", "lap_joint_500mm", "structure")]
 TOKENS = ("nan", "inf", "-1", "0", "1", "2", "15", "1e400", "1e99", "1e308", "4294967295",
           "4294967296", "9223372036854775807", "18446744073709551616", "0.1", "0.25", "x",
           "$EndNodes", "$Nodes", "", "1e-320", "-0.0", "3")  # fmt: skip
@@ -133,18 +127,6 @@ def test_numbers_that_a_file_cannot_hold_are_refused_in_bounded_memory(tmp_path,
     assert isinstance(refused_within(path, 20e6), str)
 
 
-@pytest.mark.parametrize("blocks", [2**31 // 8, 2**62])
-def test_binary_files_that_claim_gigabytes(blocks, tmp_path):
-    data = files_of_all_kinds(SMALL, tmp_path)[1]
-    start = data.index(b"$Nodes\n") + len(b"$Nodes\n")
-    for place in range(0, 60, 4):
-        copy = bytearray(data)
-        copy[start + place : start + place + 8] = struct.pack("<Q", blocks)
-        bar = refused_within(saved(tmp_path, bytes(copy)), 50e6)
-        if not isinstance(bar, str):
-            assert tip_compliance(bar) == pytest.approx(0.6, rel=1e-9)
-
-
 def test_a_file_of_two_gigabytes_is_refused_unread(tmp_path):
     path = tmp_path / "bar.msh"
     with path.open("wb") as file:
@@ -169,10 +151,10 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
     files = [(data, "mesh.msh") for data in files_of_all_kinds(strip(kind, order), tmp_path)]
     if kind == "line":
         files.append((abaqus(), "mesh.inp"))
-    refused = 0
+    refused, count = 0, 25 if kind in ("tetrahedron", "hexahedron") else 60
     for data, name in files:
         assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
-        for _ in range(60):
+        for _ in range(count):
             mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS), name))
             if isinstance(mesh, str):
                 refused += 1
@@ -182,7 +164,7 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
                 assert np.all(np.diff(mesh.mesh.p[0]) > 0.0)
                 assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
                 assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
-    assert refused > 60
+    assert refused > count
 
 
 def abaqus() -> bytes:
@@ -192,29 +174,3 @@ def abaqus() -> bytes:
     text += "".join(f"{i}, {i}, {i + 1}\n" for i in range(1, 13))
     text += "*NSET, NSET=fixed\n1\n*NSET, NSET=free_end\n13\n"
     return (text + "*ELSET, ELSET=joint\n1, 2, 3,\n4, 5\n").encode()
-
-
-def read_again(text: str) -> tuple[float, float]:
-    """Length and sum of element lengths of a Gmsh 4.1 file, read without the package's reader."""
-    at, elements = nodes_and_elements(text)
-    lines = {(min(nodes), max(nodes)) for nodes in elements if len(nodes) == 2}
-    used = [at[node] for pair in lines for node in pair]
-    first, last = min(used), max(used)
-    return math.dist(first, last), math.fsum(math.dist(at[a], at[b]) for a, b in lines)
-
-
-@pytest.mark.parametrize("shipped", BARS, ids=lambda path: path.stem)
-def test_damaged_bars_are_refused_or_have_the_length_and_stiffness_they_say(shipped, tmp_path):
-    rng = random.Random(shipped.stem)
-    accepted = 0
-    for _ in range(400):
-        data = damaged(shipped.read_bytes(), rng, TOKENS)
-        bar = mesh_or_refusal(saved(tmp_path, data))
-        if isinstance(bar, str):
-            continue
-        accepted += 1
-        distance, along = read_again(data.decode("utf-8"))
-        assert bar.size == pytest.approx(distance, rel=1e-12)
-        assert bar.size == pytest.approx(along, rel=1e-9)
-        assert tip_compliance(bar) == pytest.approx(bar.size, rel=1e-9)
-    assert 5 < accepted < 395

@@ -1,7 +1,5 @@
 """Meshes of scikit-fem get names, bodies and checks; they merge and refine without losing any."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -57,16 +55,6 @@ def test_meshes_of_scikit_fem_keep_their_numbers_and_names(kind, order):
     again = named(mesh.mesh, points=mesh.points, order=order)
     assert again.points == mesh.points
     assert again.boundaries.keys() == mesh.boundaries.keys()
-
-
-def test_a_line_refined_by_scikit_fem_is_one_bar():
-    mesh = named(skfem.MeshLine().refined(5), points={"middle": 2})
-    assert (mesh.n_elements, mesh.body.max(), mesh.size) == (32, 0, 1.0)
-    assert mesh.mesh.p[0, mesh.points["middle"]] == 0.5
-    assert np.any(np.diff(mesh.mesh.p[0]) < 0.0)
-    bar = refined(mesh)
-    assert np.all(np.diff(bar.mesh.p[0]) > 0.0)
-    assert bar.mesh.p[0, bar.points["middle"]] == 0.5
 
 
 @pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])

@@ -1,7 +1,5 @@
 """Structures of every dimension and histories on them, for the tests of what is written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -4,13 +4,10 @@ Skipped only where ParaView's Python, ``pvpython``, is not installed; drawing ne
 ``Xvfb`` besides (Debian: ``apt-get install python3-paraview xvfb``).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +16,10 @@ import numpy as np
 import pytest
 from pictured import bar, bars, blocks, lap, pulled
 
-from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
+from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS
 from skfem_joint.output.pictures import STATES
 from skfem_joint.output.series import write_load, write_series
 
-Series = tuple[Frames, list[str], Path]
 SCRIPT = Path(__file__).parents[2] / "examples" / "paraview_joint.py"
 #: Structures of every dimension, and the names of their bodies.
 PLACES = {
@@ -66,7 +62,7 @@ print("FOUND" + json.dumps(found))
 
 
 @pytest.fixture(scope="module", params=PLACES)
-def series(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Series:
+def series(request, tmp_path_factory):
     """Full and reduced model of a structure pulled along its length, their bodies and series."""
     build, bodies = PLACES[request.param]
     frames = pulled(build(), ("full", "reduced"))
@@ -88,7 +84,7 @@ def in_paraview(code: str, *arguments: str | Path, folder: Path) -> dict[str, An
 
 
 @paraview
-def test_paraview_reads_blocks_times_and_arrays(series: Series, tmp_path: Path) -> None:
+def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     frames, bodies, path = series
     found = in_paraview(LOOK, path, folder=tmp_path)
     assert found["reader"] == "PVDReader"
@@ -116,9 +112,7 @@ def test_paraview_reads_blocks_times_and_arrays(series: Series, tmp_path: Path) 
 
 @paraview
 @pytest.mark.parametrize("series", ["bars"], indirect=True)
-def test_without_a_display_the_script_draws_or_says_what_is_missing(
-    series: Series, tmp_path: Path
-) -> None:
+def test_without_a_display_the_script_draws_or_says_what_is_missing(series, tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     picture = tmp_path / "a.png"
     ended = subprocess.run(
@@ -135,7 +129,7 @@ def test_without_a_display_the_script_draws_or_says_what_is_missing(
 
 
 @pytest.fixture(scope="module")
-def display() -> Iterator[dict[str, str]]:
+def display():
     """Environment with a display: the one that is there, or a server that says when it listens."""
     if os.environ.get("DISPLAY"):
         yield dict(os.environ)
@@ -154,9 +148,7 @@ def display() -> Iterator[dict[str, str]]:
 
 @drawing
 @pytest.mark.parametrize("series", ["bars", "solids"], indirect=True)
-def test_the_script_draws_the_joint_and_the_mark_on_its_load(
-    series: Series, tmp_path: Path, display: dict[str, str]
-) -> None:
+def test_the_script_draws_the_joint_and_the_mark_on_its_load(series, tmp_path, display):
     picture = tmp_path / "a.png"
     command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=display)
@@ -171,7 +163,7 @@ def test_the_script_draws_the_joint_and_the_mark_on_its_load(
     assert mark.sum() > 20
 
 
-def test_the_script_and_the_package_use_the_same_words_and_colours() -> None:
+def test_the_script_and_the_package_use_the_same_words_and_colours():
     text = SCRIPT.read_text(encoding="utf-8")
     for name, colour in STATES.items():
         parts = matplotlib.colors.to_rgb(colour)

@@ -1,7 +1,5 @@
 """What is read back from a ParaView series is what was written, and both bodies feel one force."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable
@@ -103,7 +101,7 @@ def contents(made: Structure, frames: Frames) -> list[Any]:
 
 
 @pytest.mark.parametrize("build", SINGLE)
-def test_values_and_times_read_back_equal_those_written(tmp_path: Path, build: Build) -> None:
+def test_values_and_times_read_back_equal_those_written(tmp_path, build):
     made = build()
     frames = random_frames(made, ("full", "reduced"))
     write_series(tmp_path / "a.pvd", frames)
@@ -129,7 +127,7 @@ def test_values_and_times_read_back_equal_those_written(tmp_path: Path, build: B
 
 @pytest.mark.parametrize("build", SINGLE)
 @pytest.mark.parametrize("plane", ["stress", "strain"])
-def test_the_stress_of_a_uniform_strain_is_hookes(build: Build, plane: str) -> None:
+def test_the_stress_of_a_uniform_strain_is_hookes(build, plane):
     """Stretched along its first axis and free across it, and sheared where it can be."""
     made = replace(build(), plane=plane)
     E, nu, stretch, shear = 200e9, 0.3, 1e-4, 2e-5
@@ -159,7 +157,7 @@ def test_the_stress_of_a_uniform_strain_is_hookes(build: Build, plane: str) -> N
 
 
 @pytest.mark.parametrize("build", SINGLE)
-def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(build: Build) -> None:
+def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(build):
     made = build()
     (block,) = blocks_of(made)
     assert block.label == ""
@@ -185,7 +183,7 @@ def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(build: Buil
 
 
 @pytest.mark.parametrize("build", PAIRS)
-def test_both_bodies_feel_the_same_friction_force(tmp_path: Path, build: Build) -> None:
+def test_both_bodies_feel_the_same_friction_force(tmp_path, build):
     made = build()
     frames = random_frames(made)
     write_series(tmp_path / "a.pvd", frames)
@@ -211,9 +209,7 @@ def test_both_bodies_feel_the_same_friction_force(tmp_path: Path, build: Build) 
 
 
 @pytest.mark.parametrize("kind", BOXES)
-def test_faces_that_touch_are_blocks_by_name_with_the_values_of_their_bodies(
-    tmp_path: Path, kind: tuple[str, int]
-) -> None:
+def test_faces_that_touch_are_blocks_by_name_with_the_values_of_their_bodies(tmp_path, kind):
     made = blocks(*kind)
     frames = random_frames(made)
     write_series(tmp_path / "a.pvd", frames)
@@ -233,7 +229,7 @@ def test_faces_that_touch_are_blocks_by_name_with_the_values_of_their_bodies(
             np.testing.assert_array_equal(face.cell_data[name], body.cell_data[name][behind])
 
 
-def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_not() -> None:
+def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_not():
     for made, labels in ((lap(), ("body 1", "body 2")), (bars(), ("body 1", "Stoß"))):
         lower, upper = blocks_of(made)
         assert (lower.label, upper.label) == labels
@@ -249,7 +245,7 @@ def test_bodies_on_each_other_are_moved_apart_and_those_beside_each_other_are_no
 
 @pytest.mark.parametrize("build", [bars, lap, bar, plate])
 @pytest.mark.parametrize("state", [0, 1])
-def test_cells_say_where_bodies_touch_and_whether_they_slip(build: Build, state: int) -> None:
+def test_cells_say_where_bodies_touch_and_whether_they_slip(build, state):
     """At a supported end too; where nothing presses, neither body is in contact."""
     made, frames = build(), random_frames(build())
     patch = made.patches[0]
@@ -266,9 +262,7 @@ def test_cells_say_where_bodies_touch_and_whether_they_slip(build: Build, state:
 
 
 @pytest.mark.parametrize(("made", "rows"), [(side(), (4, 5)), (blocks(), (4, 9))])
-def test_facets_that_touch_show_as_the_row_of_cells_behind_them(
-    made: Structure, rows: tuple[int, int]
-) -> None:
+def test_facets_that_touch_show_as_the_row_of_cells_behind_them(made, rows):
     frames = random_frames(made)
     frames.fields[0].slip_state[:, made.patches[0].nodes] = 1
     for block, count in zip(contents(made, frames), rows, strict=True):
@@ -277,7 +271,7 @@ def test_facets_that_touch_show_as_the_row_of_cells_behind_them(
         assert np.count_nonzero(found == -1) == found.size - count
 
 
-def test_names_of_any_letters_are_shown_and_make_files_of_safe_names(tmp_path: Path) -> None:
+def test_names_of_any_letters_are_shown_and_make_files_of_safe_names(tmp_path):
     frames = random_frames(bars(), ("full", 'reduced: "5" <modes> & µ/2'))
     files = write_series(tmp_path / "a.pvd", frames)
     models = [field.name for field in frames.fields]
@@ -293,13 +287,13 @@ def test_names_of_any_letters_are_shown_and_make_files_of_safe_names(tmp_path: P
 
 @pytest.mark.parametrize("done", [0, 2, 6, 8])
 def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: int
-) -> None:
+    tmp_path, monkeypatch, done
+):
     frames = random_frames(bar(), ("full", "reduced"))
     write_series(tmp_path / "a.pvd", frames)  # must not be mixed with the new one
     move, calls = os.replace, []
 
-    def interrupted(source: Path, target: Path) -> None:
+    def interrupted(source, target):
         calls.append(target)
         if len(calls) == done + 1:
             raise KeyboardInterrupt
@@ -317,7 +311,7 @@ def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
     assert all(block.n_points > 0 for block in reader.read()[0])
 
 
-def test_the_load_beside_the_series_reads_back(tmp_path: Path) -> None:
+def test_the_load_beside_the_series_reads_back(tmp_path):
     times = np.linspace(0.0, 1e-3, 5)
     forces = {"free, end": 1e3 * times, "tip": np.sqrt(times)}
     frames = replace(random_frames(bar()), load_times=times, forces=forces)
@@ -328,9 +322,7 @@ def test_the_load_beside_the_series_reads_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rows, np.column_stack([times, 1e3 * times, np.sqrt(times)]))
 
 
-def test_mistakes_and_places_that_cannot_be_written_are_input_errors(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes_and_places_that_cannot_be_written_are_input_errors(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="same name"):
         write_series(tmp_path / "a.pvd", random_frames(bar(), ("a:b", "A_b")))
     assert not list(tmp_path.iterdir())

@@ -1,7 +1,5 @@
 """A sweep's folder: the table, the pictures, and what an interrupted command leaves to the next."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -22,7 +20,6 @@ from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
 
 MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
-Capture = pytest.CaptureFixture[str]
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
 ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'
 FULL = ('"full", "reduced"', '"full"')
@@ -49,7 +46,7 @@ def row(number: int, peak: float | None = None, failure: str = "") -> Row:
     return Row(number, models, failure)
 
 
-def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_path: Path) -> None:
+def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_path):
     swept = swept_of(tmp_path, PRODUCT)
     rows = [row(k, 1e-4 * k) for k in (5, 2, 0, 1, 4)] + [row(3, failure="step 3")]
     files = sweeps.write(swept, rows, tmp_path)
@@ -71,8 +68,8 @@ def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_p
     assert columns["full.peak_displacement_m.free_end"] == [0.0, 1e-4, 2e-4, None, 4e-4, 5e-4]
 
 
-def test_pictures_show_the_results_over_one_key_or_two(tmp_path: Path) -> None:
-    def drawn(sweep: str, rows: list[Row]) -> Any:
+def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
+    def drawn(sweep, rows):
         swept = swept_of(tmp_path, sweep)
         found = dict(sweeps.figures(swept, sweeps.columns(swept, rows)))
         return found.get("peak_displacement_m.free_end")
@@ -97,19 +94,17 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path: Path) -> None:
     assert drawn(three, [row(k, 1e-4) for k in range(6)]) is None
 
 
-def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, capsys):
     sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
     path = written(tmp_path, sweep, ("cycles = 3", "cycles = 60"), FULL)
     out, count = tmp_path / "out", 8
     journal = out / sweeps.JOURNAL
     arguments = ["sweep", str(path), "--out", str(out), "--workers", "2"]
 
-    def lines() -> list[str]:
+    def lines():
         return journal.read_text().splitlines(keepends=True) if journal.exists() else []
 
-    def stopped(by: signal.Signals) -> tuple[int, str]:
+    def stopped(by):
         """Status and words of a command that is stopped when it has one row more."""
         before = len(lines())
         command = [sys.executable, "-m", "skfem_joint", *arguments]
@@ -155,7 +150,7 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(
         }  # fmt: skip
 
 
-def test_a_table_of_other_origin_is_not_overwritten(tmp_path: Path, capsys: Capture) -> None:
+def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
     path, table = written(tmp_path, ONE), tmp_path / sweeps.TABLE
     table.write_text("mine")
     assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
@@ -163,7 +158,7 @@ def test_a_table_of_other_origin_is_not_overwritten(tmp_path: Path, capsys: Capt
     assert table.read_text() == "mine"
 
 
-def test_failed_scenes_are_told_with_their_keys(tmp_path: Path, capsys: Capture) -> None:
+def test_failed_scenes_are_told_with_their_keys(tmp_path, capsys):
     sweep = '"reduction.reference" = ["static", "paper"]'
     path = written(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
     arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]

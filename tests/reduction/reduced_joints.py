@@ -1,20 +1,15 @@
 """Joints for the tests of reduced models: the paper's bars, and plates of the same section."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from skfem_joint.loads import Amplitude, Harmonic
-from skfem_joint.mesh import build_bar, build_plate, merged
+import skfem_joint as sj
+from skfem_joint.loads import Amplitude
 from skfem_joint.reduction.reference import FRICTION, MATERIAL, THICKNESS, WIDTH, lap_joint
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Joint, Load, Material, Structure
-from skfem_joint.system import System
+from skfem_joint.stepping.recording import Run
 
 EA = MATERIAL.E * WIDTH * THICKNESS
 SPEED = 5000.0
@@ -28,44 +23,44 @@ def bar(
     loads: Sequence[tuple[str, Amplitude]],
     fixed: Sequence[str] = ("start",),
     **options: Any,
-) -> tuple[Structure, System]:
+) -> tuple[sj.Structure, sj.System]:
     """Bar with points ``start``, ``end`` and one at the end of each region, ``after <region>``."""
     ends = np.cumsum([length for _, length, _ in regions])
     points = {"start": 0.0, "end": float(ends[-1])}
     points |= {
         f"after {name}": float(x) for (name, _, _), x in zip(regions[:-1], ends[:-1], strict=True)
     }
-    structure = Structure(
-        build_bar(regions, points),
+    structure = sj.Structure(
+        sj.build_bar(regions, points),
         MATERIAL,
         width=WIDTH,
         thickness=THICKNESS,
         fixed=fixed,
-        joints=[Joint(name, 50e6, FRICTION, **options) for name in joints],
+        joints=[sj.Joint(name, 50e6, FRICTION, **options) for name in joints],
         stiffness_damping=1e-5,
     )
-    return structure, structure.system([Load(on, amplitude) for on, amplitude in loads])
+    return structure, structure.system([sj.Load(on, amplitude) for on, amplitude in loads])
 
 
 def fig_18(
     frequency: float = 500.0, force: float = 87.5e3, on: str = "end"
-) -> tuple[Structure, System]:
+) -> tuple[sj.Structure, sj.System]:
     """Structure of Fig. 18: 0.1 m of joint and 0.5 m of free bar."""
     regions = [("joint", 0.1, 100), ("linear", 0.5, 100)]
-    return bar(regions, ["joint"], [(on, Harmonic(force, frequency))], normal_force="equal")
+    return bar(regions, ["joint"], [(on, sj.Harmonic(force, frequency))], normal_force="equal")
 
 
-def case_i(frequency: float = 2000.0) -> tuple[Structure, System]:
+def case_i(frequency: float = 2000.0) -> tuple[sj.Structure, sj.System]:
     """Case I of Table 2: a longer lap joint, clamped harder."""
     structure = lap_joint(0.5, 50e6)
-    return structure, structure.system([Load("free_end", Harmonic(437.5e3, frequency))])
+    return structure, structure.system([sj.Load("free_end", sj.Harmonic(437.5e3, frequency))])
 
 
-def plate(mesh: Any, joint: Joint, poisson: float = 0.3, held: str = "left") -> Structure:
+def plate(mesh: Any, joint: sj.Joint, poisson: float = 0.3, held: str = "left") -> sj.Structure:
     """Plates of the paper's material, held at one end."""
-    return Structure(
+    return sj.Structure(
         mesh,
-        Material(MATERIAL.E, MATERIAL.density, poisson),
+        sj.Material(MATERIAL.E, MATERIAL.density, poisson),
         thickness=THICKNESS,
         fixed=[held],
         joints=[joint],
@@ -74,34 +69,34 @@ def plate(mesh: Any, joint: Joint, poisson: float = 0.3, held: str = "left") -> 
 
 
 @cache
-def case(name: str, poisson: float = 0.3) -> tuple[Structure, System, float]:
+def case(name: str, poisson: float = 0.3) -> tuple[sj.Structure, sj.System, float]:
     """Structure, system and time step of a plate, of which three periods are run."""
     on, direction, frequency, held = "right", (1.0, 0.0), 500.0, "left"
     pressed: dict[str, Any] = {"pressure": 50e6, "friction": FRICTION, "axis": (1.0, 0.0)}
     if name == "lap":  # the paper's reference system
-        mesh = build_plate([("joint", 0.25, 40)], 0.05, 4)
+        mesh = sj.build_plate([("joint", 0.25, 40)], 0.05, 4)
         pressed["pressure"], force, frequency = 8e6, 63e3, 1000.0
     elif name == "strip":
-        mesh, force = build_plate([("joint", 0.1, 16), ("arm", 0.5, 16)], 0.05, 2), 87.5e3
+        mesh, force = sj.build_plate([("joint", 0.1, 16), ("arm", 0.5, 16)], 0.05, 2), 87.5e3
     elif name == "edge":
         border = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
-        mesh = build_plate([("foot", 0.1, 16), ("arm", 0.3, 16)], 0.05, 2, boundaries=border)
+        mesh = sj.build_plate([("foot", 0.1, 16), ("arm", 0.3, 16)], 0.05, 2, boundaries=border)
         pressed["pressure"], pressed["friction"], force = 100e6, 0.5, 20e3
     else:
-        under = build_plate([("under", 0.1, 12), ("arm", 0.3, 12)], 0.05, 2, prefix="lower_")
+        under = sj.build_plate([("under", 0.1, 12), ("arm", 0.3, 12)], 0.05, 2, prefix="lower_")
         parts = [("arm_over", 0.3, 12), ("joint", 0.1, 12)]
-        over = build_plate(parts, 0.05, 2, prefix="upper_", origin=(-0.3, 0.0))
-        mesh, force, on, direction = merged([under, over]), 60e3, "upper_left", (-1.0, 0.0)
+        over = sj.build_plate(parts, 0.05, 2, prefix="upper_", origin=(-0.3, 0.0))
+        mesh, force, on, direction = sj.merged([under, over]), 60e3, "upper_left", (-1.0, 0.0)
         pressed["against"], held = "under", "lower_right"
-    structure = plate(mesh, Joint("joint", **pressed), poisson, held)
-    system = structure.system([Load(on, Harmonic(force, frequency), direction)], [])
+    structure = plate(mesh, sj.Joint("joint", **pressed), poisson, held)
+    system = structure.system([sj.Load(on, sj.Harmonic(force, frequency), direction)], [])
     return structure, system, 1.0 / frequency / STEPS
 
 
-def three_periods(system: System, step: float) -> Run:
+def three_periods(system: sj.System, step: float) -> Run:
     """Run with fields."""
-    save = Save(fields=True)
-    return integrate(system, step=step, n_steps=3 * STEPS, cycle_steps=STEPS, save=save)
+    save = sj.Save(fields=True)
+    return sj.integrate(system, step=step, n_steps=3 * STEPS, cycle_steps=STEPS, save=save)
 
 
 @cache

@@ -1,24 +1,18 @@
 """Active length of a joint: measured from histories, and estimated by section 6.1."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from reduced_joints import EA, SPEED, case, case_i
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
+import skfem_joint as sj
 from skfem_joint.reduction import active_length
 from skfem_joint.reduction.active_length import active_fractions, gross_slip, measured, slips
 from skfem_joint.reduction.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.structure import Load, Structure
-from skfem_joint.system import System
 
 
-def test_measured_length_of_a_linear_decay() -> None:
+def test_measured_length_of_a_linear_decay():
     distance = np.linspace(0.0, 1.0, 11)
     peak = np.maximum(0.0, 2e-3 * (1.0 - distance / 0.75))
     for threshold in (0.02, 0.1, 0.5):
@@ -30,58 +24,37 @@ def test_measured_length_of_a_linear_decay() -> None:
             assert 0.7 < length <= 0.8
 
 
-def test_measured_length_does_not_depend_on_the_scale_of_the_motion() -> None:
-    distance = np.linspace(0.0, 0.25, 50)
-    peak = np.exp(-40.0 * distance)
-    length = measured(distance, peak, 1e-3)
-    assert length == pytest.approx(np.log(1e3) / 40.0, rel=1e-2)
-    assert measured(distance, 1e-9 * peak, 1e-3) == pytest.approx(length, rel=1e-12)
-
-
-def test_measured_length_at_its_ends() -> None:
+def test_measured_length_at_its_ends():
     distance = np.linspace(0.0, 1.0, 5)
     assert measured(distance, np.ones(5)) == 1.0
     assert measured(distance, np.zeros(5)) == 0.0
     for threshold in (0.0, 1.0, -0.1, np.nan):
-        with pytest.raises(InputError, match="threshold"):
+        with pytest.raises(sj.InputError, match="threshold"):
             measured(distance, np.ones(5), threshold)
 
 
-def slipped(structure: Structure, system: System, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def slipped(
+    structure: sj.Structure, system: sj.System, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Distance from the free end, and the largest displacement there, over four cycles."""
-    run = integrate(system, cycles=4, steps_per_cycle=steps)
+    run = sj.integrate(system, cycles=4, steps_per_cycle=steps)
     patch = structure.patches[0]
     distance = structure.nodes[:, 0].max() - structure.nodes[patch.nodes, 0]
     order = np.argsort(distance)
     return distance[order], run.slip_peak[patch.points][order]
 
 
-def test_slow_joint_is_active_over_the_pseudo_static_slip_length() -> None:
+def test_slow_joint_is_active_over_the_pseudo_static_slip_length():
     # Displacement falls with the square of the distance to the end of slip, so the threshold
     # cuts off its square root of the slip length, force over friction per length.
     structure = lap_joint(beta=np.inf, normal_force="consistent", elements=200)
-    system = structure.system([Load("free_end", Harmonic(FORCE, 1.0))])
+    system = structure.system([sj.Load("free_end", sj.Harmonic(FORCE, 1.0))])
     length = measured(*slipped(structure, system, 400), 1e-3)
     static = FORCE / (FRICTION * PRESSURE * WIDTH)
     assert length == pytest.approx(static * (1.0 - np.sqrt(1e-3)), rel=5e-3)
 
 
-def test_case_i_is_active_over_the_share_found_for_figure_7() -> None:
-    assert measured(*slipped(*case_i(), 200), 1e-4) / 0.5 == pytest.approx(0.63, abs=0.01)
-
-
-def test_amplification_is_that_of_a_linear_oscillator() -> None:
-    zeta = active_length.DAMPING_RATIO
-    assert active_length.amplification(0.0) == 1.0
-    assert active_length.amplification(1.0) == pytest.approx(1 / (2 * zeta), rel=1e-14)
-    # Modulus of the complex frequency response.
-    for r in (0.3, 0.9, 1.5):
-        response = 1.0 / (1.0 - r**2 + 2j * zeta * r)
-        assert active_length.amplification(r) == pytest.approx(abs(response), rel=1e-14)
-    assert active_length.amplification(0.5, 0.0) == pytest.approx(4 / 3, rel=1e-14)
-
-
-def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does() -> None:
+def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
     # A loop of a harmonic force and displacement with phase phi has the area pi F u sin(phi);
     # equal to the joint's loop with tan(phi) = 2 zeta, whatever force, section and friction.
     force, tau = 1.7e4, 3e5
@@ -95,15 +68,7 @@ def natural(length: float) -> float:
     return SPEED / (4 * length)
 
 
-def test_case_i_at_2000_hz_has_the_factors_of_figure_6() -> None:
-    found = active_length.estimate(437.5e3 / (FRICTION * 50e6 * WIDTH), 2000.0, natural)
-    assert found.converged
-    assert found.factors[0] == pytest.approx(1.162, abs=1e-3)
-    assert found.factor == pytest.approx(1.3, abs=5e-3)
-    assert found.length == pytest.approx(0.325, abs=1.5e-3)
-
-
-def test_estimate_is_a_fixed_point() -> None:
+def test_estimate_is_a_fixed_point():
     for frequency in (10.0, 500.0, 1500.0):
         found = active_length.estimate(0.25, frequency, natural, tolerance=1e-12)
         assert found.converged
@@ -113,17 +78,10 @@ def test_estimate_is_a_fixed_point() -> None:
     assert slow.length == pytest.approx(0.25, rel=1e-9)
 
 
-def test_estimate_that_does_not_settle_says_so() -> None:
-    # Around resonance a longer active length is off resonance again: the iterates go to and fro.
-    found = active_length.estimate(0.25, 5000.0, natural)
-    assert not found.converged
-    assert len(found.factors) == 60
-
-
 # Active area
 
 
-def test_active_area_counts_the_area_of_slipping_points() -> None:
+def test_active_area_counts_the_area_of_slipping_points():
     structure, system, _ = case("lap")
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
@@ -139,7 +97,7 @@ def test_active_area_counts_the_area_of_slipping_points() -> None:
     assert held == pytest.approx(39.5 / 40.0, rel=1e-12)
 
 
-def test_creep_of_points_that_stick_is_no_slip() -> None:
+def test_creep_of_points_that_stick_is_no_slip():
     """Under the arctan law a point at half of its limit creeps by period / beta."""
     structure, system, _ = case("lap")
     period, beta = 1e-3, float(system.beta[0])
@@ -150,8 +108,8 @@ def test_creep_of_points_that_stick_is_no_slip() -> None:
 
 
 @pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
-def test_gross_slip_is_told_from_strain_and_creep(make: object) -> None:
-    structure, system = make()  # type: ignore[operator]
+def test_gross_slip_is_told_from_strain_and_creep(make):
+    structure, system = make()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
     strained, part = np.zeros(system.w.size), np.zeros(system.w.size)

@@ -1,29 +1,25 @@
 """Modes of the static slip path: what they leave of the full model, what they take; SI units."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 import pytest
 from reduced_joints import bar, case, case_i, errors, fig_18, full
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic, MultiHarmonic, Triangle
+import skfem_joint as sj
 from skfem_joint.reduction.basis import Basis, Options, make_basis, static_basis
 from skfem_joint.reduction.friction_points import friction_lost, merged_points, reduced_system
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.structure import Load
-from skfem_joint.system import System
 
 LIMIT = 175e3  # of Fig. 18, N
 
 
-def error(system: System, basis: Basis, points: str | int = "auto") -> tuple[float, float, float]:
+def error(
+    system: sj.System, basis: Basis, points: str | int = "auto"
+) -> tuple[float, float, float]:
     """Errors of peak, history and friction energy over four periods of 200 steps."""
     few, _ = reduced_system(system, basis, friction_points=points, warn=[])
-    exact, found = (integrate(one, cycles=4, steps_per_cycle=200) for one in (system, few))
+    exact, found = (sj.integrate(one, cycles=4, steps_per_cycle=200) for one in (system, few))
     rms = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     history = rms.max() / np.linalg.norm(exact.point_u, axis=0).max()
     peak = np.abs(found.cycles.peak[-1] / exact.cycles.peak[-1] - 1.0).max()
@@ -31,12 +27,12 @@ def error(system: System, basis: Basis, points: str | int = "auto") -> tuple[flo
 
 
 @cache
-def of_fig_18() -> tuple[System, StaticPath]:
+def of_fig_18() -> tuple[sj.System, StaticPath]:
     system = fig_18()[1]
     return system, slip_path(system, 1e-5, 800)
 
 
-def test_the_paper_s_structure_with_fifteen_unknowns() -> None:
+def test_the_paper_s_structure_with_fifteen_unknowns():
     system, path = of_fig_18()
     basis = static_basis(system, path, 12)
     assert basis.V.shape == (system.n, 15)
@@ -47,7 +43,7 @@ def test_the_paper_s_structure_with_fifteen_unknowns() -> None:
     assert friction < 0.007
 
 
-def test_no_step_of_the_full_model_is_taken() -> None:
+def test_no_step_of_the_full_model_is_taken():
     _, path = of_fig_18()
     offline = path.work
     assert set(offline) == {"quasi-static states", "factorizations", "preliminary steps"}
@@ -58,7 +54,7 @@ def test_no_step_of_the_full_model_is_taken() -> None:
 
 
 @pytest.mark.parametrize("frequency", [1000.0, 2000.0])
-def test_a_lap_joint_is_followed_near_resonance_too(frequency: float) -> None:
+def test_a_lap_joint_is_followed_near_resonance_too(frequency):
     _, system = case_i(frequency)
     basis = static_basis(system, slip_path(system, 1.0 / frequency / 200, 800), 12)
     peak, _, friction = error(system, basis)
@@ -66,40 +62,40 @@ def test_a_lap_joint_is_followed_near_resonance_too(frequency: float) -> None:
     assert friction < 0.01
 
 
-def test_minor_loops_of_several_harmonics() -> None:
-    parts = (Harmonic(0.3 * LIMIT, 300.0), Harmonic(0.2 * LIMIT, 1500.0, 0.7))
+def test_minor_loops_of_several_harmonics():
+    parts = (sj.Harmonic(0.3 * LIMIT, 300.0), sj.Harmonic(0.2 * LIMIT, 1500.0, 0.7))
     regions = [("joint", 0.1, 100), ("linear", 0.5, 100)]
-    _, system = bar(regions, ["joint"], [("end", MultiHarmonic(parts))])
+    _, system = bar(regions, ["joint"], [("end", sj.MultiHarmonic(parts))])
     path = slip_path(system, 1.0 / 300.0 / 200, 800)
     basis = static_basis(system, path, 16)
     assert basis.V.shape[1] <= 20
     assert error(system, basis)[2] < 0.015
 
 
-def test_a_pulse_with_sixteen_unknowns() -> None:
+def test_a_pulse_with_sixteen_unknowns():
     structure, _ = fig_18()
-    system = structure.system([Load("end", Triangle(87.5e3, 4e-5, 1e-3))])  # it sets in late
+    system = structure.system([sj.Load("end", sj.Triangle(87.5e3, 4e-5, 1e-3))])  # it sets in late
     path = slip_path(system, 2e-6, 2000)
     basis = static_basis(system, path, 15, 0)
     few, _ = reduced_system(system, basis, periodic=False, warn=[])
-    exact, found = (integrate(one, step=2e-6, n_steps=2000) for one in (system, few))
+    exact, found = (sj.integrate(one, step=2e-6, n_steps=2000) for one in (system, few))
     difference = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     assert difference.max() < 0.03 * np.linalg.norm(exact.point_u, axis=0).max()
     assert found.friction_work.sum() == pytest.approx(exact.friction_work.sum(), rel=0.01)
 
 
 @pytest.mark.parametrize(("name", "limits"), [("edge", (5e-3, 0.02)), ("two", (5e-3, 0.02))])
-def test_plates_that_bend_or_lie_on_each_other(name: str, limits: tuple[float, float]) -> None:
+def test_plates_that_bend_or_lie_on_each_other(name, limits):
     structure, system, step = case(name)
     steps = {"step": step, "n_steps": 300, "cycle_steps": 100}
     basis = make_basis(structure, system, Options(), **steps, warn=[])
     few, _ = reduced_system(system, basis, warn=[])
-    history, friction = errors(integrate(few, **steps), full(name))
+    history, friction = errors(sj.integrate(few, **steps), full(name))
     assert history < limits[0]
     assert abs(friction) < limits[1]
 
 
-def test_a_law_that_creeps_everywhere_is_followed() -> None:
+def test_a_law_that_creeps_everywhere_is_followed():
     _, system = fig_18(frequency=1.0)
     basis = static_basis(system, slip_path(system, 1.0 / 200, 800), 12)
     peak, history, friction = error(system, basis, "all")
@@ -107,7 +103,7 @@ def test_a_law_that_creeps_everywhere_is_followed() -> None:
     assert friction < 0.02
 
 
-def test_few_points_lose_little_friction_power_and_never_gain() -> None:
+def test_few_points_lose_little_friction_power_and_never_gain():
     system, path = of_fig_18()
     basis = static_basis(system, path, 12)
     every = system.project(basis.V)
@@ -120,16 +116,16 @@ def test_few_points_lose_little_friction_power_and_never_gain() -> None:
     assert lost[-1] < 0.1 * lost[0]
 
 
-def test_what_cannot_be_followed_is_refused() -> None:
+def test_what_cannot_be_followed_is_refused():
     structure, _ = fig_18()
-    still = structure.system([Load("end", Harmonic(0.0, 500.0))])
-    with pytest.raises(InputError, match="no load acts"):
+    still = structure.system([sj.Load("end", sj.Harmonic(0.0, 500.0))])
+    with pytest.raises(sj.InputError, match="no load acts"):
         slip_path(still, 1e-5, 200)
 
 
-def test_a_dense_system_has_the_modes_of_the_sparse_one() -> None:
+def test_a_dense_system_has_the_modes_of_the_sparse_one():
     regions = [("joint", 0.1, 20), ("linear", 0.5, 20)]
-    _, system = bar(regions, ["joint"], [("end", Harmonic(87.5e3, 500.0))])
+    _, system = bar(regions, ["joint"], [("end", sj.Harmonic(87.5e3, 500.0))])
     bases = [
         static_basis(one, slip_path(one, 1e-5, 400), 8).V
         for one in (system, system.project(np.eye(system.n)))

@@ -1,7 +1,5 @@
 """Texts of scenes for the tests, changed in places, and what is wrong with them."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

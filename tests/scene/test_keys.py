@@ -1,20 +1,15 @@
 """The reference of keys: complete, as the page beside the examples has it, and found by name."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 
-import pytest
 from rich.console import Console
 
 from skfem_joint import cli
-from skfem_joint.loads import HalfSine, Triangle, Versine
 from skfem_joint.scene import Scene
 from skfem_joint.scene.keys import markdown, reference, show
 
 PAGE = Path(__file__).parents[2] / "examples" / "keys.md"
-Capture = pytest.CaptureFixture[str]
 #: Keys that hold pure numbers: factors, ratios and relative errors.
 PURE = {
     *("poisson", "friction", "ratio", "rho_infinity", "displacement", "energy", "levels", "up_to"),
@@ -23,13 +18,13 @@ PURE = {
 }
 
 
-def test_the_page_says_what_the_code_does() -> None:
+def test_the_page_says_what_the_code_does():
     assert PAGE.read_text(encoding="utf-8") == markdown(reference()), (
         "make it again: skfem-joint keys > examples/keys.md"
     )
 
 
-def test_every_key_has_a_meaning_and_every_quantity_a_unit() -> None:
+def test_every_key_has_a_meaning_and_every_quantity_a_unit():
     tables = reference()
     assert set(Scene.model_fields) == {row.key for row in tables[0].keys}
     assert set(Scene.model_fields) - {"title"} == {t.path.split(".")[0] for t in tables} - {""}
@@ -44,18 +39,7 @@ def test_every_key_has_a_meaning_and_every_quantity_a_unit() -> None:
                 assert row.unit or {where, row.key} & PURE, where
 
 
-@pytest.mark.parametrize("shape", [Triangle, HalfSine, Versine])
-def test_a_pulse_is_twice_as_long_as_it_rises(shape: type) -> None:
-    (pulse,) = (one for one in reference("load") if "half_sine" in one.title)
-    (row,) = (one for one in pulse.keys if one.key == "rise_time")
-    assert "half the length" in row.meaning
-    force = shape(2.0, 0.3, 0.1)
-    assert force(0.4) == pytest.approx(2.0)
-    assert force(0.699) > 0.0
-    assert abs(force(0.701)) < 1e-12
-
-
-def test_a_table_is_shown_by_its_name(capsys: Capture) -> None:
+def test_a_table_is_shown_by_its_name(capsys):
     assert cli.main(["keys", "joint.pressure"]) == 0
     shown = capsys.readouterr().out
     assert "| `head_radius` | m | required | number > 0 |" in shown
@@ -67,7 +51,7 @@ def test_a_table_is_shown_by_its_name(capsys: Capture) -> None:
     assert "did you mean 'load'" in capsys.readouterr().err
 
 
-def test_a_terminal_shows_all_of_it_at_any_width() -> None:
+def test_a_terminal_shows_all_of_it_at_any_width():
     for width in (60, 200):
         stream = io.StringIO()
         show(reference(), Console(file=stream, width=width))

@@ -1,7 +1,5 @@
 """Matrices from elsewhere as a scene: the same as the mesh that they come from."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -15,13 +13,11 @@ from joint_scenes import harmonic, lap_joint, plate_scene
 from scipy import sparse
 from scipy.io import mmwrite, savemat
 
+import skfem_joint as sj
 from skfem_joint.analysis.description import describe
-from skfem_joint.analysis.study import run_scene
 from skfem_joint.cli import main
-from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_box, build_plate, merged
-from skfem_joint.scene import Scene, load_scene, scene_from
-from skfem_joint.structure import Joint, MatrixModel, Structure
+from skfem_joint.scene import Scene, scene_from
+from skfem_joint.structure import MatrixModel
 
 
 def npz(folder: Path, name: str, A: Any) -> str:
@@ -43,7 +39,7 @@ def mat(folder: Path, name: str, A: Any) -> str:
 Store = Callable[[Path, str, Any], str]
 
 
-def pairs_of(structure: Structure) -> dict[str, Any]:
+def pairs_of(structure: sj.Structure) -> dict[str, Any]:
     """Contacts of a structure whose nodes match, as another program would list them."""
     dim, found = structure.dim, {}
     for patch in structure.patches:
@@ -63,7 +59,6 @@ def pairs_of(structure: Structure) -> dict[str, Any]:
 def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -> dict[str, Any]:
     """Tables of a scene as matrices in files of a folder, without its mesh."""
     structure = scene.structure()
-    assert isinstance(structure, Structure)
     M, K = structure.matrices()
     contact = {}
     for name, rows in pairs_of(structure).items():
@@ -99,10 +94,10 @@ def matrix_scene(folder: Path, tables: dict[str, Any]) -> Scene:
 
 
 @pytest.mark.parametrize("store", [npz, mtx, mat])
-def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path: Path, store: Store) -> None:
+def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path, store):
     models = ("full", "condensed", "reduced")
     scene, tables = bar_export(tmp_path, store, *models, reduction={})
-    one, other = run_scene(scene), run_scene(matrix_scene(tmp_path, tables))
+    one, other = sj.run_scene(scene), sj.run_scene(matrix_scene(tmp_path, tables))
     for name in models:
         a, b = one.models[name].run, other.models[name].run
         assert b.point_u == pytest.approx(a.point_u, rel=0, abs=1e-10 * a.peak.max())
@@ -117,17 +112,17 @@ def plate_on_base() -> Scene:
 def plate_on_plate() -> Scene:
     """Two plates whose nodes match where they overlap."""
     joint = JOINT | {"on": "upper_joint", "against": "joint"}
-    lower = build_plate([("linear", 0.1, 3), ("joint", 0.1, 4)], 0.05, 2)
+    lower = sj.build_plate([("linear", 0.1, 3), ("joint", 0.1, 4)], 0.05, 2)
     strips = [("upper_joint", 0.1, 4), ("upper_linear", 0.1, 3)]
-    upper = build_plate(strips, 0.05, 2, origin=(0.1, 0.0), prefix="upper_")
+    upper = sj.build_plate(strips, 0.05, 2, origin=(0.1, 0.0), prefix="upper_")
     load = harmonic("upper_right", 14e3, 1000.0) | {"direction": [1.0, 0.0]}
-    mesh = merged([lower, upper])
+    mesh = sj.merged([lower, upper])
     return plate_scene("full", mesh=mesh, joint=[joint], load=[load], time=SHORT)
 
 
 def solid_on_base() -> Scene:
     """A block pressed with its lower face, which is held from leaving the base."""
-    mesh = build_box([("inside", 0.1, 4)], (0.02, 0.02), (1, 1))
+    mesh = sj.build_box([("inside", 0.1, 4)], (0.02, 0.02), (1, 1))
     load = harmonic("right", 3e3, 1000.0) | {"direction": [1.0, 0.2, 0.0]}
     tables = {
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
@@ -144,15 +139,14 @@ SHORT = {"cycles": 1, "steps_per_cycle": 50}
 
 
 @pytest.mark.parametrize("make", [plate_on_base, plate_on_plate, solid_on_base])
-def test_pairs_with_two_slips_move_as_their_mesh(tmp_path: Path, make: Callable[[], Scene]) -> None:
+def test_pairs_with_two_slips_move_as_their_mesh(tmp_path, make):
     scene = make()
     structure, (load,) = scene.structure(), scene.loads()
-    assert isinstance(structure, Structure)
     push = np.outer(structure.even_shares(str(load.on)), load.unit(structure.dim)).ravel()
     np.savez(tmp_path / "push.npz", push=push)
     tables = exported(tmp_path, scene, npz, {str(load.on): "push.npz:push"})
-    a = run_scene(scene).models["full"].run
-    b = run_scene(matrix_scene(tmp_path, tables)).models["full"].run
+    a = sj.run_scene(scene).models["full"].run
+    b = sj.run_scene(matrix_scene(tmp_path, tables)).models["full"].run
     assert b.system.directions.tolist() == a.system.directions.tolist()
     assert max(a.friction_energy.values()) > 0.0
     assert b.point_u[:, 0] == pytest.approx(a.point_u[:, 0], rel=0, abs=1e-10 * a.peak.max())
@@ -161,7 +155,7 @@ def test_pairs_with_two_slips_move_as_their_mesh(tmp_path: Path, make: Callable[
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_a_unit_motion_of_one_side_is_a_unit_slip(seed: int) -> None:
+def test_a_unit_motion_of_one_side_is_a_unit_slip(seed):
     """Along any tangent, with the sign of the first side; both sides alike do not slip."""
     random = np.random.default_rng(seed)
     normal = random.normal(size=(3, 3))
@@ -172,9 +166,8 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed: int) -> None:
         sparse.eye_array(18),
         sparse.eye_array(18),
         contacts={"lap": np.hstack([dofs, normal, np.ones((3, 1))])},
-        joints=[Joint("lap", 1e6, 0.3)],
+        joints=[sj.Joint("lap", 1e6, 0.3)],
     )
-    assert model.contact is not None
     u = np.zeros((18, 2))
     u[dofs[:, :3], 0] = u[dofs[:, :3], 1] = u[dofs[:, 3:], 1] = tangent
     slip = np.asarray(model.contact.B @ u).reshape(3, 2, 2)
@@ -184,9 +177,7 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed: int) -> None:
     assert model.contact.held @ u == pytest.approx(0.0, abs=1e-12)
 
 
-def test_rigid_motions_are_counted_and_a_floating_structure_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rigid_motions_are_counted_and_a_floating_structure_is_told(tmp_path, capsys):
     _, tables = bar_export(tmp_path)
     tables["matrices"]["fixed"] = []
     tables["joint"][0]["friction"] = 0.0
@@ -212,9 +203,7 @@ def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
 @pytest.mark.parametrize(
     "command", ["check", "run", "response", "backbone", "error-time", "sweep", "resume"]
 )
-def test_every_command_takes_matrices(
-    tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_command_takes_matrices(tmp_path, command, monkeypatch):
     changes = {"reduction": {}, "time": SHORT, "bar": "coarse"}
     _, tables = bar_export(tmp_path, npz, "full", "reduced", **changes)
     tables["output"] = {"plots": command == "run"}
@@ -274,9 +263,7 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({}, "\n".join(3 * [GOOD_PAIR]), "pair 3: other pairs of its nodes determine"),
     ],
 )
-def test_what_is_wrong_with_matrices_is_told_by_key_and_file(
-    tmp_path: Path, keys: dict[str, Any], contact: str, told: str
-) -> None:
+def test_what_is_wrong_with_matrices_is_told_by_key_and_file(tmp_path, keys, contact, told):
     K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     files = {"K": K, "M": np.eye(3), "flat": np.ones((2, 3)), "small": np.eye(2)}
     files |= {"skew": K + np.eye(3, k=1), "negative": -K}
@@ -294,8 +281,8 @@ def test_what_is_wrong_with_matrices_is_told_by_key_and_file(
         "load": [harmonic("tip", 1.0, 1.0)],
         "time": {"cycles": 1},
     }
-    with pytest.raises(InputError, match=told):
-        load_scene(scene_file(tmp_path, tables))
+    with pytest.raises(sj.InputError, match=told):
+        sj.load_scene(scene_file(tmp_path, tables))
 
 
 @pytest.mark.parametrize(
@@ -311,10 +298,8 @@ def test_what_is_wrong_with_matrices_is_told_by_key_and_file(
         ),
     ],
 )
-def test_tables_of_a_mesh_are_refused_beside_matrices(
-    tmp_path: Path, changes: dict[str, Any], told: str
-) -> None:
+def test_tables_of_a_mesh_are_refused_beside_matrices(tmp_path, changes, told):
     tables = bar_export(tmp_path)[1] | changes
     tables = {name: table for name, table in tables.items() if table is not None}
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(sj.InputError, match=told):
         matrix_scene(tmp_path, tables)

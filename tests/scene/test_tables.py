@@ -1,18 +1,14 @@
 """Scenes by themselves, without a mesh: what is read, what is refused, and under which key."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import pytest
-from scene_texts import Change, problems_of, scene_of
+from scene_texts import problems_of, scene_of
 
 from skfem_joint import loads
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
-from skfem_joint.scene import Scene, joint_tables, tables
-from skfem_joint.scene.values import SceneTable
+from skfem_joint.scene import Scene
 from skfem_joint.structure import Bolt, Bolts, PressureTable, doubts
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
@@ -38,11 +34,8 @@ def bolt(keys: str) -> str:
 # By the line that is exchanged: what for, the key that must be named, words that must be said.
 BAD: dict[str, list[tuple[str, ...]]] = {
     "E = 200e9": [
-        ("E = 0", "material.E", "found 0", "> 0"),
-        ("E = nan", "material.E", "found nan", "finite"),
         ("E = 1e21", "material.E", "1e+21", "1e+20"),
         ('E = "200e9"', "material.E", "found '200e9'", "a number"),
-        ("E = true", "material.E", "found true", "a number"),
         ("E = 2024-01-01", "material.E", "2024-01-01", "a number"),
         ("e = 200e9\nE = 200e9", "material.e", "unknown key", "'E'", "density"),
         ("", "material.E", "missing", "Young's modulus, Pa"),
@@ -52,7 +45,6 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ('density = 8e3\nmass_matrix = "diagonal"', "material.mass_matrix", "or 'lumped'"),
     ],
     "[section]": [
-        ("[material.regions.a]\nE = -1.0\n[section]", "material.regions.a.E", "> 0"),
         ("[material.regions.a]\n[section]", "material.regions.a", "empty", "E or density"),
         ("[material.regions.a]\ndensty = 1\n[section]", "material.regions.a.densty", "'density'"),
         ('[section.regions."a b"]\nplane = ""\n[section]', 'section.regions."a b".plane', "width"),
@@ -60,24 +52,17 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     "width = 0.05": [('plane = "flat"', "section.plane", "'stress' or 'strain'")],
     'file = "bar.msh"': [
         ('file = "a\\u0000b"', "mesh.file", "the name of a file"),
-        ("file = []", "mesh.file", "1 or more"),
-        ("file = 5", "mesh.file", "found 5", "a text in quotes"),
-        ('file = "bar.msh"\nscale = 0', "mesh.scale", "> 0"),
     ],
     '[mesh]\nfile = "bar.msh"': [('mesh = "bar.msh"', "mesh", "a table"), ("", "mesh", "missing")],
     "[support]\n": [("[supports]\n", "supports", "unknown key", "did you mean 'support'")],
     'fixed = ["fixed"]': [
         ('fixed = "fixed"', "support.fixed", "a list"),
-        ("fixed_z = [1]", "support.fixed_z[0]", "a text in quotes"),
         ('fixed = ["fixed", "fixed"]', "support.fixed", "more than once"),
     ],
     "[[joint]]": [("[joint]", "joint", "a list of tables", "[[joint]]")],
     JOINT: [("", "models.run", "linear scene", "nothing to reduce")],
-    'on = "joint"': [('on = "joint"\nagainst = 5', "joint[0].against", "a text in quotes")],
     "pressure = 50e6": [
-        ("pressure = -50e6", "joint[0].pressure", ">= 0"),
         ('pressure = "high"', "joint[0].pressure", "'high'", "positions", "bolts"),
-        (by_position("values = [1e6, -1e6]"), "joint[0].pressure.values[1]", ">= 0"),
         (by_position("values = [1, 2, 3]"), "joint[0].pressure", "3 values", "2 positions"),
         (by_position("values = [1, 1], reech = 1"), "joint[0].pressure.reech", "'reach'"),
         (by_position("values = [1, 1], axis = [1]"), "joint[0].pressure.axis", "a list of 1"),
@@ -108,7 +93,6 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     ],
     "[[load]]": [
         ("[load]", "load", "a list of tables", "[[load]]"),
-        ("[damping]\nstiffness = -1e-5\n[[load]]", "damping.stiffness", ">= 0"),
         ("[damping]\nratio = 1.0\n[[load]]", "damping.ratio", "< 1"),
         ("[damping]\nratio = 0.1\nmass = 1.0\n[[load]]", "damping.ratio", "mass", "alone"),
     ],
@@ -124,15 +108,12 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ("", "load[0].kind", "missing", "'harmonic'", "'ramp_and_hold'"),
     ],
     HARMONIC: [
-        (load("multi_harmonic", "components = []"), "load[0].components", "1 or more"),
         (
             load("multi_harmonic", "components = [{amplitude = 1, frequency = 1, on = 2}]"),
             "load[0].components[0].on",
             *("unknown key", "amplitude, frequency, phase"),
         ),
         (load("triangle", "peak = 1"), "load[0].rise_time", "missing", "half the length"),
-        (load("versine", "peak = 1\nrise_time = 1\nstart = -1"), "load[0].start", ">= 0"),
-        (load("rectangle", "peak = 1\nduration = 0"), "load[0].duration", "> 0"),
         (load("table", 'file = "none.csv"'), "load[0].file", "none.csv", "cannot be read"),
         (load("table", 'file = "back.csv"'), "load[0].file", "back.csv", "line 3", "> 1"),
         (load("triangle", "peak = 1\nrise_time = 1"), "time.cycles", "no common period"),
@@ -155,9 +136,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ("duration = 1\nstep = 1e-19", "time", "at most 1e+09 steps"),
     ],
     'run = ["full", "reduced"]': [
-        ("run = []", "models.run", "1 or more"),
         ('run = ["ful"]', "models.run[0]", "'condensed' or 'reduced'"),
-        ('run = ["full", "full"]', "models.run", "more than once"),
     ],
     "modes = 5": [
         ("modes = 0", "reduction.modes", ">= 1"),
@@ -167,18 +146,15 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ("active_length = {linear = 0.1}", "reduction.active_length.linear", "joints: 'joint'"),
         ("active_length = {joint = -0.2}", "reduction.active_length.joint", "> 0"),
         ('reference = "book"', "reduction.reference", "'self' or 'paper'"),
-        ("interface_modes = -1", "reduction.interface_modes", ">= 0"),
         ('beta = "high"', "reduction.beta", "'auto' or a steepness"),
         ('friction_points = "few"', "reduction.friction_points", "'auto', 'all' or a whole"),
         ('snapshots = "velocity"', "reduction.snapshots", "'displacement' or 'rates'"),
         ('inner_product = "power"', "reduction.inner_product", "'mass'", "'energy'"),
     ],
     "every = 1": [
-        ("every = 0", "output.every", ">= 1"),
         ("vtk = 1", "output.vtk", "found 1", "true or false"),
         ('"strange key" = 0', 'output."strange key"', "unknown key", "vtk, plots"),
     ],
-    'title = "two joints and a plain bar"': [("title = 5", "title", "a text")],
 }
 
 
@@ -186,9 +162,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     ("change", "key", "words"),
     [((old, new), key, words) for old, rows in BAD.items() for new, key, *words in rows],
 )
-def test_mistake_is_named_by_key_with_what_is_allowed(
-    tmp_path: Path, change: Change, key: str, words: list[str]
-) -> None:
+def test_mistake_is_named_by_key_with_what_is_allowed(tmp_path, change, key, words):
     (tmp_path / "back.csv").write_text("0,0\n1,5e3\n0.5,0\n")
     problems = problems_of(change, folder=tmp_path)
     named = [problem for problem in problems if problem.startswith(f"{key}: ")]
@@ -200,27 +174,7 @@ def test_mistake_is_named_by_key_with_what_is_allowed(
     assert len(others) <= 1
 
 
-def test_all_mistakes_are_reported_at_once_each_once() -> None:
-    problems = problems_of(
-        ('file = "bar.msh"', 'file = "bar.msh"\nunit = "m"'),
-        ("E = 200e9", "E = -1"),
-        ('fixed = ["fixed"]', "fixed = [1]"),
-        (PRESSURE, "pressure = nan"),
-        ("[[load]]", '[[joint]]\non = "nowhere"\npressure = 1\nfriction = 1\nlaw = ""\n[[load]]'),
-        ("frequency = 500.0", "frequency = -5"),
-        ("[time]", '[[load]]\non = "lost"\nkind = "pulse"\n[time]'),
-        ("cycles = 3", "cycles = 3\nstep = 1"),
-        ("modes = 5", "modes = 5\nactive_length = {joint = -1, linear = 1}"),
-        ("every = 1", 'every = 1\npoints = "joint"\n[extra]\n'),
-    )
-    assert sorted(problem.split(": ")[0] for problem in problems) == [
-        *("extra", "joint[0].pressure", "joint[1].law", "load[0].frequency", "load[1].kind"),
-        *("material.E", "mesh.unit", "output.points", "reduction.active_length.joint"),
-        *("support.fixed[0]", "time"),
-    ]
-
-
-def test_mistakes_between_tables_are_reported_beside_mistakes_in_others() -> None:
+def test_mistakes_between_tables_are_reported_beside_mistakes_in_others():
     problems = problems_of(
         ("E = 200e9", "E = -1"),
         (HARMONIC, load("triangle", "peak = 1\nrise_time = 1e-3")),
@@ -230,7 +184,7 @@ def test_mistakes_between_tables_are_reported_beside_mistakes_in_others() -> Non
     assert keys == {"material.E", "time.cycles", "reduction.active_length.other"}
 
 
-def test_steps_must_resolve_every_harmonic_of_the_common_period() -> None:
+def test_steps_must_resolve_every_harmonic_of_the_common_period():
     components = f"components = [{SINE % 10}, {SINE % 610}]"
     sum_of_two = (HARMONIC, load("multi_harmonic", components))
     (problem,) = problems_of(sum_of_two)
@@ -260,30 +214,11 @@ def test_steps_must_resolve_every_harmonic_of_the_common_period() -> None:
         ),
     ],
 )
-def test_a_joint_arrives_as_given(text: str, expected: object) -> None:
+def test_a_joint_arrives_as_given(text, expected):
     laws = ("friction = 0.7", 'friction = 0.7\nlaw = "coulomb"\nagainst = "b"\naxis = [-2, 0]')
     joint = scene_of((PRESSURE, f"pressure = {text}"), laws).joint[0].to_joint()
     assert (joint.on, joint.pressure, joint.beta) == ("joint", expected, math.inf)
     assert (joint.against, joint.axis) == ("b", (-2.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("key", "text", "value"),
-    [
-        ("active_length", '"estimate"', "estimate"),
-        ("active_length", "0.05", 0.05),
-        ("active_length", "{joint = 0.1}", {"joint": 0.1}),
-        ("friction_points", '"all"', "all"),
-        ("friction_points", "12", 12),
-        ("snapshots", '"displacement"', "displacement"),
-        ("interface_modes", "0", 0),
-        ("beta", "1e3", 1e3),
-        ("modes", '"auto"', "auto"),
-    ],
-)
-def test_other_ways_to_reduce_arrive_as_given(key: str, text: str, value: object) -> None:
-    reduction = scene_of(("modes = 5", f"{key} = {text}")).reduction
-    assert reduction.model_dump(exclude_unset=True) == {key: value}
 
 
 @pytest.mark.parametrize(
@@ -303,9 +238,7 @@ def test_other_ways_to_reduce_arrive_as_given(key: str, text: str, value: object
         ("rectangle", "peak = 2\nduration = 0.3\nstart = 1", loads.Rectangle(2, 0.3, 1)),
     ],
 )
-def test_each_kind_of_load_arrives_with_its_numbers(
-    kind: str, keys: str, expected: loads.Amplitude
-) -> None:
+def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):
     by_step = ("cycles = 3", "duration = 1.0\nstep = 1e-3")
     for text, direction in (("", None), ("\ndirection = [0, -3e15]", (0.0, -3e15))):
         scene = scene_of((HARMONIC, load(kind, keys + text)), by_step)
@@ -315,7 +248,7 @@ def test_each_kind_of_load_arrives_with_its_numbers(
         assert scene.cycle_period == expected.period
 
 
-def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said() -> None:
+def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said():
     mesh = build_bar([("joint", 0.1, 4), ("linear", 0.5, 5)], {"fixed": 0.0, "free_end": 0.6})
     by_base = ('on = "free_end"', 'base = "x"')
     scene = scene_of(by_base, ("[time]", "[damping]\nratio = 0.002\n[time]"), mesh=mesh)
@@ -328,9 +261,7 @@ def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said() -> No
     assert "C = a M + b K" in ratio
 
 
-def test_table_is_found_beside_the_scene_from_anywhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_table_is_found_beside_the_scene_from_anywhere(tmp_path, monkeypatch):
     (tmp_path / "force.csv").write_text("t,f\n0,0\n1e-3,5e3\n3e-3,0\n")
     monkeypatch.chdir("/")
     table = (HARMONIC, load("table", 'file = "force.csv"'))
@@ -338,7 +269,7 @@ def test_table_is_found_beside_the_scene_from_anywhere(
     assert scene.loads()[0].amplitude([0.0, 5e-4, 2e-3]) == pytest.approx([0.0, 2.5e3, 2.5e3])
 
 
-def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse() -> None:
+def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse():
     more = (
         '[[load]]\non = "junction"\nkind = "harmonic"\namplitude = 1\nfrequency = 750\n'
         '[[load]]\non = "middle"\nkind = "versine"\npeak = 1\nrise_time = 1e-4\n[time]'
@@ -353,54 +284,18 @@ def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse() -> None
     ("duration", "step", "n_steps"),
     [("6e-3", "2e-6", 3000), ("0.3", "0.1", 3), ("1.0", "0.3", 4), ("0.1", "0.1", 1)],
 )
-def test_steps_cover_the_duration_without_one_too_many(
-    duration: str, step: str, n_steps: int
-) -> None:
+def test_steps_cover_the_duration_without_one_too_many(duration, step, n_steps):
     slow = ("frequency = 500.0", "frequency = 0.1")
     assert (
         scene_of(slow, ("cycles = 3", f"duration = {duration}\nstep = {step}")).n_steps == n_steps
     )
 
 
-def test_scene_is_immutable_and_says_what_it_has_not() -> None:
+def test_a_scene_says_what_it_has_not():
     scene = scene_of()
-    assert scene.path == Path("scene.toml")
-    with pytest.raises(ValueError, match="frozen"):
-        scene.title = "other"
     in_memory = Scene.model_validate(scene.model_dump(exclude_unset=True))
-    assert in_memory.material == scene.material
     for ask in ("path", "named_mesh"):
         with pytest.raises(InputError, match="load_scene"):
             getattr(in_memory, ask)
     with pytest.raises(InputError, match="no mesh"):
         scene.structure()
-
-
-def test_defaults_are_those_documented() -> None:
-    scene = scene_of(
-        ('[models]\nrun = ["full", "reduced"]\n[reduction]\nmodes = 5\n', ""),
-        ("[output]\nevery = 1\n", ""),
-        ('[support]\nfixed = ["fixed"]\n', ""),
-        ("[section]\nwidth = 0.05\nthickness = 0.01\n", ""),
-    )
-    joint = scene.joint[0]
-    assert (joint.law, joint.beta, joint.normal_force) == ("arctan", 1e5, "consistent")
-    assert (scene.damping.stiffness, scene.damping.mass, scene.time.rho_infinity) == (0, 0, 1)
-    assert (scene.time.steps_per_cycle, scene.models.run) == (200, ("full",))
-    reduction = scene.reduction
-    assert (reduction.reference, reduction.snapshots) == ("static", "both")
-    automatic = reduction.model_dump(exclude={"reference", "snapshots"})
-    assert set(automatic.values()) == {"auto"}
-    assert not scene.output.vtk
-    assert not scene.output.plots
-    assert scene.output.history
-
-
-def test_every_key_says_what_it_means() -> None:
-    kinds = vars(tables) | vars(joint_tables)
-    found = [one for one in kinds.values() if isinstance(one, type)]
-    written = [one for one in found if issubclass(one, SceneTable) and one is not SceneTable]
-    assert len(written) > 20
-    for table in (Scene, *written):
-        for name, field in table.model_fields.items():
-            assert field.description, f"{table.__name__}.{name}"

@@ -1,8 +1,6 @@
 """Small systems for the tests of stepping, made by the public interface; SI units."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from math import inf
 from typing import Any
@@ -83,6 +81,18 @@ def oscillator(
         P=one,
         points=("mass",),
     )
+
+
+def arm(
+    load: Any = None, joint: Joint | None = None, elements: tuple[int, int] = (40, 40),
+    **changes: Any,
+) -> System:  # fmt: skip
+    """Bar of 0.7 m in contact on its first 0.2 m, loaded at its far ``end``: 2.5 kHz if stuck."""
+    regions = [("joint", 0.2, elements[0]), ("free", 0.5, elements[1])]
+    mesh = build_bar(regions, {"fixed": 0.0, "end": 0.7})
+    joint = joint or Joint("joint", 50e6, MU, beta=inf)
+    structure = struts(mesh, [joint], **{"stiffness_damping": 0.0, **changes})
+    return structure.system([Load("end", load)] if load else [], ["end"])
 
 
 def pressed(on: str = "joint", **changes: Any) -> Joint:
@@ -183,16 +193,20 @@ def differing(one: Any, other: Any, where: str = "") -> list[str]:
     return [] if one == other else [where]
 
 
-def by_every_stepper(load: Any = None) -> dict[str, System]:
-    """One system for each stepper, and for each way into it."""
+def of_stepper(kind: str, load: Any = None) -> System:
+    """System for one of the steppers, or for one of the ways into it."""
     joint = LapJoint(elements=30, load=load)
     basis = np.linalg.qr(np.vander(np.linspace(1 / 30, 1.0, 30), 6)[:, :5])[0]  # zero at the wall
-    return {
-        "chain": joint.system,
-        "Coulomb": LapJoint(elements=30, beta=inf, load=load).system,
-        "dense": joint.system.project(basis),
-        "linear": LapJoint(elements=30, friction=0.0, load=load).system,
-        "contact": reference_plate(1e5, (10, 2), load=load)[1],
-        "contact Coulomb": reference_plate(inf, (10, 2), load=load)[1],
-        "relative": relative_slips(load=load),
+    make: dict[str, Callable[[], System]] = {
+        "chain": lambda: joint.system,
+        "Coulomb": lambda: replace(joint, beta=inf).system,
+        "dense": lambda: joint.system.project(basis),
+        "linear": lambda: replace(joint, friction=0.0).system,
+        "contact": lambda: reference_plate(1e5, (10, 2), load=load)[1],
+        "contact Coulomb": lambda: reference_plate(inf, (10, 2), load=load)[1],
+        "relative": lambda: relative_slips(load=load),
     }
+    return make[kind]()
+
+
+STEPPERS = ["chain", "Coulomb", "dense", "linear", "contact", "contact Coulomb", "relative"]

@@ -3,8 +3,6 @@
 All in processes of their own, because a process compiles a function once.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -51,14 +49,14 @@ def errors_of(*code: str, **environment: str) -> str:
     return result.stderr
 
 
-def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
+def test_nothing_is_compiled_or_loaded_while_time_is_taken():
     """The first steps ask for the load; from then on no function meets new types."""
     code = """
         import numpy as np
         from numba.core.dispatcher import Dispatcher
         from skfem_joint.loads import Amplitude
         from skfem_joint.stepping.integrate import integrate
-        from stepping_systems import by_every_stepper
+        from stepping_systems import of_stepper
 
         made, begun = [], []
         compile = Dispatcher.compile
@@ -83,7 +81,7 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
                 return 30e3 * np.sin(np.minimum(t, 4e-5) * 3e4) + after
 
         def watch(kind, *jump):
-            run = integrate(by_every_stepper(Watched(jump))[kind], step=5e-7, n_steps=60)
+            run = integrate(of_stepper(kind, Watched(jump)), step=5e-7, n_steps=60)
             assert run.friction_work.sum() > 0.0 and run.preparation_s > 0.0
             assert begun[0] > 0, made
             assert len(made) == begun[0], made[begun[0]:]
@@ -95,12 +93,12 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken() -> None:
     errors_of(FORKED, code)
 
 
-def test_a_run_without_friction_loads_no_compiler() -> None:
+def test_a_run_without_friction_loads_no_compiler():
     code = """
         import sys
-        from stepping_systems import by_every_stepper
+        from stepping_systems import of_stepper
         from skfem_joint.stepping.integrate import integrate
-        run = integrate(by_every_stepper()["linear"], step=1e-5, n_steps=20)
+        run = integrate(of_stepper("linear"), step=1e-5, n_steps=20)
         assert run.counters.friction_evaluations == 0 and run.peak[0] > 0.0
         heavy = {"numba", "meshio", "pyvista", "vtkmodules", "matplotlib"}
         assert "skfem" in sys.modules and not heavy & set(sys.modules)
@@ -108,7 +106,7 @@ def test_a_run_without_friction_loads_no_compiler() -> None:
     errors_of(code)
 
 
-def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path: Path) -> None:
+def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path):
     code = """
         from pathlib import Path
         forked(forces, False)
@@ -124,7 +122,7 @@ def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path:
     assert errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
 
 
-def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once() -> None:
+def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once():
     before = "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = []"
     after = "from skfem_joint.stepping import chain_solver, contact_problem, dense; forces(False)"
     errors = errors_of(before, FORCES, after)
@@ -132,7 +130,7 @@ def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once() -> No
     assert "NUMBA_CACHE_DIR" in errors
 
 
-def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path: Path) -> None:
+def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path):
     code = """
         import resource, signal
         def full():

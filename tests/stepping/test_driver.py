@@ -1,7 +1,5 @@
 """The driver around the steppers: spans, rows, chunks, jumps, interruptions, failing steps."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tracemalloc
@@ -15,66 +13,47 @@ import numpy as np
 import pytest
 from stepping_systems import (
     DENSITY,
+    STEPPERS,
     E,
     LapJoint,
-    by_every_stepper,
     dense_system,
     differing,
+    of_stepper,
     order_of,
     oscillator,
 )
 
-from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.loads import (
-    Amplitude,
-    HalfSine,
-    Harmonic,
-    MultiHarmonic,
-    Rectangle,
-    Table,
-    Triangle,
-    Versine,
-)
+import skfem_joint as sj
+from skfem_joint.loads import Amplitude
 from skfem_joint.stepping import integrate as driver
 from skfem_joint.stepping.checkpoint import Checkpoint
-from skfem_joint.stepping.integrate import HALVINGS, integrate
-from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.integrate import HALVINGS
 from skfem_joint.stepping.resolution import check_resolution, longest_step
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.steppers import CompiledStepper, Failure, Stepper
 from skfem_joint.system import AppliedLoad
 
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system
-STEPPERS = ["chain", "Coulomb", "dense", "linear", "contact", "contact Coulomb", "relative"]
 every_stepper = pytest.mark.parametrize("kind", STEPPERS)
 
 
 # How long, in which steps
 
 
-def test_all_ways_to_give_the_steps_are_one() -> None:
-    load = MultiHarmonic((Harmonic(2e4, 1000.0), Harmonic(1e4, 1500.0)))  # common period: 2 ms
-    system = LapJoint(elements=5, load=load).system
-    plain = integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
-    cycles = integrate(system, cycles=2, steps_per_cycle=200)
+def test_all_ways_to_give_the_steps_are_one():
+    both = sj.Harmonic(2e4, 1000.0), sj.Harmonic(1e4, 1500.0)  # common period: 2 ms
+    system = LapJoint(elements=5, load=sj.MultiHarmonic(both)).system
+    plain = sj.integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
+    cycles = sj.integrate(system, cycles=2, steps_per_cycle=200)
     np.testing.assert_allclose(cycles.times, plain.times, rtol=1e-12)
     np.testing.assert_allclose(cycles.point_u, plain.point_u, atol=1e-10 * plain.peak[0])
     np.testing.assert_allclose(cycles.cycles.friction, plain.cycles.friction, rtol=1e-9)
-    duration = integrate(system, step=1e-5, duration=400e-5, cycle_steps=200)
+    duration = sj.integrate(system, step=1e-5, duration=400e-5, cycle_steps=200)
     assert differing(plain, duration) == []
-
-
-def test_a_plain_function_of_time_is_a_load() -> None:
-    harmonic = integrate(SMALL, step=1e-5, n_steps=200)
-    omega = 2.0 * pi * 1000.0
-    (load,) = SMALL.loads
-    plain = replace(SMALL, loads=(replace(load, amplitude=lambda t: 63e3 * np.sin(omega * t)),))
-    run = integrate(plain, step=1e-5, n_steps=200)
-    assert run.peak_of("free_end") == np.abs(run.point("free_end")).max()
-    np.testing.assert_allclose(run.point_u, harmonic.point_u, atol=1e-10 * harmonic.peak[0])
-    with pytest.raises(InputError, match="common period"):
-        integrate(plain, cycles=2, steps_per_cycle=100)
+    aperiodic = replace(system, loads=(replace(system.loads[0], amplitude=np.sin),))
+    with pytest.raises(sj.InputError, match="no common period"):
+        sj.integrate(aperiodic, cycles=2, steps_per_cycle=100)
 
 
 @pytest.mark.parametrize(
@@ -102,20 +81,20 @@ def test_a_plain_function_of_time_is_a_load() -> None:
         ({"step": 1e-5, "n_steps": 10, "initial": (np.full(5, np.nan), np.zeros(5))}, "initial"),
     ],
 )
-def test_arguments_that_do_not_fit_are_refused(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        integrate(SMALL, **arguments)
+def test_arguments_that_do_not_fit_are_refused(arguments, message):
+    with pytest.raises(sj.InputError, match=message):
+        sj.integrate(SMALL, **arguments)
 
 
 # Rows and chunks
 
 
 @every_stepper
-def test_rows_are_stored_at_the_asked_strides(kind: str) -> None:
-    system = by_every_stepper()[kind]
-    every = integrate(system, step=1e-5, n_steps=60, save=Save(fields=True))
-    save = Save(every=5, fields=True, fields_every=20)
-    some = integrate(system, step=1e-5, n_steps=60, save=save)
+def test_rows_are_stored_at_the_asked_strides(kind):
+    system = of_stepper(kind)
+    every = sj.integrate(system, step=1e-5, n_steps=60, save=sj.Save(fields=True))
+    save = sj.Save(every=5, fields=True, fields_every=20)
+    some = sj.integrate(system, step=1e-5, n_steps=60, save=save)
     np.testing.assert_allclose(some.times, every.times[::5], rtol=1e-14)
     np.testing.assert_array_equal(some.point_u, every.point_u[::5])
     np.testing.assert_array_equal(some.point_v, every.point_v[::5])
@@ -133,34 +112,30 @@ def test_rows_are_stored_at_the_asked_strides(kind: str) -> None:
 
 @every_stepper
 @pytest.mark.parametrize("jumps", [False, True])
-def test_where_chunks_end_changes_no_bit(
-    kind: str, jumps: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_chunks_end_changes_no_bit(kind, jumps, monkeypatch):
     # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
-    system = by_every_stepper(Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
-    options: dict[str, Any] = {"step": 5e-6, "n_steps": 60, "save": Save(every=4, fields=True),
+    system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
+    options: dict[str, Any] = {"step": 5e-6, "n_steps": 60, "save": sj.Save(every=4, fields=True),
                                "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
-    whole = integrate(system, **options)
+    whole = sj.integrate(system, **options)
     for most in (1, 7):
         monkeypatch.setattr(driver, "CHUNK_S", 1e-9)
         monkeypatch.setattr(CompiledStepper, "most_at_once", most)
-        assert differing(whole, integrate(system, **options)) == []
+        assert differing(whole, sj.integrate(system, **options)) == []
 
 
 @pytest.mark.parametrize(("kind", "rest"), [("linear", 300), ("contact", 300), ("chain", 0)])
-def test_slow_steps_are_shown_and_saved_as_they_are_done(
-    kind: str, rest: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch):
     """By a clock that counts steps: 1 ms for each while at rest, 0.6 s later."""
     slow, longest, now = 0.6, 0.0, 0.0
     seen: list[tuple[float, int]] = []
     saved: list[int] = []
 
-    def counted(*arguments: Any) -> Stepper:
+    def counted(*arguments):
         stepper = choose(*arguments)
         advance = stepper.advance
 
-        def slower(h: float, amplitudes: Any, first: int, store: bool) -> int:
+        def slower(h, amplitudes, first, store):
             nonlocal now, longest
             steps = advance(h, amplitudes, first, store)
             took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
@@ -175,8 +150,8 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(
     monkeypatch.setattr(driver, "choose", counted)
     monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
     monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
-    run = integrate(
-        by_every_stepper()[kind], step=5e-6, n_steps=400,
+    run = sj.integrate(
+        of_stepper(kind), step=5e-6, n_steps=400,
         progress=lambda done, total: seen.append((now, done)),
         checkpoint=Checkpoint(Path("run.npz"), "a", every=10),
     )  # fmt: skip
@@ -190,16 +165,14 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.7])
-def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
-    friction: float,
-) -> None:
+def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(friction):
     system = LapJoint(elements=20, friction=friction).system
     # The driver hands out at most 20,000 steps at a time; from there on nothing may grow.
     counts = (50_000, 200_000) if friction else (40, 200)
     used = []
     for count in (counts[0], *counts):
         tracemalloc.start()
-        run = integrate(system, step=1e-5, n_steps=count, save=Save(points=False))
+        run = sj.integrate(system, step=1e-5, n_steps=count, save=sj.Save(points=False))
         used.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert run.times.size == run.point_u.size == run.u.size == run.amplitudes.size == 0
@@ -212,20 +185,22 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(
 
 @every_stepper
 @pytest.mark.parametrize("jumps", [False, True])
-def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(
-    kind: str, jumps: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jumps, monkeypatch):
     """In the middle of a chunk, when rows, works and counters have gone on already."""
-    system = by_every_stepper(Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)[kind]
+    system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
-    options: dict[str, Any] = {"step": 5e-6, "save": Save(every=2, fields=True), "cycle_steps": 10}
+    options: dict[str, Any] = {
+        "step": 5e-6,
+        "save": sj.Save(every=2, fields=True),
+        "cycle_steps": 10,
+    }
     calls = 0
 
-    def interrupted(*arguments: Any) -> Stepper:
+    def interrupted(*arguments):
         stepper = choose(*arguments)
         advance = stepper.advance
 
-        def half(h: float, amplitudes: Any, first: int, store: bool) -> int:
+        def half(h, amplitudes, first, store):
             nonlocal calls
             steps = amplitudes.shape[1] - 1
             if steps > 0 and first >= 33:
@@ -234,18 +209,18 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(
                 raise KeyboardInterrupt
             return advance(h, amplitudes, first, store)
 
-        stepper.advance = half  # type: ignore[method-assign]
+        stepper.advance = half
         return stepper
 
     choose = driver.choose
     with monkeypatch.context() as patch:
         patch.setattr(driver, "choose", interrupted)
-        run = integrate(system, n_steps=60, **options)
+        run = sj.integrate(system, n_steps=60, **options)
     assert calls == 1
     assert run.interrupted
     done = run.counters.steps
     assert 20 <= done <= 40
-    whole = integrate(system, n_steps=done, **options)
+    whole = sj.integrate(system, n_steps=done, **options)
     assert not whole.interrupted
     assert differing(replace(run, interrupted=False), whole) == []
 
@@ -270,18 +245,18 @@ def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
                     return done
             return advance(h, amplitudes, first, store)
 
-        stepper.advance = maybe  # type: ignore[method-assign]
+        stepper.advance = maybe
         return stepper
 
     monkeypatch.setattr(driver, "choose", chosen)
 
 
 @pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])
-def test_steps_that_do_not_converge_are_halved(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    system = by_every_stepper()[kind]
-    fine = integrate(system, step=0.5e-5, n_steps=80, save=Save(every=2), cycle_steps=40)
+def test_steps_that_do_not_converge_are_halved(kind, monkeypatch):
+    system = of_stepper(kind)
+    fine = sj.integrate(system, step=0.5e-5, n_steps=80, save=sj.Save(every=2), cycle_steps=40)
     refusing(monkeypatch, lambda first, h: h > 0.6e-5)
-    halved = integrate(system, step=1e-5, n_steps=40, cycle_steps=20)
+    halved = sj.integrate(system, step=1e-5, n_steps=40, cycle_steps=20)
     assert halved.counters.halved_steps == halved.counters.steps == 40
     assert halved.times.size == 41
     np.testing.assert_allclose(halved.point_u, fine.point_u, atol=1e-9 * fine.peak[0])
@@ -290,18 +265,16 @@ def test_steps_that_do_not_converge_are_halved(kind: str, monkeypatch: pytest.Mo
     assert halved.energy_residual < 1e-10
 
 
-def test_a_step_that_never_converges_is_an_error_that_says_where(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_step_that_never_converges_is_an_error_that_says_where(monkeypatch):
     sizes: list[float] = []
 
-    def refuses(step: int, h: float) -> bool:
+    def refuses(step, h):
         sizes.append(h)
         return step >= 7
 
     refusing(monkeypatch, refuses)
-    with pytest.raises(ConvergenceError) as caught:
-        integrate(LapJoint(elements=20).system, step=1e-5, n_steps=40)
+    with pytest.raises(sj.ConvergenceError) as caught:
+        sj.integrate(LapJoint(elements=20).system, step=1e-5, n_steps=40)
     message = str(caught.value)
     for part in ("step 7 ", "7e-05 s", "12.5 N", "unknown 3"):
         assert part in message
@@ -317,24 +290,24 @@ class Broken(Amplitude):
 
 
 @every_stepper
-def test_a_solution_that_is_not_a_number_is_never_returned(kind: str) -> None:
-    with pytest.raises(ConvergenceError, match=r"step 15 at t = 0\.00015"):
-        integrate(by_every_stepper(Broken())[kind], step=1e-5, n_steps=40)
+def test_a_solution_that_is_not_a_number_is_never_returned(kind):
+    with pytest.raises(sj.ConvergenceError, match=r"step 15 at t = 0\.00015"):
+        sj.integrate(of_stepper(kind, Broken()), step=1e-5, n_steps=40)
 
 
 @every_stepper
-def test_a_tolerance_below_round_off_still_ends(kind: str) -> None:
+def test_a_tolerance_below_round_off_still_ends(kind):
     # Convergence is judged against the round-off of the residual, so zero asks for no more.
-    system = by_every_stepper()[kind]
-    loose = integrate(system, step=1e-5, n_steps=60)
-    tight = integrate(system, step=1e-5, n_steps=60, tolerance=0.0)
+    system = of_stepper(kind)
+    loose = sj.integrate(system, step=1e-5, n_steps=60)
+    tight = sj.integrate(system, step=1e-5, n_steps=60, tolerance=0.0)
     np.testing.assert_allclose(tight.point_u, loose.point_u, atol=1e-8 * loose.peak[0])
 
 
 # Loads that jump
 
 
-def under_rectangle(times: np.ndarray, load: Rectangle) -> np.ndarray:
+def under_rectangle(times: np.ndarray, load: sj.Rectangle) -> np.ndarray:
     """Exact displacement of the test oscillator (1 Hz, damping ratio 0.05) from rest."""
     omega, zeta = 2 * np.pi, 0.05
     damped = omega * np.sqrt(1 - zeta**2)
@@ -361,59 +334,25 @@ def under_rectangle(times: np.ndarray, load: Rectangle) -> np.ndarray:
         (0.3123, 1e-4),  # both inside one step
     ],
 )
-def test_loads_that_jump_keep_second_order(
-    start: float, duration: float, scheme: Scheme, table: bool
-) -> None:
-    exact_load = Rectangle(1.0, duration, start)
-    load = Table([start, start + duration], [1.0, 1.0]) if table else exact_load
+def test_loads_that_jump_keep_second_order(start, duration, scheme, table):
+    exact_load = sj.Rectangle(1.0, duration, start)
+    load = sj.Table([start, start + duration], [1.0, 1.0]) if table else exact_load
     counts = (200, 400, 800, 1600)
     errors = []
     for count in counts:
-        run = integrate(oscillator(load), step=2.0 / count, n_steps=count, scheme=scheme)
+        run = sj.integrate(oscillator(load), step=2.0 / count, n_steps=count, scheme=scheme)
         exact = under_rectangle(run.times, exact_load)
         errors.append(np.abs(run.point("mass") - exact).max())
         assert run.energy_residual < 1e-10
     assert order_of(errors, [2.0 / count for count in counts]) > 1.8
 
 
-@pytest.mark.parametrize("beta", [1e3, inf])
-@pytest.mark.parametrize("end", [2e-4, 2.34e-4])
-def test_a_table_that_ends_above_zero_drops_to_zero_there(beta: float, end: float) -> None:
-    """As if the drop were written out, in a time that no step sees."""
-    ends = Table([0.0, 1e-4, end], [0.0, 40e3, 20e3])
-    written = Table([0.0, 1e-4, end, end + 1e-11], [0.0, 40e3, 20e3, 0.0])
-    joint = LapJoint(elements=20, beta=beta)
-    one, other = (
-        integrate(replace(joint, load=load).system, step=5e-7, n_steps=1000)
-        for load in (ends, written)
-    )
-    np.testing.assert_allclose(one.point_u, other.point_u, atol=1e-4 * one.peak[0])
-    np.testing.assert_allclose(one.friction_work, other.friction_work, rtol=1e-3, atol=1e-6)
-    assert one.energy_residual < 1e-10
-    # A step that is too long for the vibration that the drop sets off is refused, as for any jump.
-    with pytest.raises(InputError, match="jump"):
-        integrate(replace(joint, load=ends).system, step=5e-5, n_steps=20)
+def test_kinks_inside_steps_keep_second_order_and_the_stored_times():
+    joint = replace(REFERENCE, load=sj.Triangle(63e3, 1.234e-4))
 
-
-@pytest.mark.parametrize("beta", [10.0, inf])
-@pytest.mark.parametrize("corner", [1e-4, 1.234e-4, 3e-4])
-def test_a_jump_in_a_joint_keeps_the_energy_balance_and_the_law(beta: float, corner: float) -> None:
-    joint = replace(REFERENCE, beta=beta, load=Rectangle(63e3, 2e-4, corner))
-    run = integrate(joint.system, step=1e-5, n_steps=100, save=Save(fields=True))
-    assert run.energy_residual < 1e-10
-    assert np.all(run.friction_work >= 0.0)
-    assert run.times.size == 101
-    # Nothing moves before the load sets in.
-    assert np.all(run.u[run.field_times <= corner * (1 - 1e-9)] == 0.0)
-    assert np.any(run.u[run.field_times > corner + 1e-5] != 0.0)
-
-
-def test_kinks_inside_steps_keep_second_order_and_the_stored_times() -> None:
-    joint = replace(REFERENCE, load=Triangle(63e3, 1.234e-4))
-
-    def tip(parts: int) -> np.ndarray:
-        save = Save(every=parts)
-        run = integrate(joint.system, step=1e-5 / parts, n_steps=60 * parts, save=save)
+    def tip(parts):
+        save = sj.Save(every=parts)
+        run = sj.integrate(joint.system, step=1e-5 / parts, n_steps=60 * parts, save=save)
         np.testing.assert_allclose(run.times, 1e-5 * np.arange(61), rtol=1e-12)
         return run.point("free_end")
 
@@ -422,17 +361,17 @@ def test_kinks_inside_steps_keep_second_order_and_the_stored_times() -> None:
     assert order_of(errors, [1.0, 0.5, 0.25]) > 1.7
 
 
-def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches() -> None:
+def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches():
     # A load that is there at the start: the accelerations obey the law that velocities will.
-    joint = LapJoint(elements=50, beta=inf, load=Rectangle(63e3, 1.0))
-    run = integrate(joint.system, step=1e-6, n_steps=10, save=Save(fields=True))
+    joint = LapJoint(elements=50, beta=inf, load=sj.Rectangle(63e3, 1.0))
+    run = sj.integrate(joint.system, step=1e-6, n_steps=10, save=sj.Save(fields=True))
     sigma = run.sigma[0]
     assert sigma[-1] == 1.0
     assert np.all(np.abs(sigma) <= 1.0)
     assert np.abs(sigma[0]) < 1e-6
     assert run.energy_residual < 1e-10
-    quiet = replace(joint, load=Rectangle(0.5 * joint.tau * joint.length / 50, 1.0))
-    still = integrate(quiet.system, step=1e-6, n_steps=10, save=Save(fields=True))
+    quiet = replace(joint, load=sj.Rectangle(0.5 * joint.tau * joint.length / 50, 1.0))
+    still = sj.integrate(quiet.system, step=1e-6, n_steps=10, save=sj.Save(fields=True))
     assert np.all(still.u == 0.0)
     assert still.sigma[-1, -1] == pytest.approx(0.5, rel=1e-12)
 
@@ -443,57 +382,43 @@ def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches() 
 @pytest.mark.parametrize(
     ("load", "step", "most"),
     [
-        (Harmonic(1e3, 1000.0), 1e-3, 0.000125),
-        (Triangle(1e3, 1e-7, 1e-4), 1e-5, None),
-        (HalfSine(1e3, 1e-7, 1e-4), 1e-5, 5e-08),
-        (Harmonic(1e3, 0.1, pi / 2), 0.1, None),
-        (Rectangle(1e3, 1.0, 0.0), 0.1, None),
+        (sj.Harmonic(1e3, 1000.0), 1e-3, 0.000125),
+        (sj.Triangle(1e3, 1e-7, 1e-4), 1e-5, None),
+        (sj.HalfSine(1e3, 1e-7, 1e-4), 1e-5, 5e-08),
+        (sj.Harmonic(1e3, 0.1, pi / 2), 0.1, None),
+        (sj.Rectangle(1e3, 1.0, 0.0), 0.1, None),
     ],
 )
-def test_a_step_that_is_too_long_is_refused_with_the_one_that_does(
-    load: Amplitude, step: float, most: float | None
-) -> None:
+def test_a_step_that_is_too_long_is_refused_with_the_one_that_does(load, step, most):
     system = LapJoint(load=load, elements=20).system
     longest = longest_step(system, 100 * step)
     assert longest < step
     assert most is None or longest == pytest.approx(most, rel=1e-9)
-    with pytest.raises(InputError, match=f"step of at most {longest:.4g} s"):
-        integrate(system, step=step, n_steps=100)
+    with pytest.raises(sj.InputError, match=f"step of at most {longest:.4g} s"):
+        sj.integrate(system, step=step, n_steps=100)
     check_resolution(system, longest, int(100 * step / longest))
 
 
-@pytest.mark.parametrize("load", [HalfSine(1.0, 1e-3, 0.5), Versine(1.0, 1e-3, 0.5)])
-def test_round_pulses_between_two_steps_are_never_missed(load: Amplitude) -> None:
-    with pytest.raises(InputError, match="too long for a pulse"):
-        integrate(oscillator(load), step=0.01, n_steps=100)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
-@pytest.mark.parametrize("beta", [1e5, inf])
-def test_dissipating_schemes_do_not_overshoot_when_a_load_is_switched_on(
-    rho: float, beta: float
-) -> None:
-    joint = LapJoint(elements=20, beta=beta, load=Harmonic(63e3, 1000.0, pi / 2))
-    coarse = integrate(joint.system, step=1e-5, n_steps=200, scheme=generalized_alpha(rho))
-    fine = integrate(joint.system, step=1e-7, n_steps=20_000, save=Save(every=100))
-    assert np.abs(coarse.point_u - fine.point_u).max() < 0.1 * fine.peak[0]
-    assert coarse.energy_residual < 1e-10
+@pytest.mark.parametrize("load", [sj.HalfSine(1.0, 1e-3, 0.5), sj.Versine(1.0, 1e-3, 0.5)])
+def test_round_pulses_between_two_steps_are_never_missed(load):
+    with pytest.raises(sj.InputError, match="too long for a pulse"):
+        sj.integrate(oscillator(load), step=0.01, n_steps=100)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share: float) -> None:
+def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share):
     """Static slip tau x^2 / (2 EA) over the active length a: 2 pi sqrt(3/20) a / c by Rayleigh."""
     joint = LapJoint(elements=200, beta=inf)
-    load = Rectangle(share * float(joint.system.w.sum()), 1.0)
+    load = sj.Rectangle(share * float(joint.system.w.sum()), 1.0)
     system = replace(joint, load=load).system
     period = 2.0 * pi * np.sqrt(3.0 / 20.0) * share * joint.length / np.sqrt(E / DENSITY)
     check_resolution(system, 0.095 * period, 10)
-    with pytest.raises(InputError, match="jump"):
+    with pytest.raises(sj.InputError, match="jump"):
         check_resolution(system, 0.105 * period, 10)
 
 
-def test_a_jump_on_what_is_singular_but_for_round_off_sets_off_no_vibration() -> None:
-    jump = AppliedLoad(np.ones(4), Rectangle(1.0, 1.0), "all")
+def test_a_jump_on_what_is_singular_but_for_round_off_sets_off_no_vibration():
+    jump = AppliedLoad(np.ones(4), sj.Rectangle(1.0, 1.0), "all")
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
     K = 1e6 * turn[:, 1:] @ turn[:, 1:].T + 1e-12 * np.eye(4)
     check_resolution(dense_system(K=0.5 * (K + K.T), loads=(jump,)), 0.5, 10)
@@ -524,7 +449,7 @@ print(counted)
 """
 
 
-def test_an_interrupt_at_any_instant_ends_a_run_and_not_the_process() -> None:
+def test_an_interrupt_at_any_instant_ends_a_run_and_not_the_process():
     """A signal that comes while compiled code runs is raised once it is back in Python."""
     scene = Path(__file__).parents[2] / "examples" / "structure_harmonic.toml"
     ran = subprocess.run(

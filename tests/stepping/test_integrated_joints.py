@@ -1,59 +1,46 @@
 """Implicit integration of the paper's joints: published numbers, closed forms and invariants."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from stepping_systems import CASE_I, EA, LapJoint, order_of, struts
+from stepping_systems import EA, LapJoint, order_of, struts
 
+import skfem_joint as sj
 from skfem_joint.analysis import pseudo_static
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar, load_meshes
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.structure import Joint, Load
-from skfem_joint.system import System
+from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.schemes import generalized_alpha
 
 MESHES = Path(__file__).parents[2] / "meshes"
 REFERENCE = LapJoint()
 SCHEMES = [generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
 
 
-def run_of(system: System, n_steps: int = 300, **changes: Any) -> Run:
-    return integrate(system, **{"step": 1e-5, "n_steps": n_steps, **changes})
+def run_of(system: sj.System, n_steps: int = 300, **changes: Any) -> Run:
+    return sj.integrate(system, **{"step": 1e-5, "n_steps": n_steps, **changes})
 
 
-def with_beta(beta: float) -> System:
+def with_beta(beta: float) -> sj.System:
     return replace(REFERENCE, beta=beta).system
 
 
 # Published numbers
 
 
-def test_case_i_has_the_peak_and_loop_of_table_3() -> None:
-    run = integrate(CASE_I.system, cycles=8, steps_per_cycle=200)
-    assert run.cycles.peak[-1, 0] == pytest.approx(7.14e-4, rel=3e-3)
-    assert run.cycles.input[-1, 0] == pytest.approx(681.0, rel=3e-3)
-
-
-def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3() -> None:
-    joint = Joint("joint", 50e6, 0.7, beta=1e7, normal_force="equal")
-    structure = struts(load_meshes([MESHES / "structure.msh"]), [joint])
-    system = structure.system([Load("free_end", Harmonic(87.5e3, 500.0))])
-    run = integrate(system, cycles=12, steps_per_cycle=200)
+def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3():
+    joint = sj.Joint("joint", 50e6, 0.7, beta=1e7, normal_force="equal")
+    structure = struts(sj.load_meshes([MESHES / "structure.msh"]), [joint])
+    system = structure.system([sj.Load("free_end", sj.Harmonic(87.5e3, 500.0))])
+    run = sj.integrate(system, cycles=12, steps_per_cycle=200)
     assert run.cycles.friction[-1] == pytest.approx(3.09, rel=0.01)
 
 
 @pytest.mark.parametrize("kind", ["equal", "consistent"])
-def test_slow_coulomb_joint_has_the_pseudo_static_loop(kind: str) -> None:
+def test_slow_coulomb_joint_has_the_pseudo_static_loop(kind):
     joint = LapJoint(beta=np.inf, frequency=1.0, normal_force=kind)
-    run = integrate(joint.system, cycles=2, steps_per_cycle=400)
+    run = sj.integrate(joint.system, cycles=2, steps_per_cycle=400)
     loop = pseudo_static.loop_energy(joint.force, EA, joint.tau)
     assert run.cycles.input[-1, 0] == pytest.approx(loop, rel=5e-3)
     assert run.cycles.friction[-1] == pytest.approx(loop, rel=5e-3)
@@ -65,7 +52,7 @@ def test_slow_coulomb_joint_has_the_pseudo_static_loop(kind: str) -> None:
 # The law's steepness
 
 
-def test_arctan_tends_to_coulomb_as_beta_grows() -> None:
+def test_arctan_tends_to_coulomb_as_beta_grows():
     coulomb = run_of(with_beta(np.inf))
     betas = 10.0 ** np.arange(3, 12)
     errors = [
@@ -78,59 +65,11 @@ def test_arctan_tends_to_coulomb_as_beta_grows() -> None:
     assert errors[-1] < 1e-6
 
 
-@pytest.mark.parametrize("beta", [1e4, 1e5, 1e6, 1e7, 1e8, 1e9, np.inf])
-def test_newton_work_does_not_depend_on_beta(beta: float) -> None:
-    counters = run_of(with_beta(beta)).counters
-    assert counters.newton_iterations <= 12 * counters.steps
-    assert counters.steps == 300
-    assert counters.halved_steps == counters.descents == 0
-
-
-def test_sticking_points_under_coulomb_do_not_move_at_all() -> None:
-    run = run_of(with_beta(np.inf), save=Save(fields=True))
-    sticks = np.abs(run.sigma) < 1.0
-    assert 0.5 < sticks.mean() < 1.0
-    assert np.all(run.v[sticks] == 0.0)
-    assert np.all(np.abs(run.sigma) <= 1.0)
-    slips = run.v != 0.0
-    np.testing.assert_array_equal(run.sigma[slips], np.sign(run.v[slips]))
-
-
-@pytest.mark.parametrize("beta", [1e3, 1e5])
-def test_stored_states_fulfil_the_law_and_the_equation_of_motion(beta: float) -> None:
-    system = with_beta(beta)
-    run = run_of(system, 100, save=Save(fields=True))
-    np.testing.assert_allclose(
-        run.sigma, 2 / np.pi * np.arctan(beta * (system.B @ run.v.T).T), rtol=1e-12, atol=1e-300
-    )
-    # The trapezoidal rule at two neighbours sums their forces to a change of momentum.
-    forces = (
-        system.load_vectors() @ system.load_amplitudes(run.field_times)
-        - system.C @ run.v.T
-        - system.K @ run.u.T
-        - system.B.T @ (system.w[:, None] * run.sigma.T)
-    )
-    impulse = 0.5e-5 * (forces[:, 1:] + forces[:, :-1])
-    momentum = np.diff(system.M @ run.v.T, axis=1)
-    np.testing.assert_allclose(momentum, impulse, atol=1e-9 * np.abs(impulse).max())
-
-
 # Energy
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-def test_energy_balance_closes_for_every_scheme(scheme: Scheme, beta: float) -> None:
-    run = run_of(with_beta(beta), scheme=scheme, cycle_steps=100)
-    assert run.energy_residual < 1e-10
-    cycles = run.cycles
-    works = (run.input_work[0], run.viscous_work, run.scheme_work, run.friction_work.sum())
-    sums = (cycles.input.sum(), cycles.viscous.sum(), cycles.scheme.sum(), cycles.friction.sum())
-    np.testing.assert_allclose(works, sums, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_energy_balance_closes_from_a_moving_start(scheme: Scheme) -> None:
+def test_energy_balance_closes_from_a_moving_start(scheme):
     system = LapJoint(elements=12).system
     rng = np.random.default_rng(0)
     start = (1e-5 * rng.normal(size=12), rng.normal(size=12))
@@ -140,32 +79,17 @@ def test_energy_balance_closes_from_a_moving_start(scheme: Scheme) -> None:
         assert run.stored_energy[0] == pytest.approx(system.stored_energy(*start), rel=1e-12)
 
 
-@pytest.mark.parametrize("rho", [0.5, 1.0])
-@pytest.mark.parametrize("beta", [1e3, 1e5, 1e8, np.inf])
-def test_friction_is_passive_and_no_energy_comes_from_nothing(beta: float, rho: float) -> None:
-    system = with_beta(beta)
-    run = run_of(system, 400, save=Save(fields=True), scheme=generalized_alpha(rho))
-    assert np.all(run.friction_work >= 0.0)
-    assert run.viscous_work > 0.0
-    stored = 0.5 * np.einsum("ti,it->t", run.v, system.M @ run.v.T)
-    stored += 0.5 * np.einsum("ti,it->t", run.u, system.K @ run.u.T)
-    force, tip = run.amplitudes[:, 0], run.point("free_end")
-    given = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(tip))])
-    assert given[-1] == pytest.approx(run.input_work[0], rel=1e-10)
-    assert np.all(stored <= given + 1e-9 * given.max())
-
-
 # Symmetries
 
 
-def test_pushing_is_pulling_with_the_sign_changed() -> None:
+def test_pushing_is_pulling_with_the_sign_changed():
     pull, push = (run_of(replace(REFERENCE, force=sign * 63e3).system) for sign in (1.0, -1.0))
     np.testing.assert_array_equal(push.point_u, -pull.point_u)
     np.testing.assert_array_equal(push.friction_work, pull.friction_work)
 
 
 @pytest.mark.parametrize("basis", ["unit", "orthogonal", "scaled", "gaussian"])
-def test_a_full_rank_basis_is_the_full_model(basis: str) -> None:
+def test_a_full_rank_basis_is_the_full_model(basis):
     system = LapJoint(elements=50).system
     gaussian = np.random.default_rng(0).normal(size=(system.n, system.n))
     V = {
@@ -182,18 +106,7 @@ def test_a_full_rank_basis_is_the_full_model(basis: str) -> None:
     np.testing.assert_allclose(V @ reduced.final[0], full.final[0], atol=1e-8 * full.peak[0])
 
 
-def test_zero_friction_is_the_linear_solution() -> None:
-    frictionless = replace(REFERENCE, friction=0.0).system
-    bar = build_bar([("joint", 0.25, 100)], {"fixed": 0.0, "free_end": 0.25})
-    free = struts(bar).system([Load("free_end", Harmonic(63e3, 1000.0))])
-    assert frictionless.contact_points == 0
-    assert frictionless.w.size == 100
-    a, b = run_of(frictionless), run_of(free)
-    np.testing.assert_array_equal(a.point_u, b.point_u)
-    assert a.counters.friction_evaluations == a.counters.newton_iterations == 0
-
-
-def test_points_without_pressure_need_no_law_in_a_reduced_system() -> None:
+def test_points_without_pressure_need_no_law_in_a_reduced_system():
     # A joint without friction may be Coulomb: it is never evaluated.
     system = LapJoint(elements=10, beta=1e3).system
     half = np.arange(10) < 5
@@ -204,8 +117,8 @@ def test_points_without_pressure_need_no_law_in_a_reduced_system() -> None:
     np.testing.assert_allclose(reduced.point_u, full.point_u, atol=1e-9 * full.peak[0])
 
 
-def test_coulomb_in_a_reduced_system_is_refused_with_advice() -> None:
+def test_coulomb_in_a_reduced_system_is_refused_with_advice():
     system = LapJoint(elements=10, beta=np.inf).system.project(np.eye(10)[:, :3])
-    with pytest.raises(InputError, match="with_beta"):
+    with pytest.raises(sj.InputError, match="with_beta"):
         run_of(system, 1)
     assert run_of(system.with_beta(1e3), 1).counters.steps == 1

@@ -1,36 +1,28 @@
 """Quasi-static slip: Masing's rule, friction limits, slip vectors; SI units."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy import sparse
-from stepping_systems import STEEL, WIDTH, struts
+from stepping_systems import WIDTH, arm, plate, pressed
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar, build_plate
+import skfem_joint as sj
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.structure import Joint, Load, Structure
-from skfem_joint.system import System
 
-TAU, JOINT, FREE = 1.75e6, 0.2, 0.5  # N/m, m, m
-ENDS = {"fixed": 0.0, "end": JOINT + FREE}
+TAU, JOINT = 1.75e6, 0.2  # N/m, m
 
 
 @cache
-def bar(elements: int = 100, held: bool = True) -> System:
+def bar(elements: int = 100, held: bool = True) -> sj.System:
     """Bar with a free length beyond a joint of constant friction per length."""
-    mesh = build_bar([("joint", JOINT, elements), ("free", FREE, 100)], ENDS)
-    joint = Joint("joint", TAU / 0.7 / WIDTH, 0.7, normal_force="consistent")
-    supports = {"fixed": ["fixed"]} if held else {"fixed": (), "free": True}
-    return struts(mesh, [joint], **supports).system([Load("end", Harmonic(1.0, 1.0))])
+    joint = sj.Joint("joint", TAU / 0.7 / WIDTH, 0.7, normal_force="consistent")
+    supports = {} if held else {"fixed": (), "free": True}
+    return arm(sj.Harmonic(1.0, 1.0), joint, (elements, 100), stiffness_damping=1e-5, **supports)
 
 
-def test_unloading_is_the_loading_doubled_and_loops_close() -> None:
+def test_unloading_is_the_loading_doubled_and_loops_close():
     system = bar()
     shape = system.loads[0].vector
     up, down = np.linspace(0.0, 1.0, 41)[1:], np.linspace(1.0, -1.0, 81)[1:]
@@ -42,7 +34,7 @@ def test_unloading_is_the_loading_doubled_and_loops_close() -> None:
 
 
 @pytest.mark.parametrize("multiple", [0.5, 3.0, 1e3])
-def test_a_body_that_friction_holds_slips_at_its_limit(multiple: float) -> None:
+def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
     system = bar(held=False)
     path = QuasiStatic(system)
     force, limit = multiple * system.loads[0].vector, float(system.w.sum())
@@ -52,16 +44,14 @@ def test_a_body_that_friction_holds_slips_at_its_limit(multiple: float) -> None:
     assert np.abs(beyond - held).max() < 1e-4 * np.abs(held).max()
 
 
-def test_an_elastic_support_has_no_friction_limit() -> None:
+def test_an_elastic_support_has_no_friction_limit():
     assert QuasiStatic(bar()).limit(bar().loads[0].vector) == np.inf
 
 
-def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left() -> None:
-    mesh = build_plate([("joint", 0.1, 10), ("free", 0.1, 10)], 0.05, 4)
-    structure = Structure(
-        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[Joint("joint", 5e6, 0.5)]
-    )
-    system = structure.system([Load("right", Harmonic(1.0, 1.0), (1.0, 0.3))], [])
+def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left():
+    mesh = sj.build_plate([("joint", 0.1, 10), ("free", 0.1, 10)], 0.05, 4)
+    structure = plate(mesh, [pressed(pressure=5e6, friction=0.5)])
+    system = structure.system([sj.Load("right", sj.Harmonic(1.0, 1.0), (1.0, 0.3))], [])
     f = 6e3 * system.loads[0].vector
     path = QuasiStatic(system)
     u = path.follow(np.linspace(0.1, 1.0, 10)[:, np.newaxis] * f)
@@ -82,7 +72,7 @@ def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left() -> None:
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_a_dense_system_slips_as_the_sparse_one_does(held: bool) -> None:
+def test_a_dense_system_slips_as_the_sparse_one_does(held):
     system = bar(10, held)
     dense = system.project(np.eye(system.n))
     # Points that depend on each other: each is cut into three of a third of its limit.
@@ -95,6 +85,6 @@ def test_a_dense_system_slips_as_the_sparse_one_does(held: bool) -> None:
     assert found == pytest.approx(exact, abs=1e-4 * np.abs(exact).max())
 
 
-def test_systems_without_friction_are_refused() -> None:
-    with pytest.raises(InputError, match="needs friction"):
+def test_systems_without_friction_are_refused():
+    with pytest.raises(sj.InputError, match="needs friction"):
         QuasiStatic(replace(bar(), w=np.zeros(bar().w.size)))

@@ -1,7 +1,5 @@
 """Bodies of every dimension for the tests of structures, in SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,32 +1,27 @@
 """Damping given by its ratio: exact where it is fitted, less between, more beyond."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from bodies import block, pressed, structure
 from scipy import linalg, sparse
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Amplitude, Harmonic, Triangle
-from skfem_joint.structure import Load, Structure
-from skfem_joint.system import System
+from skfem_joint.loads import Amplitude
 
 RATIO = 0.02
 
 
-def some(shape: str, **changes: object) -> Structure:
+def some(shape: str, **changes: object) -> sj.Structure:
     body = block(shape, n=2 if shape == "hex" else 3, size=(2.0, 0.3, 0.2))
     return structure(body, [pressed("joint" if shape == "line" else "pressed")], **changes)
 
 
-def loaded(structure: Structure, amplitude: Amplitude) -> System:
+def loaded(structure: sj.Structure, amplitude: Amplitude) -> sj.System:
     direction = (1.0, *[0.0] * (structure.dim - 1))
-    return structure.system([Load("right", amplitude, direction)])
+    return structure.system([sj.Load("right", amplitude, direction)])
 
 
-def free_decay(system: System) -> tuple[np.ndarray, np.ndarray]:
+def free_decay(system: sj.System) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, rad/s, and ratios of a system's free vibrations with its joints stuck."""
     free = np.setdiff1d(np.arange(system.n), system.B.indices)
     M, C, K = (A.toarray()[np.ix_(free, free)] for A in (system.M, system.C, system.K))
@@ -39,20 +34,20 @@ def free_decay(system: System) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("shape", ["line", "quad", "hex"])
-def test_the_ratio_is_exact_at_the_two_frequencies_of_the_fit(shape: str) -> None:
-    omega, _ = free_decay(loaded(some(shape), Triangle(1.0, 1e-3)))
+def test_the_ratio_is_exact_at_the_two_frequencies_of_the_fit(shape):
+    omega, _ = free_decay(loaded(some(shape), sj.Triangle(1.0, 1e-3)))
     body, frequency = some(shape, damping_ratio=RATIO), omega / (2.0 * np.pi)
     for amplitude, second in (
-        (Triangle(1.0, 1e-3), 2),
-        (Harmonic(1.0, 1.05 * frequency[0]), 2),
-        (Harmonic(1.0, frequency[1]), 1),
+        (sj.Triangle(1.0, 1e-3), 2),
+        (sj.Harmonic(1.0, 1.05 * frequency[0]), 2),
+        (sj.Harmonic(1.0, frequency[1]), 1),
     ):
         system = loaded(body, amplitude)
         _, ratio = free_decay(system)
         np.testing.assert_allclose(ratio[[0, second]], RATIO, rtol=1e-6)
         assert np.all(ratio[1:second] < RATIO)
         assert len(system.notes) == 1
-    slow = loaded(body, Harmonic(1.0, 0.2 * frequency[0]))
+    slow = loaded(body, sj.Harmonic(1.0, 0.2 * frequency[0]))
     _, ratio = free_decay(slow)
     np.testing.assert_allclose(ratio[0], RATIO, rtol=1e-6)
     # C = a M + b K: two of the ratios tell what it is at the frequency of the load.
@@ -61,7 +56,7 @@ def test_the_ratio_is_exact_at_the_two_frequencies_of_the_fit(shape: str) -> Non
     assert 0.5 * (a / (0.2 * omega[0]) + b * 0.2 * omega[0]) == pytest.approx(RATIO, rel=1e-6)
 
 
-def test_a_joint_that_is_all_there_is_counts_as_loose() -> None:
+def test_a_joint_that_is_all_there_is_counts_as_loose():
     M, K = np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]])
     slip = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0)
     system = sj.System.from_matrices(M, K, contact=slip, damping_ratio=RATIO)
@@ -72,14 +67,14 @@ def test_a_joint_that_is_all_there_is_counts_as_loose() -> None:
     np.testing.assert_allclose(modes @ C @ modes, np.diag(expected), atol=1e-9)
 
 
-def test_a_ratio_is_given_alone_and_of_something_that_vibrates() -> None:
+def test_a_ratio_is_given_alone_and_of_something_that_vibrates():
     M, K = np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]])
     for changes in ({"C": K}, {"stiffness_damping": 1.0}, {"mass_damping": 1.0}):
-        with pytest.raises(InputError, match="must be given alone"):
+        with pytest.raises(sj.InputError, match="must be given alone"):
             sj.System.from_matrices(M, K, damping_ratio=RATIO, **changes)
-    with pytest.raises(InputError, match="nothing vibrates"):
-        System(M, None, sparse.csr_array(0.0 * K), np.zeros((0, 2)), [], 1.0).with_damping_ratio(
+    with pytest.raises(sj.InputError, match="nothing vibrates"):
+        sj.System(M, None, sparse.csr_array(0.0 * K), np.zeros((0, 2)), [], 1.0).with_damping_ratio(
             RATIO
         )
-    with pytest.raises(InputError, match=r"(?s)below 1.*must be given alone"):
+    with pytest.raises(sj.InputError, match=r"(?s)below 1.*must be given alone"):
         some("line", damping_ratio=2.0, stiffness_damping=1e-5)

@@ -1,7 +1,5 @@
 """Supports that are accelerated together: the motion relative to them, in every dimension."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +19,7 @@ ACCELERATION = 3.0
 
 @pytest.mark.parametrize("along", ["first", "last"])
 @pytest.mark.parametrize(("shape", "order"), [e for e in ELEMENTS if e[0] == "line" or e[1] == 2])
-def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(
-    shape: str, order: int, along: str
-) -> None:
+def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(shape, order, along):
     """Without Poisson effect a column of length L strains by rho a (L - x) / E."""
     body = block(shape, order, size=(2.0, 1.0, 0.5))
     axis, fixed = (0, "left") if along == "first" or body.dim == 1 else (body.dim - 1, "base")
@@ -40,7 +36,7 @@ def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(
     assert "mass_" in system.points[0]
 
 
-def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form() -> None:
+def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form():
     """The mass that the support shares with its neighbour pushes too: rho A L / 2 in all."""
     whole, length, shake = DENSITY * WIDTH * THICKNESS, 1.0, 2.0 * np.pi * 300.0
     some = structure(build_bar([("bar", length, 1)], {"fixed": 0.0, "end": length}), (), ["fixed"])
@@ -53,7 +49,7 @@ def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form() -> None:
 
 
 @pytest.mark.parametrize("kind", ["Harmonic", "Triangle", "Table", "MultiHarmonic"])
-def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind: str) -> None:
+def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
     """Bar, base and friction between them as masses of their own in absolute motion."""
     a = 2e4
     harmonic = loads.Harmonic(a, 800.0, 0.3)
@@ -85,7 +81,7 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind: str) -> None:
     np.testing.assert_allclose(moved, one.point("end"), atol=2e-5 * np.abs(moved).max())
 
 
-def test_a_reduced_model_follows_a_moving_base() -> None:
+def test_a_reduced_model_follows_a_moving_base():
     some = replace(two_bars(beta=1e4), stiffness_damping=0.0, damping_ratio=0.01)
     system = some.system([Load(base="x", amplitude=loads.Harmonic(1.5e4, 400.0))], ["upper_end"])
     small = sj.reduce(system, modes=10)
@@ -106,7 +102,7 @@ def test_a_reduced_model_follows_a_moving_base() -> None:
         (Load(base="y", amplitude=np.sin), "a force there does nothing"),
     ],
 )
-def test_a_load_is_a_force_or_a_moving_base(load: Load, message: str) -> None:
+def test_a_load_is_a_force_or_a_moving_base(load, message):
     some = structure(block("quad"), fixed=["left"], fixed_y=["joint", "rest"])
     with pytest.raises(InputError, match=message):
         some.system([load])

@@ -1,7 +1,5 @@
 """Friction on matrices of one's own: any basis, rows of one's own, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -48,7 +46,7 @@ def same_up_to_order(one: System, two: System) -> None:
 
 
 @pytest.mark.parametrize(("shape", "order"), [one for one in ELEMENTS if one[0] != "line"])
-def test_contact_on_a_basis_is_that_of_the_structure(shape: str, order: int) -> None:
+def test_contact_on_a_basis_is_that_of_the_structure(shape, order):
     body = block(shape, order, 2, (0.2, 0.1, 0.1))
     for on in ("base",) if shape in ("tet", "hex") else ("base", "joint"):
         some = structure(body, [pressed(on)], ["right"], plane="strain")
@@ -64,7 +62,7 @@ def test_contact_on_a_basis_is_that_of_the_structure(shape: str, order: int) -> 
         same_up_to_order(mine, theirs)
 
 
-def test_contact_against_another_body_is_that_of_the_structure() -> None:
+def test_contact_against_another_body_is_that_of_the_structure():
     for body, joint, fixed in ((lap(), LAP, "lower_left"), (side(), SIDE, "lower_left")):
         mine = structure(body, [joint], [fixed], plane="strain").system()
         basis = basis_of(body)
@@ -82,7 +80,7 @@ def chain(n: int = 12) -> tuple[sparse.csr_array, sparse.csr_array]:
     return sparse.csr_array(sparse.eye_array(n)), sparse.csr_array(K)
 
 
-def test_rows_of_ones_own_become_unknowns_and_displacements_come_back() -> None:
+def test_rows_of_ones_own_become_unknowns_and_displacements_come_back():
     M, K = chain()
     rows = [np.eye(12)[3] - np.eye(12)[7], np.eye(12)[5] + 0.5 * np.eye(12)[6]]
     joint = point_friction(rows[0], 10.0) + point_friction(rows[1], 5.0, beta=1e4)
@@ -107,7 +105,7 @@ def test_rows_of_ones_own_become_unknowns_and_displacements_come_back() -> None:
     np.testing.assert_allclose(arrangement.inverse @ (arrangement.forward @ q), q, rtol=1e-12)
 
 
-def test_slip_rows_may_have_indices_of_any_width() -> None:
+def test_slip_rows_may_have_indices_of_any_width():
     rows = sparse.csr_array(np.array([[0.0, 2.0, -1.0, 0.0], [1.0, 0.0, 0.5, 0.0]]))
     rows.indices, rows.indptr = (at.astype(np.int64) for at in (rows.indices, rows.indptr))
     new = change_of_unknowns(4, np.array([3]), sparse.csr_array((0, 4)), rows)
@@ -117,7 +115,7 @@ def test_slip_rows_may_have_indices_of_any_width() -> None:
     np.testing.assert_allclose((rows @ new.forward).toarray(), np.eye(3)[new.slips], atol=1e-15)
 
 
-def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports() -> None:
+def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports():
     M, K = chain(6)
     rows = np.zeros((2, 6))
     rows[:, 2:4] = np.array([[0.6, 0.8], [-0.8, 0.6]])
@@ -129,23 +127,6 @@ def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports(
     np.testing.assert_allclose(held.slip_norm(held.B @ u), abs(held.expand(u)[3]), rtol=1e-12)
 
 
-def test_a_beam_has_no_tangent_of_its_own_but_takes_a_row() -> None:
-    mesh = skfem.MeshLine(np.linspace(0.0, 1.0, 9)).with_boundaries({"wall": lambda x: x[0] == 0.0})
-    basis = skfem.Basis(
-        mesh.with_subdomains({"foot": lambda x: x[0] > 0.5}), skfem.ElementLineHermite()
-    )
-    with pytest.raises(InputError, match="point_friction"):
-        contact(basis, "foot", pressure=1e6, friction=0.5)
-    K = skfem.asm(skfem.BilinearForm(lambda u, v, _: 21.0 * u.hess[0, 0] * v.hess[0, 0]), basis)
-    M = skfem.asm(skfem.BilinearForm(lambda u, v, _: 7.8 * u * v), basis)
-    tip = int(basis.nodal_dofs[0, -1])
-    row = np.bincount([tip], minlength=basis.N).astype(float)
-    system = System.from_matrices(
-        M, K, fixed=basis.get_dofs("wall"), contact=point_friction(row, 1.0), points={"tip": tip}
-    )
-    assert (system.n, system.contact_points) == (16, 1)
-
-
 def refused(match: str, **changes: Any) -> None:
     M, K = chain(4)
     values: dict[str, Any] = {"M": M, "K": K} | changes
@@ -153,7 +134,7 @@ def refused(match: str, **changes: Any) -> None:
         System.from_matrices(values.pop("M"), values.pop("K"), **values)
 
 
-def test_matrices_that_would_be_wrong_in_silence_are_refused() -> None:
+def test_matrices_that_would_be_wrong_in_silence_are_refused():
     _M, K = chain(4)
     crooked = K.copy()
     crooked[0, 1] = -0.9
@@ -177,7 +158,7 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused() -> None:
             point_friction(row, limit, beta)
 
 
-def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit() -> None:
+def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
     M, K = chain(4)
     plain = System(
         M=M, C=None, K=K, B=sparse.eye_array(4, format="csr")[:2], w=[1.0, 2.0], beta=1e5
@@ -196,31 +177,27 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit() -> None:
         replace(plain, T=np.ones((5, 3)))
 
 
-def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for() -> None:
+def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for():
     body = block("quad")
-    inner = np.flatnonzero(body.mesh.f2t[1] >= 0)[:2]
-    mesh = body.mesh.with_boundaries({"inner": inner})
-    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()))
-    short, flat = PressureTable((0.0, 0.3), (1e6, 1e6)), PressureTable((0, 1), (1, 1), (1, 0, 0))
+    basis = skfem.Basis(body.mesh, skfem.ElementVector(skfem.ElementQuad1()))
+    flat = PressureTable((0, 1), (1, 1), (1, 0, 0))
     bolts = Bolts((Bolt((0.0, 2.0), 1.0, 0.1),))
     for match, changes in (
-        ("runs inside a body", {"on": "inner"}),
         ("belong to the same body", {"on": "joint", "against": "rest"}),
-        ("must cover the joint", {"pressure": short}),
         ("pressure.axis", {"pressure": flat}),
-        ("lies on the contact", {"pressure": bolts}),
         ("bolts press areas", {"on": "base", "pressure": bolts}),
-        ("friction: found -1", {"friction": -1.0}),
-        ("no such name", {"on": "nowhere"}),
         ("contact: thickness: found 0.0", {"thickness": 0.0}),
         ("contact: width: found nan", {"width": np.nan}),
     ):
         values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
         with pytest.raises(InputError, match=match):
             contact(basis, values.pop("on"), **values)
+    beam = skfem.Basis(skfem.MeshLine().with_subdomains({"all": [0]}), skfem.ElementLineHermite())
+    with pytest.raises(InputError, match="point_friction"):
+        contact(beam, "all", pressure=1e6, friction=0.5)
 
 
-def test_fixed_may_be_numbers_in_any_form_but_no_mask() -> None:
+def test_fixed_may_be_numbers_in_any_form_but_no_mask():
     K = sparse.diags_array([[-1.0] * 3, [2.0] * 4, [-1.0] * 3], offsets=[-1, 0, 1])
     M = sparse.eye_array(4)
     for fixed in ([1, 3], (1, 3), np.array([3, 1]), np.array([1, 3], dtype=np.int32)):

@@ -1,7 +1,5 @@
 """Slip directions and slip unknowns: every dimension, edges, faces, supports and second bodies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -28,18 +26,14 @@ from bodies import (
 )  # fmt: skip
 from scipy import sparse
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_box, build_plate, merged
-from skfem_joint.structure import Bolt, Bolts, Joint, Load, Structure
+import skfem_joint as sj
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import manifold_of, slip_directions
-from skfem_joint.system import System
 
-LOAD = Harmonic(1.0, 1.0)
+LOAD = sj.Harmonic(1.0, 1.0)
 
 
-def check_form(some: Structure, system: System) -> None:
+def check_form(some: sj.Structure, system: sj.System) -> None:
     """Matrices are symmetric, each slip is one unknown, and it is the slip."""
     for A in (system.M, system.C, system.K):
         assert isinstance(A, sparse.csr_array)
@@ -69,12 +63,12 @@ def check_form(some: Structure, system: System) -> None:
 
 
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)
-def test_on_its_base_a_body_slips_in_its_own_directions(shape: str, order: int) -> None:
+def test_on_its_base_a_body_slips_in_its_own_directions(shape, order):
     if shape in ("tet", "hex"):
         joints = [pressed("base")]
     else:
         joints = [pressed(), pressed("rest", pressure=1e6)]
-    some = structure(distorted(block(shape, order)), joints, stiffness_damping=1e-5)
+    some = structure(distorted(block(shape, order, 4 - order)), joints, stiffness_damping=1e-5)
     system = some.system()
     check_form(some, system)
     expected = {"line": 1, "tri": 2, "quad": 2, "tet": 2, "hex": 2}[shape]
@@ -85,10 +79,8 @@ def test_on_its_base_a_body_slips_in_its_own_directions(shape: str, order: int) 
 
 @pytest.mark.parametrize("angle", [0.0, 25.0])
 @pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
-def test_pressed_by_its_border_a_body_slips_along_it_and_stays_on_it(
-    shape: str, order: int, angle: float
-) -> None:
-    some = structure(turned(block(shape, order), angle), [pressed("base")], ["top"])
+def test_pressed_by_its_border_a_body_slips_along_it_and_stays_on_it(shape, order, angle):
+    some = structure(turned(block(shape, order, 4 - order), angle), [pressed("base")], ["top"])
     system = some.system()
     check_form(some, system)
     (patch,) = some.patches
@@ -105,8 +97,8 @@ def test_pressed_by_its_border_a_body_slips_along_it_and_stays_on_it(
 
 
 @pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
-def test_supports_take_slip_directions(shape: str, order: int) -> None:
-    body = block(shape, order)
+def test_supports_take_slip_directions(shape, order):
+    body = block(shape, order, 4 - order)
     on = "base"
     free = structure(body, [pressed(on)], ["top"])
     last = "xyz"[free.dim - 1]
@@ -129,7 +121,7 @@ def test_supports_take_slip_directions(shape: str, order: int) -> None:
         np.testing.assert_array_equal(system.directions[patch.points[~held]], 2)
 
 
-def test_an_inclined_support_leaves_what_is_perpendicular_to_it_and_the_normal() -> None:
+def test_an_inclined_support_leaves_what_is_perpendicular_to_it_and_the_normal():
     normal = np.array([[0.6, 0.0, 0.8], [0.6, 0.0, 0.8]])
     held = np.array([[True, False, False], [False, True, False]])
     found = slip_directions(normal, held)
@@ -139,7 +131,7 @@ def test_an_inclined_support_leaves_what_is_perpendicular_to_it_and_the_normal()
 
 def ring(n: int) -> Any:
     """Half of a ring of quadrilaterals, pressed by its inner border."""
-    body = build_plate(
+    body = sj.build_plate(
         [("joint", np.pi, n)], 0.5, 2, boundaries={"inner": "bottom", "outer": "top"}
     )
 
@@ -150,7 +142,7 @@ def ring(n: int) -> Any:
     return mapped(body, bent)
 
 
-def test_normals_of_a_ring_are_those_of_the_circle() -> None:
+def test_normals_of_a_ring_are_those_of_the_circle():
     some = structure(ring(20), [pressed("inner")], ["outer"])
     (patch,) = some.patches
     inside = np.abs(some.nodes[patch.nodes, 1]) > 1e-9
@@ -161,15 +153,15 @@ def test_normals_of_a_ring_are_those_of_the_circle() -> None:
     tangents = patch.directions[order, 0]
     assert np.einsum("kc,kc->k", tangents[1:], tangents[:-1]).min() > 0.9
     check_form(some, some.system())
-    with pytest.raises(InputError, match=r"turns by .* degrees at .*at most 30"):
+    with pytest.raises(sj.InputError, match=r"turns by .* degrees at .*at most 30"):
         structure(ring(5), [pressed("inner")], ["outer"]).system()
 
 
-def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes() -> None:
+def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes():
     for shape in ("tet", "hex"):
         body = block(shape, 1, 4)
 
-        def bent(p: np.ndarray) -> np.ndarray:
+        def bent(p):
             q = p.copy()
             q[2] = p[2] + 0.1 * ((p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2) * (1 - p[2])
             return q
@@ -186,7 +178,7 @@ def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes() -> None:
         np.testing.assert_allclose(normals[on][inner], exact[inner], atol=1e-2)
 
 
-def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law() -> None:
+def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
     for shape in ("line", "tri"):
         body = block(shape, 1)
         elements = np.arange(body.mesh.t.shape[1])
@@ -194,11 +186,11 @@ def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law() -> N
         one = structure(body, [pressed("whole")]).system()
         two = structure(body, [pressed("joint"), pressed("rest")]).system()
         np.testing.assert_allclose(two.B.T @ two.on_rows(two.w), one.B.T @ one.on_rows(one.w))
-        with pytest.raises(InputError, match=r"'rest' shares a node, .*of another law, beta"):
+        with pytest.raises(sj.InputError, match=r"'rest' shares a node, .*of another law, beta"):
             structure(body, [pressed("joint"), pressed("rest", beta=np.inf)])
 
 
-def balanced(some: Structure, system: System) -> None:
+def balanced(some: sj.Structure, system: sj.System) -> None:
     """Friction forces, as the system applies them, are in balance over both bodies."""
     forces = np.random.default_rng(7).standard_normal(system.B.shape[0])
     first = system.first_row
@@ -226,11 +218,9 @@ def balanced(some: Structure, system: System) -> None:
 @pytest.mark.parametrize("elements", [(4, 4), (5, 3), (3, 7)])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
-def test_action_equals_reaction_between_two_plates(
-    kind: str, order: int, elements: tuple[int, int]
-) -> None:
+def test_action_equals_reaction_between_two_plates(kind, order, elements):
     body = lap(elements, order, kind, (2, 2) if elements == (4, 4) else (3, 2))
-    bolts = Bolts((Bolt((0.25, 0.025), 20e3, 0.02, 0.005),), 0.01)
+    bolts = sj.Bolts((sj.Bolt((0.25, 0.025), 20e3, 0.02, 0.005),), 0.01)
     for joint in (LAP, replace(LAP, pressure=bolts)):
         some = structure(body, [joint], ["lower_left"])
         system = some.system()
@@ -248,9 +238,7 @@ def test_action_equals_reaction_between_two_plates(
 @pytest.mark.parametrize("elements", [(4, 4), (5, 3)])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 40.0])
-def test_action_equals_reaction_between_two_edges(
-    order: int, elements: tuple[int, int], angle: float
-) -> None:
+def test_action_equals_reaction_between_two_edges(order, elements, angle):
     some = structure(
         turned(side(elements, order), angle), [SIDE], ["lower_left"], fixed_y=["upper_right"]
     )
@@ -261,9 +249,9 @@ def test_action_equals_reaction_between_two_edges(
 
 
 @pytest.mark.parametrize("below", [20, 13, 33])
-def test_action_equals_reaction_between_two_bars(below: int) -> None:
+def test_action_equals_reaction_between_two_bars(below):
     some = two_bars(20, below)
-    system = some.system([Load("upper_end", LOAD), Load("upper_joint", LOAD)])
+    system = some.system([sj.Load("upper_end", LOAD), sj.Load("upper_joint", LOAD)])
     check_form(some, system)
     balanced(some, system)
     # Loads work on what is observed, beside the joint and on it.
@@ -272,13 +260,13 @@ def test_action_equals_reaction_between_two_bars(below: int) -> None:
     np.testing.assert_allclose((system.P @ rates)[:2], work, rtol=1e-12)
 
 
-def test_a_pile_of_three_plates_slips_at_both_faces() -> None:
+def test_a_pile_of_three_plates_slips_at_both_faces():
     plates = [
-        build_plate([(f"joint{i}", 0.1, n), (f"rest{i}", 0.05, 2)], 0.05, 2, prefix=f"{i}_")
+        sj.build_plate([(f"joint{i}", 0.1, n), (f"rest{i}", 0.05, 2)], 0.05, 2, prefix=f"{i}_")
         for i, n in enumerate((2, 5, 3))
     ]
-    body = merged(plates)
-    joints = [Joint("joint2", 1e6, 0.5, "joint1"), Joint("joint1", 1e6, 0.5, "joint0")]
+    body = sj.merged(plates)
+    joints = [sj.Joint("joint2", 1e6, 0.5, "joint1"), sj.Joint("joint1", 1e6, 0.5, "joint0")]
     some = structure(body, joints, ["0_left"])
     system = some.system()
     check_form(some, system)
@@ -290,36 +278,21 @@ def test_a_pile_of_three_plates_slips_at_both_faces() -> None:
     expanded = some.expand(q)
     for patch in some.patches:
         np.testing.assert_allclose(patch.relative(expanded), 0.0, atol=1e-17)
-    circle = [*joints, Joint("joint0", 1e6, 0.5, "joint2")]
-    with pytest.raises(InputError, match="in a circle"):
+    circle = [*joints, sj.Joint("joint0", 1e6, 0.5, "joint2")]
+    with pytest.raises(sj.InputError, match="in a circle"):
         structure(body, circle, ["0_right"]).system()
-
-
-def test_a_turned_structure_has_turned_matrices() -> None:
-    angle = 33.0
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    straight = structure(lap((5, 3), 2), [LAP], ["lower_left"])
-    other = structure(turned(lap((5, 3), 2), angle), [LAP], ["lower_left"])
-    one = straight.system([Load("upper_right", LOAD, (1.0, 0.5))])
-    two = other.system([Load("upper_right", LOAD, (c - 0.5 * s, s + 0.5 * c))])
-    R = sparse.kron(sparse.eye_array(one.n // 2), np.array([[c, -s], [s, c]]))
-    for name in ("M", "K"):
-        A = getattr(one, name)
-        assert abs(R @ A @ R.T - getattr(two, name)).max() < 1e-12 * abs(A).max()
-    np.testing.assert_allclose(two.w, one.w, rtol=1e-12)
-    np.testing.assert_allclose(two.loads[0].vector, R @ one.loads[0].vector, atol=1e-14)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
-def test_two_solids_pressed_on_each_other_are_in_balance(kind: Any, order: int) -> None:
+def test_two_solids_pressed_on_each_other_are_in_balance(kind, order):
     lower, upper = (
-        build_box([(f"{name} body", 0.2, 2 * n)], (0.1, 0.05), (n, n), origin=(0.0, 0.0, z),
+        sj.build_box([(f"{name} body", 0.2, 2 * n)], (0.1, 0.05), (n, n), origin=(0.0, 0.0, z),
                   kind=kind, order=order, prefix=f"{name} ")
         for name, n, z in (("lower", 2, 0.0), ("upper", 3, 0.05))
     )  # fmt: skip
-    joint = Joint("upper front", 8e6, MU, "lower back")
-    some = structure(merged([lower, upper]), [joint], ["lower front"])
+    joint = sj.Joint("upper front", 8e6, MU, "lower back")
+    some = structure(sj.merged([lower, upper]), [joint], ["lower front"])
     system = some.system()
     check_form(some, system)
     balanced(some, system)
