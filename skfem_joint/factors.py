@@ -30,13 +30,13 @@ def factorised(A: Any) -> Any:
     """
     if isinstance(A, np.ndarray):
         try:
-            factor = linalg.cho_factor(A)
+            factor = linalg.cho_factor(A.T, check_finite=False)
         except linalg.LinAlgError as error:
             raise InputError(
-                "the mass or step matrix is not positive definite: modes that depend on each "
-                "other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
+                "the mass or step matrix is not positive definite: is the step tiny, or do modes "
+                "depend on each other? skfem_joint.reduction.pod.orthonormal drops those"
             ) from error
-        return lambda right: linalg.cho_solve(factor, right)
+        return lambda right: linalg.cho_solve(factor, right, check_finite=False)
     entries = A.tocoo(copy=False)
     banded = Band(entries.row, entries.col, A.shape[0]).factorised(entries.data)
     return _of_any_pattern(A) if banded is None else banded
@@ -46,17 +46,6 @@ def _of_any_pattern(A: Any) -> Any:
     """Order A + A^T, take the pivots from the diagonal."""
     how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
     return splu(sparse.csc_array(A), **how, options={"SymmetricMode": True}).solve
-
-
-def inverse(A: FloatArray) -> FloatArray:
-    """Inverse of a symmetric positive definite matrix: a product is faster than two solves."""
-    factor, failed = lapack.dpotrf(A, lower=1)
-    if not failed:
-        inverse, failed = lapack.dpotri(factor, lower=1)
-    if failed:
-        raise InputError("the condensed step matrix is not positive definite: is the step tiny?")
-    lower = np.tril(inverse)
-    return np.asarray(lower + np.tril(lower, -1).T)
 
 
 class Band:
@@ -138,9 +127,12 @@ class BlockFactors:
 
     def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
         if isinstance(self.A, np.ndarray):
-            T = self.A.copy()
-            T[self.rows, self.columns] += values
-            return inverse(T if among is None else T[among][:, among]).__matmul__
+            T = self.A.copy() if among is None else self.A[np.ix_(among, among)]
+            place, moves = np.arange(len(self.A)), np.ones(self.rows.size, dtype=bool)
+            if among is not None:
+                place, moves = np.cumsum(among) - 1, among[self.rows]
+            T[place[self.rows[moves]], place[self.columns[moves]]] += values[moves]
+            return factorised(T)
         entries, n = self.A.tocoo(copy=False), self.A.shape[0]
         values = np.concatenate([entries.data, values])
         if self.band is None:

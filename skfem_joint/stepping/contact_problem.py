@@ -43,6 +43,8 @@ ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
 #: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
 #: right side that the systems are solved to.
 MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
+#: Unknowns of a dense system that moves up to which a factor of its own costs less than that.
+FEW = 512
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 #: Largest tangent across a slip over the diagonal: round-off of larger ones is singular along it.
@@ -87,33 +89,50 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     v[j] = speed * (y / size) if size != 0.0 else 0.0
 
 
-def _left(A, i, g, v):
-    """Residual g - A v of row i; A is an array, or compressed rows."""
+def _move(A, i, step, r):
+    """Subtract ``step`` times column i of a symmetric A, an array or compressed rows, from r."""
     raise NotImplementedError
 
 
-@compiled_for(_left, Compressed)
-def _left_of_compressed(A, i, g, v):
-    r = g[i]
+@compiled_for(_move, Compressed)
+def _move_of_compressed(A, i, step, r):
     for e in range(A.start[i], A.start[i + 1]):
-        r -= A.value[e] * v[A.column[e]]
-    return r
+        r[A.column[e]] -= A.value[e] * step
 
 
-@compiled_for(_left, Full)
-def _left_of_full(A, i, g, v):
-    return g[i] - np.dot(A.entries[i], v)
+@compiled_for(_move, Full)
+def _move_of_full(A, i, step, r):
+    row = A.entries[i]
+    for k in range(r.size):
+        r[k] -= row[k] * step
 
 
 @compiled
-def _sweep(A, first, second, block, w, beta, g, v, backward):
-    """Relax all points one after another, in place."""
+def _subtract_product(A, v, r):
+    """Subtract A v from r, to which points at rest add nothing."""
+    for i in range(v.size):
+        if v[i] != 0.0:
+            _move(A, i, v[i], r)
+
+
+@compiled
+def _sweep(A, first, second, block, w, beta, r, v, backward):
+    """Relax all points one after another, in place, and keep the residual r = g - A v.
+
+    Points that rest and stay so cost nothing.
+    """
     n = first.size
     for k in range(n):
         p = n - 1 - k if backward else k
-        r = _left(A, first[p], g, v)
-        s = _left(A, second[p], g, v) if second[p] >= 0 else 0.0
-        _relax(p, first, second, block, w, beta, r, s, v)
+        i = first[p]
+        j = second[p]
+        x = v[i]
+        y = v[j] if j >= 0 else 0.0
+        _relax(p, first, second, block, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
+        if v[i] != x:
+            _move(A, i, v[i] - x, r)
+        if j >= 0 and v[j] != y:
+            _move(A, j, v[j] - y, r)
 
 
 @compiled
@@ -233,6 +252,15 @@ def _add_blocks(first, second, blocks, x, y):
 # All points together
 
 
+def _times(A: Any, x: FloatArray) -> FloatArray:
+    """Product A x; of an array only columns of unknowns that move are looked at."""
+    if not isinstance(A, np.ndarray):
+        return np.asarray(A @ x)
+    y = np.zeros_like(x)
+    _subtract_product(Full(A), -x, y)
+    return y
+
+
 @dataclass(frozen=True)
 class Solution:
     """What :meth:`ContactProblem.solve` found."""
@@ -265,8 +293,8 @@ class ContactProblem:
         self, A: Any, first: IntArray, second: IntArray, w: FloatArray, beta: FloatArray
     ) -> None:
         n = A.shape[0]
-        self.A, self.sizes = A, abs(A)
-        self.rows = Full(A) if isinstance(A, np.ndarray) else compressed(A)
+        self.A, self.sizes, self.dense = A, abs(A), isinstance(A, np.ndarray)
+        self.rows = Full(A) if self.dense else compressed(A)
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
         free = np.ones(n, dtype=bool)
@@ -300,6 +328,7 @@ class ContactProblem:
         none, nothing, block = self.first[:0], self.w[:0], self.block[:0]
         laws = none, none, nothing, nothing
         x, y, z = np.zeros((3, self.A.shape[0]))
+        _subtract_product(self.rows, x, y)
         _sweep(self.rows, none, none, block, nothing, nothing, x, y, False)
         _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
         _tangent(none, none, block, nothing, nothing, x, block)
@@ -322,12 +351,13 @@ class ContactProblem:
         tangents = np.zeros_like(self.block)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
+        r = g - _times(self.A, v)
         for iteration in range(ITERATIONS):
             for sweep in range(SWEEPS):
                 backward = bool((sweep + iteration) % 2)
-                _sweep(self.rows, *self.points, self.block, self.w, self.beta, g, v, backward)
-            Av = self.A @ v
-            r = g - Av
+                _sweep(self.rows, *self.points, self.block, self.w, self.beta, r, v, backward)
+            r = g - _times(self.A, v)
+            left = r.copy()
             residual, where = _subtract_friction(*self.laws, v, r, sigma, held)
             evaluations += SWEEPS + 1
             if not np.isfinite(residual):
@@ -341,14 +371,16 @@ class ContactProblem:
             r[held] = 0.0
             d, more = self._newton_direction(r, tangents, held)
             solves += more
-            length, trials = self._search(v, d, g, Av)
+            along = _times(self.A, d)
+            length, trials = self._search(v, d, left, along)
             evaluations += trials
             if length < 1.0:
                 stopped = self._stopped(v, d)
                 evaluations += 2
                 if self.objective(v + stopped, g) < self.objective(v + length * d, g):
-                    length, d = 1.0, stopped
+                    length, d, along = 1.0, stopped, _times(self.A, stopped)
             v += length * d
+            r = left - length * along
         counts = {
             "newton_iterations": iteration,
             "friction_evaluations": evaluations,
@@ -360,7 +392,7 @@ class ContactProblem:
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """1/2 v A v - g v + sum w psi(|v_p|)."""
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
+        return float(v @ (0.5 * _times(self.A, v) - g) + self.w @ potential(slip, self.beta))
 
     def _stopped(self, v: FloatArray, d: FloatArray) -> FloatArray:
         """The direction ``d``, along which slips that would turn over end where these stop.
@@ -374,7 +406,7 @@ class ContactProblem:
         return np.where(self.limited & (turning < 0.0), -v, d)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
-        size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())
+        size = float(_times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
         return ROUND_OFF * (size + float(_round_off(*self.laws, v)))
 
     def _newton_direction(
@@ -387,6 +419,11 @@ class ContactProblem:
         """
         if not np.any(r):  # only held points are out of balance: relaxation sets them free
             return np.zeros_like(r), 0
+        if self.dense and (free := np.flatnonzero(~held)).size <= FEW:
+            self.factorizations += 1
+            d = np.zeros_like(r)
+            d[free] = self.factors.factorised(tangents, held)(r)[free]
+            return d, 1
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(r, tangents, held, PATIENCE)
             if solved:
@@ -427,7 +464,7 @@ class ContactProblem:
         share[held] = rest[held] = 0.0
 
         def times_tangent(x: FloatArray) -> FloatArray:
-            y = np.asarray(self.A @ x)
+            y = _times(self.A, x)
             _add_blocks(*self.points, tangents, x, y)
             y[held] = 0.0
             return y
@@ -451,11 +488,13 @@ class ContactProblem:
         return d, most, False
 
     def _search(
-        self, v: FloatArray, d: FloatArray, g: FloatArray, Av: FloatArray
+        self, v: FloatArray, d: FloatArray, left: FloatArray, along: FloatArray
     ) -> tuple[float, int]:
-        """Length along ``d`` that is the minimum, nearly, and not beyond it by much."""
-        quadratic = float(d @ (self.A @ d))
-        linear = float(d @ (Av - g))
+        """Length along ``d`` that is the minimum, nearly, and not beyond it by much.
+
+        ``left`` is g - A v, ``along`` A d.
+        """
+        quadratic, linear = float(d @ along), -float(d @ left)
 
         def slope(length: float) -> float:
             friction = _slope(*self.laws, v, d, length)
