@@ -391,8 +391,12 @@ class ContactProblem:
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """1/2 v A v - g v + sum w psi(|v_p|)."""
+        return float(v @ (0.5 * _times(self.A, v) - g)) + self.lost(v)
+
+    def lost(self, v: FloatArray) -> float:
+        """Sum w psi(|v_p|)."""
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(v @ (0.5 * _times(self.A, v) - g) + self.w @ potential(slip, self.beta))
+        return float(self.w @ potential(slip, self.beta))
 
     def _stopped(self, v: FloatArray, d: FloatArray) -> FloatArray:
         """The direction ``d``, along which slips that would turn over end where these stop.

@@ -33,7 +33,7 @@ from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
 from skfem_joint.stepping.dense import Dense, contact_of, found_alone
 from skfem_joint.stepping.dense import make_memory as make_dense_memory
-from skfem_joint.stepping.steppers import contact_unknowns
+from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
 
 #: Share of the load at which everything slips that is taken where nothing else holds.
@@ -80,17 +80,18 @@ class QuasiStatic:
         if is_singular(self.K):
             self.shift = _SHIFT * inner.mean_square_frequency
         A = self.K + self.shift * self.M
-        self.beta = inner.beta[acting]
-        self.problem: ContactProblem | _Dense
+        self.A, self.beta = as_compressed(A), inner.beta[acting]
+        self.problem: ContactProblem | Condensed | _Dense
         if dense:
             self.problem, self._limited = _Dense(A, inner), np.flatnonzero(acting)
+            self._rate = self.problem.beta
         else:
-            first, second = (unknown[acting] for unknown in contact_unknowns(inner))
-            self.problem = ContactProblem(
-                as_compressed(A), first, second, inner.w[acting], self.beta
-            )
-            self._limited = np.searchsorted(self.problem.first, first)
-        self._fronts = _Fronts(self.problem.A, inner) if self.to.kind == "chain" else None
+            points = Points.of(inner)
+            self.problem = contact = points.best_problem(self.A)
+            if isinstance(contact, Condensed):
+                points, contact = points.numbered(contact.contact), contact.problem
+            self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
+        self._fronts = _Fronts(self.A, inner) if self.to.kind == "chain" else None
         self.last = np.zeros(A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
@@ -140,7 +141,7 @@ class QuasiStatic:
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
-        self.problem.beta[self._limited] = np.inf
+        self._rate[self._limited] = np.inf
         return self._limit(self.to.force(force)) if self.shift else np.inf
 
     def _state(
@@ -153,7 +154,7 @@ class QuasiStatic:
         halvings: int = 0,
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
-        self.problem.beta[self._limited] = rate
+        self._rate[self._limited] = rate
         found = self._solve(f - self.K @ u)
         if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
             self.held_back += 1
@@ -173,12 +174,12 @@ class QuasiStatic:
     def _solve(self, right: FloatArray) -> Solution:
         """Increment, from a multiple of the last one: that which is best under Coulomb's law."""
         self.solves += 1
-        if self._fronts is not None and np.isinf(self.problem.beta[self._limited]).all():
+        if self._fronts is not None and np.isinf(self._rate[self._limited]).all():
             found = self._fronts.solve(right, self.tolerance)
             if found is not None:
                 return found
         problem, work = self.problem, float(right @ self.last)
-        stored = float(self.last @ (problem.A @ self.last))
+        stored = float(self.last @ (self.A @ self.last))
         lost = problem.objective(self.last, right) - 0.5 * stored + work
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
         if problem.objective(start, right) >= 0.0:
@@ -193,7 +194,7 @@ class QuasiStatic:
     def _limit(self, f: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
-        multiple, held = 1.0, factorised(self.problem.A)
+        multiple, held = 1.0, factorised(self.A)
         for _ in range(_ITERATIONS):
             found = self._solve(multiple * f)
             if self._carried(found, multiple * f) <= _SHIFTED:
