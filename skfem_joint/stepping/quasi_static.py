@@ -19,6 +19,10 @@ brings it down to it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+from typing import cast
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -100,6 +104,21 @@ class QuasiStatic:
     def factorizations(self) -> int:
         """Matrices factorised so far."""
         return self.problem.factorizations
+
+    @cached_property
+    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of K u = f, shifted where K is singular, in the unknowns that are stepped."""
+        if isinstance(self.problem, Condensed):
+            return self.problem.without_friction()
+        return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
+
+    def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
+        """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
+        inner = self.problem
+        if not isinstance(inner, Condensed) or self.to.maps:
+            return None
+        known = np.array_equal(F.indices, inner.rest)
+        return cast("Callable[[FloatArray], FloatArray]", inner.factor) if known else None
 
     def follow(
         self,
@@ -194,7 +213,7 @@ class QuasiStatic:
     def _limit(self, f: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
-        multiple, held = 1.0, factorised(self.A)
+        multiple = 1.0
         for _ in range(_ITERATIONS):
             found = self._solve(multiple * f)
             if self._carried(found, multiple * f) <= _SHIFTED:
@@ -204,7 +223,7 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = held(self.shift * (self.M @ found.v))  # without what strains
+            rigid = self.without_friction(self.shift * (self.M @ found.v))  # without what strains
             lower = float(inner.w @ inner.slip_norm(inner.B @ rigid) / (f @ rigid))
             if lower >= limit * (1.0 - 1e-6):
                 return limit

@@ -12,13 +12,13 @@ the contact alone; where contact is nearly everywhere it runs on all unknowns.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray, as_compressed
@@ -347,6 +347,20 @@ class Condensed:
     def factorizations(self) -> int:
         """Matrices factorised so far."""
         return self.problem.factorizations
+
+    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of A v = g, (n,) or (n, k)."""
+        contact = linalg.lu_factor(self.problem.A)
+
+        def solve(g: FloatArray) -> FloatArray:
+            v = np.empty_like(g)
+            g_rest = g[self.rest]
+            right = g[self.contact] - self.A_cr @ self.factor(g_rest)
+            v[self.contact] = linalg.lu_solve(contact, right)
+            v[self.rest] = self.factor(g_rest - self.A_rc @ v[self.contact])
+            return v
+
+        return solve
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""
