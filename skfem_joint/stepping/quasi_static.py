@@ -91,7 +91,8 @@ class QuasiStatic:
             self._rate = self.problem.beta
         else:
             points = Points.of(inner)
-            self.problem = contact = points.best_problem(self.A)
+            chain = self.to.kind == "chain"  # its own factors cost nothing
+            self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
             if isinstance(contact, Condensed):
                 points, contact = points.numbered(contact.contact), contact.problem
             self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta

@@ -277,7 +277,7 @@ class Structure(Nodes):
         Elements' matrices are made all at once, of ``integral of d_k phi d_l psi``.
         """
         first, second = (constant * self.across for constant in self.lame())
-        values = np.stack([one.value for (one,) in self.basis.basis], axis=1)
+        values = np.stack([np.asarray(one) for (one,) in self.basis.basis], axis=1)
         gradients = np.stack([one.grad for (one,) in self.basis.basis]).transpose(2, 0, 1, 3)
         (elements, functions, dim, _), dx = gradients.shape, self.basis.dx[:, np.newaxis]
         density = (self.properties["density"] * self.across)[:, np.newaxis, np.newaxis]
