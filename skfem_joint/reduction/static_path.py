@@ -176,9 +176,7 @@ def slip_path(
     rigid = _rigid_motions(path) if path.shift else np.zeros((system.n, 0))
     for _ in range(ROUNDS):
         found = proper_modes(_scaled(snapshots), energy(system)).modes[:, :_MODES]
-        V = orthonormal(
-            np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M
-        )
+        V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1], scheme)
         steps += run.counters.steps
         acting = _Acting(system, V, run)
