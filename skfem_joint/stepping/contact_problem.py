@@ -34,9 +34,9 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.factors import BlockFactors
 from skfem_joint.friction import potential
-from skfem_joint.stepping.compiled import arctangent, compiled, compiled_for, resolvent
-from skfem_joint.stepping.march import Full
-from skfem_joint.stepping.recording import Compressed, compressed
+from skfem_joint.stepping.compiled import arctangent, compiled, resolvent
+from skfem_joint.stepping.march import Full, subtract_column, subtract_product, times
+from skfem_joint.stepping.recording import compressed
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
@@ -89,32 +89,6 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     v[j] = speed * (y / size) if size != 0.0 else 0.0
 
 
-def _move(A, i, step, r):
-    """Subtract ``step`` times column i of a symmetric A, an array or compressed rows, from r."""
-    raise NotImplementedError
-
-
-@compiled_for(_move, Compressed)
-def _move_of_compressed(A, i, step, r):
-    for e in range(A.start[i], A.start[i + 1]):
-        r[A.column[e]] -= A.value[e] * step
-
-
-@compiled_for(_move, Full)
-def _move_of_full(A, i, step, r):
-    row = A.entries[i]
-    for k in range(r.size):
-        r[k] -= row[k] * step
-
-
-@compiled
-def _subtract_product(A, v, r):
-    """Subtract A v from r, to which points at rest add nothing."""
-    for i in range(v.size):
-        if v[i] != 0.0:
-            _move(A, i, v[i], r)
-
-
 @compiled
 def _sweep(A, first, second, block, w, beta, r, v, backward):
     """Relax all points one after another, in place, and keep the residual r = g - A v.
@@ -130,9 +104,9 @@ def _sweep(A, first, second, block, w, beta, r, v, backward):
         y = v[j] if j >= 0 else 0.0
         _relax(p, first, second, block, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
         if v[i] != x:
-            _move(A, i, v[i] - x, r)
+            subtract_column(A, i, v[i] - x, r)
         if j >= 0 and v[j] != y:
-            _move(A, j, v[j] - y, r)
+            subtract_column(A, j, v[j] - y, r)
 
 
 @compiled
@@ -252,15 +226,6 @@ def _add_blocks(first, second, blocks, x, y):
 # All points together
 
 
-def _times(A: Any, x: FloatArray) -> FloatArray:
-    """Product A x; of an array only columns of unknowns that move are looked at."""
-    if not isinstance(A, np.ndarray):
-        return np.asarray(A @ x)
-    y = np.zeros_like(x)
-    _subtract_product(Full(A), -x, y)
-    return y
-
-
 @dataclass(frozen=True)
 class Solution:
     """What :meth:`ContactProblem.solve` found."""
@@ -328,7 +293,7 @@ class ContactProblem:
         none, nothing, block = self.first[:0], self.w[:0], self.block[:0]
         laws = none, none, nothing, nothing
         x, y, z = np.zeros((3, self.A.shape[0]))
-        _subtract_product(self.rows, x, y)
+        subtract_product(self.rows, x, y)
         _sweep(self.rows, none, none, block, nothing, nothing, x, y, False)
         _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
         _tangent(none, none, block, nothing, nothing, x, block)
@@ -351,12 +316,12 @@ class ContactProblem:
         tangents = np.zeros_like(self.block)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
-        r = g - _times(self.A, v)
+        r = g - times(self.A, v)
         for iteration in range(ITERATIONS):
             for sweep in range(SWEEPS):
                 backward = bool((sweep + iteration) % 2)
                 _sweep(self.rows, *self.points, self.block, self.w, self.beta, r, v, backward)
-            r = g - _times(self.A, v)
+            r = g - times(self.A, v)
             left = r.copy()
             residual, where = _subtract_friction(*self.laws, v, r, sigma, held)
             evaluations += SWEEPS + 1
@@ -371,14 +336,14 @@ class ContactProblem:
             r[held] = 0.0
             d, more = self._newton_direction(r, tangents, held)
             solves += more
-            along = _times(self.A, d)
+            along = times(self.A, d)
             length, trials = self._search(v, d, left, along)
             evaluations += trials
             if length < 1.0:
                 stopped = self._stopped(v, d)
                 evaluations += 2
                 if self.objective(v + stopped, g) < self.objective(v + length * d, g):
-                    length, d, along = 1.0, stopped, _times(self.A, stopped)
+                    length, d, along = 1.0, stopped, times(self.A, stopped)
             v += length * d
             r = left - length * along
         counts = {
@@ -391,7 +356,7 @@ class ContactProblem:
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """1/2 v A v - g v + sum w psi(|v_p|)."""
-        return float(v @ (0.5 * _times(self.A, v) - g)) + self.lost(v)
+        return float(v @ (0.5 * times(self.A, v) - g)) + self.lost(v)
 
     def lost(self, v: FloatArray) -> float:
         """Sum w psi(|v_p|)."""
@@ -410,7 +375,7 @@ class ContactProblem:
         return np.where(self.limited & (turning < 0.0), -v, d)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
-        size = float(_times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
+        size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
         return ROUND_OFF * (size + float(_round_off(*self.laws, v)))
 
     def _newton_direction(
@@ -468,7 +433,7 @@ class ContactProblem:
         share[held] = rest[held] = 0.0
 
         def times_tangent(x: FloatArray) -> FloatArray:
-            y = _times(self.A, x)
+            y = times(self.A, x)
             _add_blocks(*self.points, tangents, x, y)
             y[held] = 0.0
             return y

@@ -23,6 +23,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.stepping.compiled import (
     arctangent,
+    cholesky_solve,
     compiled,
     compiled_for,
     forces,
@@ -37,37 +38,6 @@ ITERATIONS, QUICK = 200, 4
 SEARCH = 60
 _TWO_OVER_PI = 2.0 / pi
 ROUND_OFF = 16 * np.finfo(np.float64).eps
-
-
-@compiled
-def _cholesky_solve(A, x):
-    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor).
-
-    The diagonal takes the reciprocals of the factor's, so that the loops need not divide.
-    """
-    n = x.size
-    for i in range(n):
-        for j in range(i + 1):
-            t = A[i, j]
-            for k in range(j):
-                t -= A[i, k] * A[j, k]
-            if i == j:
-                if not t > 0.0:
-                    return False
-                A[i, i] = 1.0 / sqrt(t)
-            else:
-                A[i, j] = t * A[j, j]
-    for i in range(n):
-        t = x[i]
-        for k in range(i):
-            t -= A[i, k] * x[k]
-        x[i] = t * A[i, i]
-    for i in range(n - 1, -1, -1):
-        t = x[i]
-        for k in range(i + 1, n):
-            t -= A[k, i] * x[k]
-        x[i] = t * A[i, i]
-    return True
 
 
 class Contact(NamedTuple):
@@ -291,7 +261,7 @@ def _primal_dual(problem, room, right, q):
         room.trial[m + p] -= room.cross[p] * slip[p]
     for i in range(n):
         q[i] = right[i] - _dot(room.trial, B[i])
-    if not _cholesky_solve(room.A, q):
+    if not cholesky_solve(room.A, q):
         return False
     _slip(B, q, slip)
     for i in range(slip.size):
@@ -394,7 +364,7 @@ def minimum(problem, memory, right, v, tolerance):
             for j in range(n):
                 A[i, j] = H[i, j]
         _add_friction(contact, slip, memory)
-        if not _cholesky_solve(A, r):
+        if not cholesky_solve(A, r):
             break
         # r is minus the direction; slopes of the objective along the direction at 0 and 1.
         linear = 0.0
