@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy import sparse
@@ -21,14 +21,19 @@ LOOKED_AT, _RIGID = 12, 1e-12
 _SAME = 0.1
 
 
-def natural_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
-    """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices."""
+def natural_modes(
+    K: Matrix, M: Matrix, count: int, solve: Callable[[FloatArray], FloatArray] | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices.
+
+    ``solve`` is a solver of K x = b, if there is one already.
+    """
     n = K.shape[0]
     if n < 20 or count >= n - 1:
         values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
     else:
         K, M = sparse.csc_array(K), sparse.csc_array(M)
-        inverse = LinearOperator((n, n), matvec=factorised(K), dtype=float)
+        inverse = LinearOperator((n, n), matvec=solve or factorised(K), dtype=float)
         start = np.random.default_rng(1).normal(size=n)  # an even one misses modes of equal bodies
         values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes

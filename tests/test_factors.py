@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from skfem_joint.factors import BAND, BlockFactors, factorised
+from skfem_joint import factors
+from skfem_joint.factors import BAND, BlockFactors, condensed, factorised
+
+
+def eye(n: int) -> sparse.csr_array:
+    return sparse.csr_array(sparse.eye_array(n))
 
 
 def grid(shape: tuple[int, ...]) -> sparse.csr_array:
@@ -29,9 +34,53 @@ def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(shape):
     np.testing.assert_allclose(solve(A @ X[:, 0]), X[:, 0], atol=1e-11)
 
 
-def test_a_factor_solves_a_matrix_that_is_not_definite():
-    A = sparse.csr_array([[1.0, 2.0], [2.0, 1.0]])
-    np.testing.assert_allclose(factorised(A)(np.array([5.0, 4.0])), [1.0, 2.0], rtol=1e-14)
+@pytest.fixture(params=["SuperLU", "PARDISO"])
+def library(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Large matrices by each of the libraries."""
+    if request.param == "PARDISO":
+        pytest.importorskip("pypardiso")
+        monkeypatch.setattr(factors, "LARGE", 1)
+    else:
+        monkeypatch.setattr(factors, "find_spec", lambda _: None)
+    return str(request.param)
+
+
+def test_a_factor_solves_a_matrix_that_is_not_definite(library: str) -> None:
+    for A in (sparse.csr_array([[1.0, 2.0], [2.0, 1.0]]), grid((14, 14, 14)) - 1.3 * eye(14**3)):
+        x = np.sin(1.0 + np.arange(A.shape[0]))
+        np.testing.assert_allclose(factorised(A)(A @ x), x, atol=1e-9)
+
+
+def test_factors_stand_beside_each_other(library: str) -> None:
+    A = grid((14, 14, 14))
+    x = np.sin(1.0 + np.arange(A.shape[0]))
+    solvers = [factorised(A + shift * eye(x.size)) for shift in range(4)]
+    del solvers[1]
+    for solve, shift in zip(solvers, (0, 2, 3), strict=True):
+        np.testing.assert_allclose(solve(A @ x + shift * x), x, atol=1e-11)
+        X = np.outer(x, [1.0, 2.0])
+        np.testing.assert_allclose(solve(A @ X + shift * X), X, atol=1e-11)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("shape", [(200,), (14, 14, 14)])
+@pytest.mark.parametrize("dense", [False, True])
+def test_what_is_condensed_follows(
+    shape: tuple[int, ...], apart: bool, dense: bool, library: str
+) -> None:
+    """The complement is the inverse of the inverse's part, for bodies that are apart too."""
+    if dense and (apart or len(shape) == 3):
+        return
+    A = sparse.csr_array(sparse.block_diag([grid(shape)] * 2)) if apart else grid(shape)
+    kept = np.sort(np.random.default_rng(7).permutation(A.shape[0])[:30])
+    rest, solve, S = condensed(A.toarray() if dense else A, kept)
+    forces = np.zeros((A.shape[0], kept.size))
+    forces[kept] = np.eye(kept.size)
+    inverse = factorised(A)(forces)
+    np.testing.assert_allclose(S @ inverse[kept], np.eye(kept.size), atol=1e-11)
+    np.testing.assert_allclose(
+        solve(-(A[rest][:, kept] @ inverse[kept])), inverse[rest], atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("hold", [False, True])
@@ -42,7 +91,7 @@ def test_a_factor_with_blocks_added_solves_for_what_is_not_held(shape, dense, ho
     A = grid(shape)
     first, second = np.array([3, 7, 11]), np.array([5, -1, 2])
     held = np.isin(np.arange(A.shape[0]), [7, 11, 2, 20] if hold else [])
-    factors = BlockFactors(A.toarray() if dense else A, first, second)
+    made = BlockFactors(A.toarray() if dense else A, first, second)
     for blocks in ([[2.0, 1.0, 4.0], [3.0, 0.0, 0.0], [1.0, -0.5, 2.0]], np.zeros((3, 3))):
         values = np.array(blocks)
         values[held[first]] = 0.0
@@ -55,4 +104,4 @@ def test_a_factor_with_blocks_added_solves_for_what_is_not_held(shape, dense, ho
                 T[j, i] += between
         x = np.where(held, 0.0, np.sin(1.0 + np.arange(A.shape[0])))
         right = np.where(held, 1e9, T @ x)
-        np.testing.assert_allclose(factors.factorised(values, held)(right), x, atol=1e-11)
+        np.testing.assert_allclose(made.factorised(values, held)(right), x, atol=1e-11)

@@ -215,7 +215,7 @@ def measure(task: Task) -> Found:
     system, how = task.make()
     full = sj.integrate(system, **how)
     begin = time.perf_counter()
-    path = slip_path(system, how["step"], how["n_steps"])
+    path = slip_path(system, how["step"], how["n_steps"], modes=task.modes)
     basis = static_basis(system, path, task.modes, task.interface_modes)
     periodic = how["cycle_steps"] is not None
     small, _ = reduced_system(system, basis, periodic=periodic, warn=[])

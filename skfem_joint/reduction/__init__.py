@@ -75,6 +75,6 @@ def reduce(
             )
         step = whole / _MOST_STEPS if period is None else period / _STEPS
         step = min(step, longest_step(system, whole))
-        path = slip_path(system, step, round(whole / step))
+        path = slip_path(system, step, round(whole / step), modes=modes)
         basis = static_basis(system, path, modes, interface_modes)
     return reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])[0]

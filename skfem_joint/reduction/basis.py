@@ -66,7 +66,7 @@ DOUBTFUL_BASIS, WRONG_BASIS = 0.1, 0.5
 # Fixed-interface modes to choose from; share in the response, relative to the largest, with which
 # they count; times of a run that a decomposition takes.
 _MOST_INTERFACE_MODES, _LEAST_SHARE, _MOST_TIMES = 40, 1e-4, 300
-#: Interface modes beside modes of the static path: share in the response, and most of them.
+#: Interface modes beside modes of the static path: share in the response, and most beside few.
 _SHARE, _MOST = 1e-2, 2
 #: Share of the largest slip velocity that modes of the static path resolve, and of the largest
 #: singular value below which they are what is left of its tolerance.
@@ -149,7 +149,7 @@ def make_basis(
         run = integrate(system, step=step, n_steps=steps, scheme=scheme, save=save).finished()
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
-        path = slip_path(system, step, n_steps, scheme)
+        path = slip_path(system, step, n_steps, scheme, modes)
         if path.blind > BLIND:
             warn.append(
                 f"The slip went on growing while the modes were made: {100 * path.blind:.2g} % of "
@@ -229,13 +229,14 @@ def static_basis(
     """Proper orthogonal modes of a static path, in the norm of strain energy.
 
     Fewer ``modes`` where the path makes no more. Of fixed-interface modes those with the largest
-    share in the response; "auto": beyond what the others follow more than a hundredth, at most two.
+    share in the response; "auto": beyond what the others follow more than a hundredth, at most one
+    for six modes, or two.
     """
     proper = proper_modes(path.snapshots, energy(system))
     told = proper.singular_values > _TOLD * proper.singular_values[0]
     modes = min(modes, int(np.count_nonzero(told)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
-    count = _MOST if isinstance(interface, str) else interface
+    count = max(_MOST, modes // 6) if isinstance(interface, str) else interface
     shapes, share = path.interface[:, :count], path.share[:count]
     if count > share.size:
         shapes, share = interface_modes(system, path.response, path.loads, count)

@@ -53,8 +53,9 @@ ROUNDS, BLIND = 3, 0.1
 _SHARE, _MOST = 4e-3, 20
 #: Increments of a path through time weigh so much more than its states.
 _INCREMENTS = 3.0
-#: Modes of the preliminary model; rigid motions and stiffness: share of the mean square frequency.
-_MODES, _RIGID = 14, 1e-9
+#: Modes of the preliminary model; rigid motions and stiffness: share of the mean square frequency,
+#: and most of those motions.
+_MODES, _RIGID, _MOST_RIGID = 14, 1e-9, 12
 #: The preliminary model's law goes from -1 to 1 within this inverse share of the slip velocity,
 #: which is not below the second, m/s.
 _RESOLVED, _SLOW = 1e4, 1e-3
@@ -142,9 +143,16 @@ class Excitation:
 
 
 def slip_path(
-    system: System, step: float, n_steps: int, scheme: Scheme | None = None
+    system: System,
+    step: float,
+    n_steps: int,
+    scheme: Scheme | None = None,
+    modes: int = 0,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come, as `integrate` takes it.
+
+    Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
+    through time is followed too: motions that ring beside the load's have phases of their own.
 
     InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
     state is not found; KeyboardInterrupt if the preliminary run is interrupted.
@@ -164,20 +172,23 @@ def slip_path(
             "more, or run 'full' alone"
         )
     slipping, steps, blind = _slipping(system, snapshots[0])[0], 0, 1.0
-    interface, share = interface_modes(system, response, loads)
-    rigid = _rigid_motions(system) if path.shift else np.zeros((system.n, 0))
+    interface, share = interface_modes(system, response, loads, path=path)
+    rigid = _rigid_motions(path) if path.shift else np.zeros((system.n, 0))
     for _ in range(ROUNDS):
-        modes = proper_modes(_scaled(snapshots), energy(system)).modes[:, :_MODES]
-        V = orthonormal(np.hstack([modes, response, rigid, interface[:, share > _SHARE]]), system.M)
+        found = proper_modes(_scaled(snapshots), energy(system)).modes[:, :_MODES]
+        V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1], scheme)
         steps += run.counters.steps
-        states, beyond = _second(path, loads, response, _Acting(system, V, run))
+        acting = _Acting(system, V, run)
+        states, beyond = _second(path, loads, response, acting)
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:beyond])
         blind = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
         if blind <= BLIND:
             break
         slipping |= now
+    if loads.single and modes > SECOND:
+        snapshots.append(_in_time(path, loads, acting))
     return StaticPath(
         snapshots=_scaled(snapshots),
         response=response,
@@ -216,12 +227,18 @@ def _second(
     path: QuasiStatic, loads: Excitation, response: FloatArray, acting: _Acting
 ) -> tuple[FloatArray, int]:
     """Path under the forces of a run: snapshots, (s, n), and how many are within its peak."""
-    run = acting.run
     if loads.single:
         force = acting.at(np.array([np.argmax(np.abs(acting.work(response[:, 0])))]))
         levels = np.append(_levels(SECOND, 1.0), [[BEYOND[1]]], axis=0)
         return path.follow(levels * force, loads.lasting * levels[:, 0]), SECOND
-    rows, K = np.arange(1, len(run.u)), run.system.K
+    snapshots = _in_time(path, loads, acting)
+    return snapshots, len(snapshots) // 2
+
+
+def _in_time(path: QuasiStatic, loads: Excitation, acting: _Acting) -> FloatArray:
+    """States and increments under the forces of a run, (s, n): its start and last period."""
+    run, K = acting.run, acting.run.system.K
+    rows = np.arange(1, len(run.u))
     if loads.period is None:
         rows = _evenly(run, K, rows, WHOLE)
     else:
@@ -229,8 +246,7 @@ def _second(
         start = rows[run.times[rows] < run.times[last[0]]]
         parts = [(start, START)] if start.size else []
         rows = np.concatenate([_evenly(run, K, *part) for part in [*parts, (last, PERIOD)]])
-    states = path.follow(acting.at(rows), run.times[rows])
-    return _with_increments(states), len(states)
+    return _with_increments(path.follow(acting.at(rows), run.times[rows]))
 
 
 def _slipping(system: System, states: FloatArray) -> tuple[BoolArray, FloatArray]:
@@ -259,26 +275,36 @@ def _with_increments(path: FloatArray) -> FloatArray:
     return np.vstack([path, _INCREMENTS * np.diff(path, axis=0, prepend=0.0 * path[:1])])
 
 
-def _rigid_motions(system: System) -> FloatArray:
-    """Motions without strain, (n, r)."""
-    small = _RIGID * system.mean_square_frequency
-    frequency, shapes = natural_modes(energy(system), sparse.csr_array(system.M), min(12, system.n))
-    return shapes[:, (2.0 * np.pi * frequency) ** 2 < 2.0 * small]
+def _rigid_motions(path: QuasiStatic) -> FloatArray:
+    """Motions without strain, (n, r): inverse iteration finds them at once, so small is K there."""
+    M, n = path.M, path.M.shape[0]
+    X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
+    for _ in range(3):
+        X = orthonormal(path.without_friction(M @ X), M)
+    squares, shares = np.linalg.eigh(X.T @ (path.K @ X))
+    rigid = X @ shares[:, squares < _RIGID * path.to.system.mean_square_frequency]
+    return path.to.outer(rigid.T).T
 
 
 def interface_modes(
-    system: System, response: FloatArray, loads: Excitation, most: int = _MOST
+    system: System,
+    response: FloatArray,
+    loads: Excitation,
+    most: int = _MOST,
+    path: QuasiStatic | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Fixed-interface modes, (n, k), and their shares in the response, the largest first.
 
     Each is an oscillator that the inertia of the static ``response`` (n, loads) drives; its share
-    is its largest strain energy over that of the response, as a root.
+    is its largest strain energy over that of the response, as a root. A ``path`` may have the
+    factor for them.
     """
     F = motions_without_slip(system)
     if F.shape[1] == 0 or most == 0:
         return np.zeros((system.n, 0)), np.zeros(0)
     K, M, C = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M, system.C))
-    frequency, shapes = natural_modes(K, M, min(2 * most, F.shape[1]))
+    solve = None if path is None else path.stuck(F)
+    frequency, shapes = natural_modes(K, M, min(2 * most, F.shape[1]), solve)
     omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
     stop = loads.step * loads.n_steps
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)

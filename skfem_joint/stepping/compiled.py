@@ -247,3 +247,34 @@ def resolvent(x, k, beta):
         z = z_next
     sigma = 2.0 / pi * atan(z)
     return (z / beta, sigma) if x > 0.0 else (-z / beta, -sigma)
+
+
+@compiled
+def cholesky_solve(A, x):
+    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor).
+
+    The diagonal takes the reciprocals of the factor's, so that the loops need not divide.
+    """
+    n = x.size
+    for i in range(n):
+        for j in range(i + 1):
+            t = A[i, j]
+            for k in range(j):
+                t -= A[i, k] * A[j, k]
+            if i == j:
+                if not t > 0.0:
+                    return False
+                A[i, i] = 1.0 / sqrt(t)
+            else:
+                A[i, j] = t * A[j, j]
+    for i in range(n):
+        t = x[i]
+        for k in range(i):
+            t -= A[i, k] * x[k]
+        x[i] = t * A[i, i]
+    for i in range(n - 1, -1, -1):
+        t = x[i]
+        for k in range(i + 1, n):
+            t -= A[k, i] * x[k]
+        x[i] = t * A[i, i]
+    return True

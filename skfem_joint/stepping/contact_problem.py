@@ -34,15 +34,17 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.factors import BlockFactors
 from skfem_joint.friction import potential
-from skfem_joint.stepping.compiled import arctangent, compiled, compiled_for, resolvent
-from skfem_joint.stepping.march import Full
-from skfem_joint.stepping.recording import Compressed, compressed
+from skfem_joint.stepping.compiled import arctangent, compiled, resolvent
+from skfem_joint.stepping.march import Full, subtract_column, subtract_product, times
+from skfem_joint.stepping.recording import compressed
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
 #: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
 #: right side that the systems are solved to.
 MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
+#: Unknowns of a dense system that moves up to which a factor of its own costs less than that.
+FEW = 512
 #: Accepted round-off: so many units in the last place of the forces that are added up.
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 #: Largest tangent across a slip over the diagonal: round-off of larger ones is singular along it.
@@ -87,33 +89,24 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     v[j] = speed * (y / size) if size != 0.0 else 0.0
 
 
-def _left(A, i, g, v):
-    """Residual g - A v of row i; A is an array, or compressed rows."""
-    raise NotImplementedError
-
-
-@compiled_for(_left, Compressed)
-def _left_of_compressed(A, i, g, v):
-    r = g[i]
-    for e in range(A.start[i], A.start[i + 1]):
-        r -= A.value[e] * v[A.column[e]]
-    return r
-
-
-@compiled_for(_left, Full)
-def _left_of_full(A, i, g, v):
-    return g[i] - np.dot(A.entries[i], v)
-
-
 @compiled
-def _sweep(A, first, second, block, w, beta, g, v, backward):
-    """Relax all points one after another, in place."""
+def _sweep(A, first, second, block, w, beta, r, v, backward):
+    """Relax all points one after another, in place, and keep the residual r = g - A v.
+
+    Points that rest and stay so cost nothing.
+    """
     n = first.size
     for k in range(n):
         p = n - 1 - k if backward else k
-        r = _left(A, first[p], g, v)
-        s = _left(A, second[p], g, v) if second[p] >= 0 else 0.0
-        _relax(p, first, second, block, w, beta, r, s, v)
+        i = first[p]
+        j = second[p]
+        x = v[i]
+        y = v[j] if j >= 0 else 0.0
+        _relax(p, first, second, block, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
+        if v[i] != x:
+            subtract_column(A, i, v[i] - x, r)
+        if j >= 0 and v[j] != y:
+            subtract_column(A, j, v[j] - y, r)
 
 
 @compiled
@@ -265,8 +258,8 @@ class ContactProblem:
         self, A: Any, first: IntArray, second: IntArray, w: FloatArray, beta: FloatArray
     ) -> None:
         n = A.shape[0]
-        self.A, self.sizes = A, abs(A)
-        self.rows = Full(A) if isinstance(A, np.ndarray) else compressed(A)
+        self.A, self.sizes, self.dense = A, abs(A), isinstance(A, np.ndarray)
+        self.rows = Full(A) if self.dense else compressed(A)
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
         free = np.ones(n, dtype=bool)
@@ -300,6 +293,7 @@ class ContactProblem:
         none, nothing, block = self.first[:0], self.w[:0], self.block[:0]
         laws = none, none, nothing, nothing
         x, y, z = np.zeros((3, self.A.shape[0]))
+        subtract_product(self.rows, x, y)
         _sweep(self.rows, none, none, block, nothing, nothing, x, y, False)
         _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
         _tangent(none, none, block, nothing, nothing, x, block)
@@ -322,12 +316,13 @@ class ContactProblem:
         tangents = np.zeros_like(self.block)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
+        r = g - times(self.A, v)
         for iteration in range(ITERATIONS):
             for sweep in range(SWEEPS):
                 backward = bool((sweep + iteration) % 2)
-                _sweep(self.rows, *self.points, self.block, self.w, self.beta, g, v, backward)
-            Av = self.A @ v
-            r = g - Av
+                _sweep(self.rows, *self.points, self.block, self.w, self.beta, r, v, backward)
+            r = g - times(self.A, v)
+            left = r.copy()
             residual, where = _subtract_friction(*self.laws, v, r, sigma, held)
             evaluations += SWEEPS + 1
             if not np.isfinite(residual):
@@ -341,14 +336,16 @@ class ContactProblem:
             r[held] = 0.0
             d, more = self._newton_direction(r, tangents, held)
             solves += more
-            length, trials = self._search(v, d, g, Av)
+            along = times(self.A, d)
+            length, trials = self._search(v, d, left, along)
             evaluations += trials
             if length < 1.0:
                 stopped = self._stopped(v, d)
                 evaluations += 2
                 if self.objective(v + stopped, g) < self.objective(v + length * d, g):
-                    length, d = 1.0, stopped
+                    length, d, along = 1.0, stopped, times(self.A, stopped)
             v += length * d
+            r = left - length * along
         counts = {
             "newton_iterations": iteration,
             "friction_evaluations": evaluations,
@@ -359,8 +356,12 @@ class ContactProblem:
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """1/2 v A v - g v + sum w psi(|v_p|)."""
+        return float(v @ (0.5 * times(self.A, v) - g)) + self.lost(v)
+
+    def lost(self, v: FloatArray) -> float:
+        """Sum w psi(|v_p|)."""
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(v @ (0.5 * (self.A @ v) - g) + self.w @ potential(slip, self.beta))
+        return float(self.w @ potential(slip, self.beta))
 
     def _stopped(self, v: FloatArray, d: FloatArray) -> FloatArray:
         """The direction ``d``, along which slips that would turn over end where these stop.
@@ -374,7 +375,7 @@ class ContactProblem:
         return np.where(self.limited & (turning < 0.0), -v, d)
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
-        size = float((self.sizes @ np.abs(v)).max()) + float(np.abs(g).max())
+        size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
         return ROUND_OFF * (size + float(_round_off(*self.laws, v)))
 
     def _newton_direction(
@@ -387,6 +388,11 @@ class ContactProblem:
         """
         if not np.any(r):  # only held points are out of balance: relaxation sets them free
             return np.zeros_like(r), 0
+        if self.dense and (free := np.flatnonzero(~held)).size <= FEW:
+            self.factorizations += 1
+            d = np.zeros_like(r)
+            d[free] = self.factors.factorised(tangents, held)(r)[free]
+            return d, 1
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(r, tangents, held, PATIENCE)
             if solved:
@@ -427,7 +433,7 @@ class ContactProblem:
         share[held] = rest[held] = 0.0
 
         def times_tangent(x: FloatArray) -> FloatArray:
-            y = np.asarray(self.A @ x)
+            y = times(self.A, x)
             _add_blocks(*self.points, tangents, x, y)
             y[held] = 0.0
             return y
@@ -451,11 +457,13 @@ class ContactProblem:
         return d, most, False
 
     def _search(
-        self, v: FloatArray, d: FloatArray, g: FloatArray, Av: FloatArray
+        self, v: FloatArray, d: FloatArray, left: FloatArray, along: FloatArray
     ) -> tuple[float, int]:
-        """Length along ``d`` that is the minimum, nearly, and not beyond it by much."""
-        quadratic = float(d @ (self.A @ d))
-        linear = float(d @ (Av - g))
+        """Length along ``d`` that is the minimum, nearly, and not beyond it by much.
+
+        ``left`` is g - A v, ``along`` A d.
+        """
+        quadratic, linear = float(d @ along), -float(d @ left)
 
         def slope(length: float) -> float:
             friction = _slope(*self.laws, v, d, length)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from math import hypot
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray
 from skfem_joint.friction import AT_LIMIT
 from skfem_joint.stepping.compiled import compiled, compiled_for, weighted
+from skfem_joint.stepping.recording import Compressed
 
 #: Numbers in a line of the cache.
 LINE = 8
@@ -279,3 +280,38 @@ def march(
     # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
     # and numba does not look for that before it uses what it got.
     return steps, rows, field_rows, residual, unknown
+
+
+def subtract_column(A, i, step, r):
+    """Subtract ``step`` times column i of a symmetric A, an array or compressed rows, from r."""
+    raise NotImplementedError
+
+
+@compiled_for(subtract_column, Compressed)
+def _subtract_of_compressed(A, i, step, r):
+    for e in range(A.start[i], A.start[i + 1]):
+        r[A.column[e]] -= A.value[e] * step
+
+
+@compiled_for(subtract_column, Full)
+def _subtract_of_full(A, i, step, r):
+    row = A.entries[i]
+    for k in range(r.size):
+        r[k] -= row[k] * step
+
+
+@compiled
+def subtract_product(A, v, r):
+    """Subtract A v from r, to which points at rest add nothing."""
+    for i in range(v.size):
+        if v[i] != 0.0:
+            subtract_column(A, i, v[i], r)
+
+
+def times(A: Any, x: FloatArray) -> FloatArray:
+    """Product A x; of an array only columns of unknowns that move are looked at."""
+    if not isinstance(A, np.ndarray):
+        return np.asarray(A @ x)
+    y = np.zeros_like(x)
+    subtract_product(Full(A), -x, y)
+    return y

@@ -19,6 +19,10 @@ brings it down to it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+from typing import cast
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -31,9 +35,9 @@ from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.dense import Dense, contact_of, found_alone
+from skfem_joint.stepping.dense import contact_of, dense_problem, found_alone
 from skfem_joint.stepping.dense import make_memory as make_dense_memory
-from skfem_joint.stepping.steppers import contact_unknowns
+from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
 
 #: Share of the load at which everything slips that is taken where nothing else holds.
@@ -80,17 +84,19 @@ class QuasiStatic:
         if is_singular(self.K):
             self.shift = _SHIFT * inner.mean_square_frequency
         A = self.K + self.shift * self.M
-        self.beta = inner.beta[acting]
-        self.problem: ContactProblem | _Dense
+        self.A, self.beta = as_compressed(A), inner.beta[acting]
+        self.problem: ContactProblem | Condensed | _Dense
         if dense:
             self.problem, self._limited = _Dense(A, inner), np.flatnonzero(acting)
+            self._rate = self.problem.beta
         else:
-            first, second = (unknown[acting] for unknown in contact_unknowns(inner))
-            self.problem = ContactProblem(
-                as_compressed(A), first, second, inner.w[acting], self.beta
-            )
-            self._limited = np.searchsorted(self.problem.first, first)
-        self._fronts = _Fronts(self.problem.A, inner) if self.to.kind == "chain" else None
+            points = Points.of(inner)
+            chain = self.to.kind == "chain"  # its own factors cost nothing
+            self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
+            if isinstance(contact, Condensed):
+                points, contact = points.numbered(contact.contact), contact.problem
+            self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
+        self._fronts = _Fronts(self.A, inner) if self.to.kind == "chain" else None
         self.last = np.zeros(A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
@@ -99,6 +105,21 @@ class QuasiStatic:
     def factorizations(self) -> int:
         """Matrices factorised so far."""
         return self.problem.factorizations
+
+    @cached_property
+    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of K u = f, shifted where K is singular, in the unknowns that are stepped."""
+        if isinstance(self.problem, Condensed):
+            return self.problem.without_friction()
+        return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
+
+    def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
+        """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
+        inner = self.problem
+        if not isinstance(inner, Condensed) or self.to.maps:
+            return None
+        known = np.array_equal(F.indices, inner.rest)
+        return cast("Callable[[FloatArray], FloatArray]", inner.factor) if known else None
 
     def follow(
         self,
@@ -140,7 +161,7 @@ class QuasiStatic:
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
-        self.problem.beta[self._limited] = np.inf
+        self._rate[self._limited] = np.inf
         return self._limit(self.to.force(force)) if self.shift else np.inf
 
     def _state(
@@ -153,7 +174,7 @@ class QuasiStatic:
         halvings: int = 0,
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
-        self.problem.beta[self._limited] = rate
+        self._rate[self._limited] = rate
         found = self._solve(f - self.K @ u)
         if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
             self.held_back += 1
@@ -173,12 +194,12 @@ class QuasiStatic:
     def _solve(self, right: FloatArray) -> Solution:
         """Increment, from a multiple of the last one: that which is best under Coulomb's law."""
         self.solves += 1
-        if self._fronts is not None and np.isinf(self.problem.beta[self._limited]).all():
+        if self._fronts is not None and np.isinf(self._rate[self._limited]).all():
             found = self._fronts.solve(right, self.tolerance)
             if found is not None:
                 return found
         problem, work = self.problem, float(right @ self.last)
-        stored = float(self.last @ (problem.A @ self.last))
+        stored = float(self.last @ (self.A @ self.last))
         lost = problem.objective(self.last, right) - 0.5 * stored + work
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
         if problem.objective(start, right) >= 0.0:
@@ -193,7 +214,7 @@ class QuasiStatic:
     def _limit(self, f: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
-        multiple, held = 1.0, factorised(self.problem.A)
+        multiple = 1.0
         for _ in range(_ITERATIONS):
             found = self._solve(multiple * f)
             if self._carried(found, multiple * f) <= _SHIFTED:
@@ -203,7 +224,7 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = held(self.shift * (self.M @ found.v))  # without what strains
+            rigid = self.without_friction(self.shift * (self.M @ found.v))  # without what strains
             lower = float(inner.w @ inner.slip_norm(inner.B @ rigid) / (f @ rigid))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
@@ -238,7 +259,7 @@ class _Dense:
             steep = min(steepness / slip, self.steepest) if slip > 0.0 else self.steepest
             self.contact.beta[self.places] = np.where(coulomb, steep, self.beta)
             memory.old_velocity[:] = v = memory.velocity.copy()
-            found = found_alone(Dense(self.A, self.contact), memory, g, v, tolerance)
+            found = found_alone(dense_problem(self.A, self.contact), memory, g, v, tolerance)
             if not (found.converged and coulomb.any()):
                 break
         counts = {"newton_iterations": found.newton_iterations}

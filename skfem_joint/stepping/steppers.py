@@ -12,17 +12,17 @@ the contact alone; where contact is nearly everywhere it runs on all unknowns.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray, IntArray, as_compressed, as_dense
-from skfem_joint.factors import factorised
+from skfem_joint.arrays import FloatArray, IntArray, as_compressed
+from skfem_joint.factors import condensed, factorised
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import (
     Coefficients,
@@ -44,8 +44,6 @@ NEVER = 2**62
 #: Largest contact, in unknowns, that is condensed, and the most that its square may be for each
 #: unknown of the system: beyond it dense products cost more than sparse ones.
 CONDENSED, CONDENSED_SQUARE = 1200, 50
-#: Right sides solved at once while condensing.
-BLOCK = 64
 
 
 @dataclass
@@ -294,7 +292,7 @@ class LinearStepper(PlainStepper):
 
 
 @dataclass(frozen=True)
-class _Points:
+class Points:
     """Contact points that carry friction, by unknown; ``second`` is -1 where it is not there."""
 
     first: IntArray
@@ -302,13 +300,19 @@ class _Points:
     w: FloatArray
     beta: FloatArray
 
+    @staticmethod
+    def of(system: System) -> Points:
+        """Those of a system whose slip rows each pick an unknown of their own."""
+        points = Points(*contact_unknowns(system), system.w, system.beta)
+        return points.chosen(system.w > 0.0)
+
     def unknowns(self) -> IntArray:
         """All unknowns in contact, sorted."""
         return np.unique(np.concatenate([self.first, self.second[self.second >= 0]]))
 
-    def chosen(self, which: NDArray[Any]) -> _Points:
+    def chosen(self, which: NDArray[Any]) -> Points:
         """Some of the points."""
-        return _Points(self.first[which], self.second[which], self.w[which], self.beta[which])
+        return Points(self.first[which], self.second[which], self.w[which], self.beta[which])
 
     def problem(self, A: Any) -> ContactProblem:
         """Contact problem of a matrix at these points."""
@@ -316,40 +320,62 @@ class _Points:
 
         return ContactProblem(A, self.first, self.second, self.w, self.beta)
 
-    def numbered(self, unknowns: IntArray) -> _Points:
+    def best_problem(self, A: Any) -> ContactProblem | Condensed:
+        """The same, condensed to the contact where that is cheaper."""
+        n, contact = A.shape[0], self.unknowns().size
+        dense = isinstance(A, np.ndarray)
+        most = n - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * n))
+        return Condensed(A, self) if contact <= most else self.problem(A)
+
+    def numbered(self, unknowns: IntArray) -> Points:
         """Same points where the given unknowns are all that there are."""
         second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
-        return _Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
+        return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
 
 
-class _Condensed:
-    """Step matrix condensed to its contact unknowns."""
+class Condensed:
+    """Contact problem of a matrix that is condensed to its contact unknowns."""
 
-    def __init__(self, H: Any, points: _Points) -> None:
-        n = H.shape[0]
-        self.n = n
-        self.contact = points.unknowns()
-        self.rest = np.setdiff1d(np.arange(n), self.contact)
-        self.H_rc = as_compressed(H[self.rest][:, self.contact])
-        self.H_cr = as_compressed(self.H_rc.T)
-        self.factor = factorised(H[self.rest][:, self.rest])
-        S = as_dense(H[self.contact][:, self.contact])
-        columns = self.H_cr.T  # compressed columns where it is sparse
-        for k in range(0, self.contact.size, BLOCK):
-            S[:, k : k + BLOCK] -= self.H_cr @ self.factor(as_dense(columns[:, k : k + BLOCK]))
-        S = np.ascontiguousarray(0.5 * (S + S.T))
+    def __init__(self, A: Any, points: Points) -> None:
+        self.A, self.contact = A, points.unknowns()
+        self.rest, self.factor, S = condensed(A, self.contact)
+        self.A_rc = as_compressed(A[self.rest][:, self.contact])
+        self.A_cr = as_compressed(self.A_rc.T)
         self.problem = points.numbered(self.contact).problem(S)
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices factorised so far."""
+        return self.problem.factorizations
+
+    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of A v = g, (n,) or (n, k)."""
+        contact = linalg.lu_factor(self.problem.A)
+
+        def solve(g: FloatArray) -> FloatArray:
+            v = np.empty_like(g)
+            g_rest = g[self.rest]
+            right = g[self.contact] - self.A_cr @ self.factor(g_rest)
+            v[self.contact] = linalg.lu_solve(contact, right)
+            v[self.rest] = self.factor(g_rest - self.A_rc @ v[self.contact])
+            return v
+
+        return solve
+
+    def objective(self, v: FloatArray, g: FloatArray) -> float:
+        """As `ContactProblem.objective`, on all unknowns."""
+        return float(v @ (0.5 * (self.A @ v) - g)) + self.problem.lost(v[self.contact])
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
         g_rest = g[self.rest]
-        right = g[self.contact] - self.H_cr @ self.factor(g_rest)
+        right = g[self.contact] - self.A_cr @ self.factor(g_rest)
         found = self.problem.solve(
             right, start[self.contact], tolerance, force=float(np.abs(g).max())
         )
-        v, sigma = np.zeros(self.n), np.zeros(self.n)
+        v, sigma = np.zeros((2, g.size))
         v[self.contact], sigma[self.contact] = found.v, found.sigma
-        v[self.rest] = self.factor(g_rest - self.H_rc @ found.v)
+        v[self.rest] = self.factor(g_rest - self.A_rc @ found.v)
         return replace(
             found,
             v=v,
@@ -369,7 +395,7 @@ class ContactStepper(PlainStepper):
         super().__init__(*arguments)
         s = self.system
         self.unknown = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
-        self.points = _Points(*contact_unknowns(s), s.w, s.beta).chosen(s.w > 0.0)
+        self.points = Points.of(s)
         self.w_rows = s.on_rows(s.w)
         self.v_before = self.now.v
 
@@ -415,12 +441,9 @@ class ContactStepper(PlainStepper):
         """Step matrix as a contact problem, condensed where that is cheaper."""
         s = self.system
         H = as_compressed(c.c_M * s.M + s.C + c.c_K * s.K)
-        contact = self.points.unknowns().size
-        most = s.n - 1 if s.is_dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * s.n))
-        if contact <= most:
-            self.counts["factorizations"] += 1
-            return _Condensed(H, self.points)
-        return self.points.problem(H)
+        problem = self.points.best_problem(H)
+        self.counts["factorizations"] += isinstance(problem, Condensed)
+        return problem
 
     def _problems(self) -> list[ContactProblem]:
         return [getattr(matrices, "problem", matrices) for matrices in self.prepared.values()]

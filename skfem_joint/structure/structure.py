@@ -38,6 +38,9 @@ from skfem_joint.unknowns import (
     stacked,
 )
 
+#: Numbers of rows and of columns, along matrices of elements.
+_ROW, _COLUMN = np.s_[:, :, np.newaxis], np.s_[:, np.newaxis, :]
+
 
 @dataclass(frozen=True)
 class Material:
@@ -271,37 +274,36 @@ class Structure(Nodes):
     def matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """Mass and stiffness of all nodes before supports and contact, (dim N, dim N), kg and N/m.
 
-        Assembled by scalar blocks ``integral of d_k phi d_l psi``.
+        Elements' matrices are made all at once, of ``integral of d_k phi d_l psi``.
         """
         first, second = (constant * self.across for constant in self.lame())
-        dims = range(self.dim)
-        mass = self._block(self.properties["density"] * self.across)
+        values = np.stack([np.asarray(one) for (one,) in self.basis.basis], axis=1)
+        gradients = np.stack([one.grad for (one,) in self.basis.basis]).transpose(2, 0, 1, 3)
+        (elements, functions, dim, _), dx = gradients.shape, self.basis.dx[:, np.newaxis]
+        density = (self.properties["density"] * self.across)[:, np.newaxis, np.newaxis]
+        mass = self._scattered((density * dx * values) @ values.transpose(0, 2, 1), 1)
         if self.mass == "lumped":
             mass = sparse.csr_array(sparse.diags_array(np.asarray(mass.sum(axis=1)).ravel()))
-        M = _interleaved({(i, i): mass for i in dims}, self.dim)
-        K = self._gradients(first)
-        if self.dim > 1:
-            shear = self._gradients(second)
-            laplacian = sum(shear[i, i] for i in dims)
-            K = {(i, j): A + shear[j, i] for (i, j), A in K.items()}
-            K |= {(i, i): K[i, i] + laplacian for i in dims}
-        return M, _interleaved(K, self.dim)
+        flat = gradients.reshape(elements, functions * dim, -1)
+        products = ((dx * flat) @ flat.transpose(0, 2, 1)).reshape(-1, *2 * (functions, dim))
+        stiffness = first[:, None, None, None, None] * products
+        products *= second[:, None, None, None, None]
+        stiffness += products.transpose(0, 1, 4, 3, 2)
+        laplacian = np.einsum("eakbk->eab", products)
+        for i in range(dim if second.any() else 0):  # a bar has no shear
+            stiffness[:, :, i, :, i] += laplacian
+        M = sparse.csr_array(sparse.kron(mass, sparse.eye_array(dim)))
+        return M, self._scattered(stiffness.reshape(elements, *2 * (functions * dim,)), dim)
 
-    def _gradients(self, value: FloatArray) -> dict[tuple[int, int], Any]:
-        """Integrals of ``value d_i phi d_j psi`` for all i and j."""
-        dims = range(self.dim)
-        blocks = {(i, j): self._block(value, i, j) for i in dims for j in dims if i <= j}
-        return blocks | {(j, i): A.T for (i, j), A in blocks.items()}
-
-    def _block(self, value: FloatArray, i: int | None = None, j: int | None = None) -> Any:
-        """Integrals of ``value phi psi``, or of ``value d_i phi d_j psi``, (N, N)."""
-        from skfem import BilinearForm, asm
-
-        weight = np.broadcast_to(value[:, np.newaxis], self.basis.dx.shape)
-        form = BilinearForm(
-            lambda u, v, p: p.weight * (u * v if i is None else v.grad[i] * u.grad[j])
-        )
-        return sparse.csr_array(asm(form, self.basis, weight=weight))
+    def _scattered(self, blocks: FloatArray, dim: int) -> sparse.csr_array:
+        """Symmetric matrix on ``dim * node + component`` from those of the elements, (e, k, k)."""
+        dofs = (dim * self.basis.element_dofs.T[:, :, np.newaxis] + np.arange(dim)).astype(np.int32)
+        dofs, n = dofs.reshape(len(blocks), -1), dim * self.n_nodes
+        row, column = (np.broadcast_to(dofs[at], blocks.shape).ravel() for at in (_ROW, _COLUMN))
+        A = sparse.csr_array(sparse.coo_array((blocks.ravel(), (row, column)), shape=(n, n)))
+        symmetric = sparse.csr_array(0.5 * (A + A.T))
+        symmetric.eliminate_zeros()
+        return symmetric
 
     @cached_property
     def _mean_gradients(self) -> FloatArray:
@@ -446,15 +448,6 @@ class Structure(Nodes):
         limits = np.where(w[points] > 0.0, limits, 1.0)
         share = limits / np.bincount(points, limits, w.size)[points]
         return sparse.csr_array((share, (joint, points)), shape=(len(patches), w.size))
-
-
-def _interleaved(blocks: Mapping[tuple[int, int], Any], dim: int) -> sparse.csr_array:
-    """Matrix on ``dim * node + component`` from blocks by component, made symmetric."""
-    e = np.eye(dim)
-    A = sum(sparse.kron(block, np.outer(e[i], e[j]), "csr") for (i, j), block in blocks.items())
-    symmetric = sparse.csr_array(0.5 * (A + A.T))
-    symmetric.eliminate_zeros()
-    return symmetric
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import growth, plates, ready_made, steady
+from benchmarks import growth, plates, ready_made, solids, steady
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
@@ -146,6 +146,21 @@ def test_benchmarks_of_steps_run(monkeypatch, capsys):
     assert "times faster; error of the free end" in text
     assert text.count("refactoring each iteration") == 2
     assert text.count("reduced, ") == 6
+
+
+def test_the_benchmark_of_solids_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(solids.SIZES, "--quick", ((10, 1, 2, 1), 1, 20))
+    assert solids.main(["--quick"]) == 0
+    text = capsys.readouterr().out
+    rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
+    assert float(rows["condensed"][4]) < 2.0  # history, percent
+    assert float(rows["reduced"][4]) < 2.0
+    curves = re.findall(r"curve, .* from ([\d.]+) Hz, .* to ([\d.]+) Hz", text)
+    full, condensed = np.array(curves, dtype=float)
+    np.testing.assert_allclose(condensed, full, rtol=1e-3)
+    assert "memory said" in text
 
 
 # The two plates of Fig. 18

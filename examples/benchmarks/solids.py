@@ -1,0 +1,123 @@
+"""What a step of two bolted solid plates costs: full, condensed, reduced; and their damping curve.
+
+    python examples/benchmarks/solids.py            about 30,000 unknowns, 600 contact points
+    python examples/benchmarks/solids.py --large    100,000 in full: the memory that it takes
+    python examples/benchmarks/solids.py --quick    2,000
+
+The scene is ``examples/solid_lap_joint.toml`` on bricks of second order: a lap joint of two plates
+under two bolts, pulled by half of its friction limit, of which 40 mm are wide and 100 mm overlap.
+It runs from rest, three periods of 200 steps, with exact Coulomb friction in the full and in the
+condensed model. BLAS threads are pinned. Errors, in percent, are against the full model, as
+measured and as stated without it; off-line is all before the first step.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from collections.abc import Sequence
+from resource import RUSAGE_SELF, getrusage
+from typing import Any
+
+from skfem_joint import backbone, build_box, load_scene, merged, run_scene
+from skfem_joint.analysis import memory
+from skfem_joint.scene import Scene
+
+SCENE = Path(__file__).resolve().parents[1] / "solid_lap_joint.toml"
+WIDTH, LEVELS = 0.04, 20
+ESTIMATED = "displacement_rms", "friction_energy"
+#: Elements along the overlap and along the rest of each plate, across, and through its thickness;
+#: periods, and steps of each.
+SIZES = {
+    "": ((42, 2, 10, 1), 3, 200),
+    "--large": ((36, 8, 10, 4), 1, 20),
+    "--quick": ((12, 2, 3, 1), 2, 40),
+}
+
+
+def plates(elements: Sequence[int], cycles: int, steps: int) -> Scene:
+    """Scene of the two plates."""
+    lap, rest, across, deep = elements
+    strips = ("upper_rest", 0.1, rest), ("upper_lap", 0.1, lap)
+    others = ("lower_lap", 0.1, lap), ("lower_rest", 0.1, rest)
+    size, count = (WIDTH, 0.01), (across, deep)
+    upper = {"upper_end": "left", "upper_contact": ("front", "upper_lap")}
+    lower = {"lower_end": "right", "lower_contact": ("back", "lower_lap")}
+    mesh = merged(
+        [
+            build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=2, boundaries=upper),
+            build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=2, boundaries=lower),
+        ]
+    )
+    scene = load_scene(SCENE)
+    rings = scene.joint[0].pressure
+    bolts = [b.model_copy(update={"at": (b.at[0], 0.5 * WIDTH, b.at[2])}) for b in rings.bolts]
+    return scene.changed(
+        mesh=mesh,
+        joint={"pressure": rings.model_copy(update={"bolts": bolts})},
+        time={"steps_per_cycle": steps, "cycles": cycles},
+        models={"run": ("full", "condensed", "reduced")},
+        reduction={"modes": 30, "friction_points": 40},
+        output={"plots": False, "vtk": False},
+    )
+
+
+def percent(error: float | None) -> str:
+    """An error as it is printed."""
+    return "" if error is None else f"{100.0 * abs(error):.3f}"
+
+
+def report(scene: Scene) -> None:
+    """Print the table of one size, the time of damping curves, and what it takes."""
+    said, begin = sum(memory.needed(scene).values()), time.perf_counter()
+    system = scene.system()
+    print(
+        f"{system.n} unknowns, {system.contact_points} contact points, made in "
+        f"{time.perf_counter() - begin:.1f} s; memory said: {memory.size(said)}\n\n"
+        "| model | unknowns | off-line, s | ms a step | times faster | history, % | friction, % | "
+        f"stated history, % | friction, % | estimate, s |\n|{10 * ' --- |'}",
+        flush=True,
+    )
+    study = run_scene(scene)
+    steps = {name: one.run.wall_s / one.run.counters.steps for name, one in study.models.items()}
+    for name, model in study.models.items():
+        cells = [name, f"{model.run.system.n}", f"{model.offline_s:.1f}"]
+        cells += [f"{1e3 * steps[name]:.3f}", f"{steps['full'] / steps[name]:.1f}"]
+        kinds = "displacement_rms", "friction_energy_per_cycle"
+        cells += [percent(getattr(model.errors, kind, None)) for kind in kinds]
+        found = model.estimate
+        stated = [None if found is None else found.of("total", kind) for kind in ESTIMATED]
+        cells += [*map(percent, stated), f"{model.estimate_s:.1f}"]
+        print(f"| {' | '.join(cells)} |")
+    print()
+    for name in [one for one in ("full", "condensed") if len(study.models) > 1]:
+        begin = time.perf_counter()
+        (curve,) = backbone(study.models[name].run.system, levels=LEVELS)
+        print(
+            f"damping curve, {name}: {LEVELS} levels in {time.perf_counter() - begin:.1f} s, from "
+            f"{curve.frequency[0]:.2f} Hz, {100.0 * curve.damping_ratio[0]:.3f} % to "
+            f"{curve.frequency[-1]:.2f} Hz, {100.0 * curve.damping_ratio[-1]:.3f} %"
+        )
+    print(f"memory taken: {memory.size(1024 * getrusage(RUSAGE_SELF).ru_maxrss)}")
+    print(*study.warnings, sep="\n")
+
+
+def main(arguments: list[str]) -> int:
+    """Print the report of the size asked for."""
+    size = next(iter(arguments), "")
+    scene = plates(*SIZES[size])
+    alone: dict[str, Any] = {"models": {"run": ("full",)}, "accuracy": {"estimate": False}}
+    report(scene.changed(**alone) if size == "--large" else scene)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
