@@ -80,8 +80,8 @@ def report(scene: Scene, made: float) -> None:
     system = scene.system()
     said = memory.size(sum(memory.needed(scene).values()))
     print(
-        f"{system.n} unknowns, {system.contact_points} contact points, made in {made:.1f} s with the "
-        f"modes that the damping ratio needs; memory said: {said}\n\n"
+        f"{system.n} unknowns, {system.contact_points} contact points, made in {made:.1f} s with "
+        f"the modes that the damping ratio needs; memory said: {said}\n\n"
         "| model | unknowns | off-line, s | ms a step | times faster | history, % | friction, % | "
         f"stated history, % | friction, % | estimate, s |\n|{10 * ' --- |'}",
         flush=True,
