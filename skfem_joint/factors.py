@@ -41,7 +41,7 @@ def factorised(A: Any) -> Any:
         except linalg.LinAlgError as error:
             raise InputError(
                 "the mass or step matrix is not positive definite: is the step tiny, or do modes "
-                "depend on each other? skfem_joint.reduction.pod.orthonormal drops those"
+                "depend on each other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
             ) from error
         return lambda right: linalg.cho_solve(factor, right, check_finite=False)
     entries = A.tocoo(copy=False)

@@ -483,3 +483,4 @@ class DenseStepper(CompiledStepper):
         """Take up a saved state."""
         super().restore(saved)
         self.memory.old_velocity[:] = saved["before"]
+        self.memory.force[:] = self.now.sigma
