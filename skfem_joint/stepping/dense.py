@@ -22,7 +22,6 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.stepping.compiled import (
-    arctangent,
     cholesky_solve,
     compiled,
     compiled_for,
@@ -33,8 +32,7 @@ from skfem_joint.stepping.march import Found, Full, Places, aligned, make_room, 
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import CompiledStepper, Saved
 
-#: Most iterations, and steps on slip velocities and forces at once where the law is steep.
-ITERATIONS, QUICK = 200, 4
+ITERATIONS = 200
 SEARCH = 60
 _TWO_OVER_PI = 2.0 / pi
 ROUND_OFF = 16 * np.finfo(np.float64).eps
@@ -57,15 +55,6 @@ class Dense(NamedTuple):
 
     H: Any
     contact: Contact
-    kappa: Any  #: (m,) compliance of each point alone times its limit, inverse, s/m
-
-
-def dense_problem(H: FloatArray, contact: Contact) -> Dense:
-    """Problem of a step's matrix."""
-    rows = np.einsum("ij,ij->j", contact.B, factorised(H)(contact.B)) * contact.w
-    m = contact.beta.size
-    rows[: rows.size - m] += rows[m:]
-    return Dense(H, contact, 1.0 / np.where(rows[:m] > 0.0, rows[:m], 1.0))
 
 
 class Memory(NamedTuple):
@@ -89,7 +78,6 @@ class Memory(NamedTuple):
     cross: Any
     size: Any
     ratio: Any
-    dual: Any
 
 
 def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> tuple[Contact, Places]:
@@ -108,7 +96,7 @@ def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> tuple[Contact, Plac
 def make_memory(n: int, rows: int, m: int) -> Memory:
     """Make the arrays for n unknowns, some slip rows and m points."""
     point = m if rows > m else 0
-    sizes = (n, n, rows, rows, n, n * n, n, rows, rows, rows, rows, rows - m, point, point, rows)
+    sizes = (n, n, rows, rows, n, n * n, n, rows, rows, rows, rows, rows - m, point, point)
     memory = Memory(*aligned(*sizes))
     return memory._replace(A=memory.A.reshape(n, n))
 
@@ -163,13 +151,13 @@ def _evaluate(beta, slip, size, ratio, sigma):
 
 
 @compiled
-def _add_friction(contact, slip, room):
-    """Add the tangent of the friction forces to the lower triangle of A.
+def _add_friction(contact, slip, sigma, room):
+    """Add the friction forces to the residual and their tangent to the lower triangle of A.
 
     The tangent of a slip vector is the law's slope along it and force over norm across it.
     """
     B, w, beta = contact.B, contact.w, contact.beta
-    weight, cross = room.weight, room.cross
+    weight, cross, scaled = room.weight, room.cross, room.scaled
     size, ratio = room.size, room.ratio
     m = beta.size
     pairs = slip.size - m
@@ -186,16 +174,9 @@ def _add_friction(contact, slip, room):
         weight[p] = across + more * (t * t)
         weight[m + p] = across + more * (n * n)
         cross[p] = more * (t * n)
-    _add_tangents(B, m, room)
-
-
-@compiled
-def _add_tangents(B, m, room):
-    """Add the points' tangents to the lower triangle of A."""
-    weight, cross, scaled = room.weight, room.cross, room.scaled
-    pairs = weight.size - m
     for j in range(room.r.size):
         row, other = B[j], B[j, m:]
+        room.r[j] += _work(w, sigma, row)
         for p in range(pairs):
             scaled[p] = weight[p] * row[p] + cross[p] * other[p]
         for p in range(pairs):
@@ -204,74 +185,6 @@ def _add_tangents(B, m, room):
             scaled[p] = weight[p] * row[p]
         for k in range(j + 1):
             room.A[j, k] += _dot(scaled, B[k])
-
-
-@compiled
-def _project(contact, kappa, slip, room):
-    """Find points of the laws' graphs near slip velocities and forces ``room.dual``.
-
-    They are those with the same ``kappa v + sigma`` under the rational law, as in `graph`, which
-    bounds the slopes of both. They replace ``slip`` and ``room.dual``, with tangents there.
-    """
-    w, beta, dual = contact.w, contact.beta, room.dual
-    m = beta.size
-    pairs = slip.size - m
-    for p in range(m):
-        k = kappa[p] / beta[p]
-        x = kappa[p] * slip[p] + dual[p]
-        y = kappa[p] * slip[m + p] + dual[m + p] if p < pairs else 0.0
-        size = sqrt(x * x + y * y)
-        b = size - 1.0 - k
-        root = sqrt(b * b + 4.0 * k * size)
-        z = (b + root) / (2.0 * k) if b > 0.0 else 2.0 * size / (root - b)
-        sigma = _TWO_OVER_PI * arctangent(z)
-        along = w[p] * (_TWO_OVER_PI * beta[p] / (1.0 + z * z))
-        t, n = (x / size, y / size) if size > 0.0 else (1.0, 0.0)
-        slip[p], dual[p], room.weight[p] = z / beta[p] * t, sigma * t, along
-        if p < pairs:
-            across = w[p] * sigma * beta[p] / z if z > 0.0 else along
-            slip[m + p], dual[m + p] = z / beta[p] * n, sigma * n
-            room.weight[p] = across + (along - across) * (t * t)
-            room.weight[m + p] = across + (along - across) * (n * n)
-            room.cross[p] = (along - across) * (t * n)
-
-
-@compiled
-def _primal_dual(problem, room, right, q):
-    """One step of Newton's method on slip velocities and friction forces at once.
-
-    T. F. Chan, G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999): from points of the graphs
-    it converges in few steps however steep the law is. Where ``room.slip`` is B q at the start, so
-    it is at the end.
-    """
-    H, contact, kappa = problem
-    B, w, slip, dual, weight = contact.B, contact.w, room.slip, room.dual, room.weight
-    m = contact.beta.size
-    pairs = slip.size - m
-    _project(contact, kappa, slip, room)
-    n = q.size
-    for i in range(n):
-        for j in range(n):
-            room.A[i, j] = H[i, j]
-    _add_tangents(B, m, room)
-    for i in range(slip.size):  # forces less what the tangents make of the slip velocities
-        room.trial[i] = w[i] * dual[i] - weight[i] * slip[i]
-    for p in range(pairs):
-        room.trial[p] -= room.cross[p] * slip[m + p]
-        room.trial[m + p] -= room.cross[p] * slip[p]
-    for i in range(n):
-        q[i] = right[i] - _dot(room.trial, B[i])
-    if not cholesky_solve(room.A, q):
-        return False
-    _slip(B, q, slip)
-    for i in range(slip.size):
-        dual[i] = room.trial[i] + weight[i] * slip[i]
-    for p in range(pairs):
-        dual[p] += room.cross[p] * slip[m + p]
-        dual[m + p] += room.cross[p] * slip[p]
-    for i in range(slip.size):
-        dual[i] = dual[i] / w[i] if w[i] > 0.0 else 0.0
-    return True
 
 
 @compiled
@@ -313,11 +226,9 @@ def minimum(problem, memory, right, v, tolerance):
     The solution is left in ``memory.velocity``, its slip velocities in ``memory.slip`` and forces
     in ``memory.force``, each with one entry for each row of the contact.
     """
-    H, contact, _ = problem
+    H, contact = problem
     q, before, slip, sigma = memory.velocity, memory.old_velocity, memory.slip, memory.force
     n = q.size
-    for i in range(slip.size):
-        memory.dual[i] = sigma[i]
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
     B, w, beta = contact.B, contact.w, contact.beta
@@ -327,44 +238,27 @@ def minimum(problem, memory, right, v, tolerance):
     for i in range(n):
         scale = max(scale, abs(right[i]))
     evaluations, iteration, largest, converged = 0, 0, 0.0, False
-    quick = -1  # steps at once on velocities and forces to come, after a short one
     known = False  # whether slip and sigma belong to q
     for iteration in range(ITERATIONS + 1):
         for i in range(n):
             t = -right[i]
             for j in range(n):
                 t += H[i, j] * q[j]
+                A[i, j] = H[i, j]
             r[i] = t
         if not known:
             _slip(B, q, slip)
             _evaluate(beta, slip, memory.size, memory.ratio, sigma)
             evaluations += 1
+        _add_friction(contact, slip, sigma, memory)
         largest = 0.0
         for i in range(n):
-            r[i] += _work(w, sigma, B[i])
             if not abs(r[i]) <= largest and largest == largest:  # what is not a number stays
                 largest = abs(r[i])
         converged = largest <= tolerance * scale or (
             largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, memory)
         )
-        if converged or not largest < inf or iteration == ITERATIONS:
-            break
-        if quick > 0:
-            for i in range(n):
-                direction[i] = q[i]
-            known = _primal_dual(problem, memory, right, q)
-            quick = quick - 1 if known else 0
-            for i in range(0 if known else n):
-                q[i] = direction[i]
-            if known:
-                _evaluate(beta, slip, memory.size, memory.ratio, sigma)
-                evaluations += 1
-            continue
-        for i in range(n):
-            for j in range(n):
-                A[i, j] = H[i, j]
-        _add_friction(contact, slip, memory)
-        if not cholesky_solve(A, r):
+        if converged or not largest < inf or iteration == ITERATIONS or not cholesky_solve(A, r):
             break
         # r is minus the direction; slopes of the objective along the direction at 0 and 1.
         linear = 0.0
@@ -401,8 +295,6 @@ def minimum(problem, memory, right, v, tolerance):
                 low, slope_low = length, slope
             length = low - slope_low * (high - low) / (slope_high - slope_low)
             length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
-        if quick < 0 and length < 1.0:
-            quick = QUICK
         for i in range(n):
             q[i] -= length * r[i]
         if known:
@@ -459,7 +351,7 @@ class DenseStepper(CompiledStepper):
         """Step matrix."""
         (M,), (C,), (K,) = self.dynamics
         self.counts["factorizations"] += 1
-        return dense_problem(c.c_M * M + C + c.c_K * K, self.contact)
+        return Dense(c.c_M * M + C + c.c_K * K, self.contact)
 
     def restart(self, amplitudes: FloatArray) -> bool:
         """Acceleration from the equation of motion."""
@@ -483,4 +375,3 @@ class DenseStepper(CompiledStepper):
         """Take up a saved state."""
         super().restore(saved)
         self.memory.old_velocity[:] = saved["before"]
-        self.memory.force[:] = self.now.sigma

@@ -35,7 +35,7 @@ from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.dense import contact_of, dense_problem, found_alone
+from skfem_joint.stepping.dense import Dense, contact_of, found_alone
 from skfem_joint.stepping.dense import make_memory as make_dense_memory
 from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
@@ -259,7 +259,7 @@ class _Dense:
             steep = min(steepness / slip, self.steepest) if slip > 0.0 else self.steepest
             self.contact.beta[self.places] = np.where(coulomb, steep, self.beta)
             memory.old_velocity[:] = v = memory.velocity.copy()
-            found = found_alone(dense_problem(self.A, self.contact), memory, g, v, tolerance)
+            found = found_alone(Dense(self.A, self.contact), memory, g, v, tolerance)
             if not (found.converged and coulomb.any()):
                 break
         counts = {"newton_iterations": found.newton_iterations}

@@ -39,7 +39,7 @@ def solve(H: Any, B: Any, first: Any, w: Any, beta: Any, g: Any) -> tuple[Any, A
     """Velocity, friction by row, and what `minimum` tells, from rest."""
     contact, places = dense.contact_of(B, first, w, beta)
     memory = dense.make_memory(len(g), len(B), len(w))
-    found = dense.minimum(dense.dense_problem(H, contact), memory, g, np.zeros(len(g)), 1e-12)
+    found = dense.minimum(dense.Dense(H, contact), memory, g, np.zeros(len(g)), 1e-12)
     return memory.velocity, memory.force[places.row], found
 
 
