@@ -3,20 +3,21 @@
 A is large and sparse, or dense once everything but the contact has been condensed; psi is the
 potential of the friction law, arctan or set-valued Coulomb, of each point's slip vector v_p. The
 method is the truncated nonsmooth Newton method (Graeser and Kornhuber, J. Comput. Math. 27, 2009;
-Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018): points are relaxed one after another,
-each with its law solved exactly, then one Newton step on all points but those that Coulomb friction
-holds, and an exact search along it. Where that is short, points that would turn over on it are
-stopped instead, if that leads further down: one of them would block all the others. Every part
+Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018): contact points are relaxed one after
+another, each with its law solved exactly, then one Newton step on all points but those that Coulomb
+friction holds, and an exact search along it. Where that is short, points that would turn over on it
+are stopped instead, if that leads further down: one of them would block all the others. Every part
 lowers the objective, so that the iteration converges from any start whatever beta is; it needs no
 parameter. Newton's systems are solved by conjugate gradients, preconditioned by the factor of an
 earlier tangent where the law acts as it did then and by the diagonal where it does not; that factor
 serves for several iterations.
 
 Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
-1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
-step of time: 7.0 with 7.0 and 7.0 without relaxation and with a factor for each, 3.2 with 3.2 and
-3.2 after three sweeps, 4.6 with 15 and 0.5 if factors are kept while four solves do, 5.4 with 30
-and 0.2 while eight do. A factor costs ten solves along a narrow band, thirty elsewhere.
+1e5, 4,032 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
+step of time: 6.9 with 6.9 and 6.9 without relaxation and with a factor for each, 2.3 with 2.3 and
+2.3 after six sweeps, 3.5 with 5.9 and 0.7 if factors are kept while four solves do and few unknowns
+have changed, 4.6 with 25 and 0.1 while eight do. A factor costs ten solves along a narrow band,
+thirty elsewhere.
 """
 
 # numba infers the types of compiled functions:
@@ -39,10 +40,11 @@ from skfem_joint.stepping.march import Full, subtract_column, subtract_product, 
 from skfem_joint.stepping.recording import compressed
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
-ITERATIONS, SWEEPS, SEARCH = 100, 3, 20
+ITERATIONS, SWEEPS, SEARCH = 100, 6, 20
 #: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
-#: right side that the systems are solved to.
-MOST_SOLVES, PATIENCE, FORCING = 60, 4, 0.1
+#: right side that the systems are solved to; unknowns whose diagonal has changed by half or doubled
+#: from which on it is not tried (of 178 trials with more, 3 took no more than four solves).
+MOST_SOLVES, PATIENCE, FORCING, CHANGED = 60, 4, 0.1, 32
 #: Unknowns of a dense system that moves up to which a factor of its own costs less than that.
 FEW = 512
 #: Accepted round-off: so many units in the last place of the forces that are added up.
@@ -262,18 +264,11 @@ class ContactProblem:
         self.rows = Full(A) if self.dense else compressed(A)
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
-        free = np.ones(n, dtype=bool)
-        free[first] = False
-        free[second[second >= 0]] = False
-        others = np.flatnonzero(free)
-        # Unknowns off the contact are relaxed like points without friction.
-        self.first = np.concatenate([first, others]).astype(np.int64)
-        self.second = np.concatenate([second, np.full(others.size, -1)]).astype(np.int64)
-        order = np.argsort(self.first, kind="stable")
-        self.first, self.second = self.first[order], self.second[order]
-        self.w = np.concatenate([w, np.zeros(others.size)])[order]
-        self.beta = np.concatenate([beta, np.ones(others.size)])[order]
-        self.block = np.zeros((n, 3))[: self.first.size]
+        order = np.argsort(first, kind="stable")
+        self.first = np.asarray(first, dtype=np.int64)[order]
+        self.second = np.asarray(second, dtype=np.int64)[order]
+        self.w, self.beta = np.array(w, dtype=float)[order], np.array(beta, dtype=float)[order]
+        self.block = np.zeros((first.size, 3))
         self.diagonal = diagonal = A.diagonal()
         self.added = np.zeros(n)
         self.block[:, 0] = diagonal[self.first]
@@ -408,7 +403,7 @@ class ContactProblem:
         self.factorizations += 1
         self.kept = tangents.copy(), held.copy()
         self.factor = self.factors.factorised(tangents, held)
-        self.added = np.full(held.size, np.inf)
+        self.added = np.zeros(held.size)
         self.added[self.first] = tangents[:, 0]
         both = self.second >= 0
         self.added[self.second[both]] = tangents[both, 2]
@@ -430,6 +425,9 @@ class ContactProblem:
         share = np.minimum(1.0, then / now)
         rest = (1.0 - np.minimum(share, now / then)) / now
         share[np.isinf(then)] = 0.0
+        changed = np.where(held, np.isfinite(then), rest * now > 0.5)
+        if np.count_nonzero(changed) >= CHANGED:
+            return r, 0, False
         share[held] = rest[held] = 0.0
 
         def times_tangent(x: FloatArray) -> FloatArray:
