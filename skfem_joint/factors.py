@@ -104,9 +104,9 @@ def condensed(A: Any, kept: IntArray) -> tuple[IntArray, Any, FloatArray]:
         last = np.argsort(whole.perm_c)[rest.size :] - rest.size
         # Bodies that are apart keep their contact apart.
         if last.size and last.min() == 0 and np.array_equal(whole.perm_r, whole.perm_c):
-            L, U = (sparse.csr_array(part[rest.size :, rest.size :]) for part in (whole.L, whole.U))
+            L, U = (as_dense(part[rest.size :, rest.size :]) for part in (whole.L, whole.U))
             S = np.empty((kept.size, kept.size))
-            S[np.ix_(last, last)] = (L @ U).toarray()
+            S[np.ix_(last, last)] = L @ U
             return rest, solve, 0.5 * (S + S.T)
     S, columns = as_dense(A[kept][:, kept]), as_compressed(A[rest][:, kept].T)
     for k in range(0, kept.size, BLOCK):

@@ -266,7 +266,8 @@ def first_slip(
     limit; else the load is ``raised`` until one slips. A dense system, whose basis may not slip so
     far, takes the first of these with the smallest forces that hold it.
     """
-    system, held, dense = path.to.system, force - path.K @ static, path.to.kind == "dense"
+    system, dense = path.to.system, path.to.kind == "dense"
+    held = force - system.K @ static
     rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
     forces = system.slip_norm(np.asarray(rows, dtype=float))
     loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]

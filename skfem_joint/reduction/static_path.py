@@ -53,9 +53,8 @@ ROUNDS, BLIND = 3, 0.1
 _SHARE, _MOST = 4e-3, 20
 #: Increments of a path through time weigh so much more than its states.
 _INCREMENTS = 3.0
-#: Modes of the preliminary model; rigid motions and stiffness: share of the mean square frequency,
-#: and most of those motions.
-_MODES, _RIGID, _MOST_RIGID = 14, 1e-9, 12
+#: Modes of the preliminary model; what is added to the stiffness: share of that of mass.
+_MODES, _RIGID = 14, 1e-9
 #: The preliminary model's law goes from -1 to 1 within this inverse share of the slip velocity,
 #: which is not below the second, m/s.
 _RESOLVED, _SLOW = 1e4, 1e-3
@@ -173,7 +172,7 @@ def slip_path(
         )
     slipping, steps, blind = _slipping(system, snapshots[0])[0], 0, 1.0
     interface, share = interface_modes(system, response, loads, path=path)
-    rigid = _rigid_motions(path) if path.shift else np.zeros((system.n, 0))
+    rigid = path.to.outer(path.rigid.T).T
     for _ in range(ROUNDS):
         found = proper_modes(_scaled(snapshots), energy(system)).modes[:, :_MODES]
         V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
@@ -273,17 +272,6 @@ def _levels(count: int, top: float) -> FloatArray:
 def _with_increments(path: FloatArray) -> FloatArray:
     """States of a path through time and what they differ by, which modes must follow too."""
     return np.vstack([path, _INCREMENTS * np.diff(path, axis=0, prepend=0.0 * path[:1])])
-
-
-def _rigid_motions(path: QuasiStatic) -> FloatArray:
-    """Motions without strain, (n, r): inverse iteration finds them at once, so small is K there."""
-    M, n = path.M, path.M.shape[0]
-    X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
-    for _ in range(3):
-        X = orthonormal(path.without_friction(M @ X), M)
-    squares, shares = np.linalg.eigh(X.T @ (path.K @ X))
-    rigid = X @ shares[:, squares < _RIGID * path.to.system.mean_square_frequency]
-    return path.to.outer(rigid.T).T
 
 
 def interface_modes(

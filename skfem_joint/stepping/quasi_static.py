@@ -24,7 +24,7 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
@@ -46,8 +46,9 @@ HELD = 0.98
 HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-12
-#: Pivots below this share of the largest are zero; iterations for the friction limit.
-_SINGULAR, _ITERATIONS = 1e-11, 20
+#: Pivots below this share of the largest are zero; iterations for the friction limit; stiffness of
+#: motions without strain, as a share of the mean square frequency, and most of them.
+_SINGULAR, _ITERATIONS, _RIGID, _MOST_RIGID = 1e-11, 20, 1e-9, 12
 #: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
 #: their stiffness, over the least of all, beyond which round-off hides that one.
 _STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
@@ -80,24 +81,25 @@ class QuasiStatic:
         self.tolerance, self.tally = tolerance, tally or Tally()
         dense = self.to.kind == "dense"
         self.K, self.M = (as_dense(A) if dense else as_compressed(A) for A in (inner.K, inner.M))
-        self.shift = 0.0
-        if is_singular(self.K):
-            self.shift = _SHIFT * inner.mean_square_frequency
-        A = self.K + self.shift * self.M
-        self.A, self.beta = as_compressed(A), inner.beta[acting]
+        self.shift = _SHIFT * inner.mean_square_frequency if is_singular(self.K) else 0.0
+        # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
+        self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
+        self.A, self.beta = as_compressed(self.K + self.added), inner.beta[acting]
         self.problem: ContactProblem | Condensed | _Dense
+        self.condensed: Condensed | None = None
         if dense:
-            self.problem, self._limited = _Dense(A, inner), np.flatnonzero(acting)
+            self.problem, self._limited = _Dense(self.A, inner), np.flatnonzero(acting)
             self._rate = self.problem.beta
         else:
             points = Points.of(inner)
             chain = self.to.kind == "chain"  # its own factors cost nothing
             self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
             if isinstance(contact, Condensed):
-                points, contact = points.numbered(contact.contact), contact.problem
+                points = points.numbered(contact.contact)
+                contact = self.problem = self._condense(contact)
             self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
         self._fronts = _Fronts(self.A, inner) if self.to.kind == "chain" else None
-        self.last = np.zeros(A.shape[0])
+        self.last = np.zeros(self.A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
 
@@ -106,17 +108,43 @@ class QuasiStatic:
         """Matrices factorised so far."""
         return self.problem.factorizations
 
+    def _condense(self, condensed: Condensed) -> ContactProblem:
+        """Step through the contact alone; all else follows."""
+        self.condensed, self.A = condensed, condensed.problem.A
+        self.B = self.B[:, condensed.contact]
+        rigid = self.rigid[condensed.contact]
+        image = self.A @ rigid
+        self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
+        self.stiffness = self.A - self.added
+        return condensed.problem
+
     @cached_property
-    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
-        """Solver of K u = f, shifted where K is singular, in the unknowns that are stepped."""
-        if isinstance(self.problem, Condensed):
-            return self.problem.without_friction()
+    def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of A u = f."""
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
+
+    @cached_property
+    def rigid(self) -> FloatArray:
+        """Motions without strain, (n, r), in the unknowns of ``to.system``.
+
+        Inverse iteration finds them at once, so small is what is added to K.
+        """
+        n = self.to.system.n
+        if not self.shift:
+            return np.zeros((n, 0))
+        whole = self.condensed
+        solve = self._without_friction if whole is None else whole.without_friction()
+        X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
+        for _ in range(3):
+            X = np.linalg.qr(solve(self.M @ X))[0]
+        squares, shares = linalg.eigh(X.T @ (self.K @ X), X.T @ (self.M @ X))
+        found = X @ shares[:, squares < _RIGID * self.to.system.mean_square_frequency]
+        return np.asarray(found)
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
         """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
-        inner = self.problem
-        if not isinstance(inner, Condensed) or self.to.maps:
+        inner = self.condensed
+        if inner is None or self.to.maps:
             return None
         known = np.array_equal(F.indices, inner.rest)
         return cast("Callable[[FloatArray], FloatArray]", inner.factor) if known else None
@@ -147,22 +175,29 @@ class QuasiStatic:
         ConvergenceError
             If a level does not converge.
         """
-        u = f = np.zeros(self.K.shape[0])
+        acting, inside = self.to.force(forces.T), self.condensed
+        right = acting if inside is None else inside.inward(acting)
+        u = f = np.zeros(len(right))
         if start is not None:
             u, f = self.to.inner(start[0]), self.to.force(start[1])
+            if inside is not None:
+                u, f = u[inside.contact], inside.inward(f)
         path = np.empty((len(forces), u.size))
         lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
-        for level, force in enumerate(forces):
-            before, f = f, self.to.force(force)
+        for level, force in enumerate(right.T):
+            before, f = f, np.ascontiguousarray(force)
             rate = np.inf if times is None else self.beta / lasting[level]
             u = path[level] = self._state(u, before, f, held, rate)
             self.tally.add()
-        return self.to.outer(path)
+        return self.to.outer(path if inside is None else inside.outward(path.T, acting).T)
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
         self._rate[self._limited] = np.inf
-        return self._limit(self.to.force(force)) if self.shift else np.inf
+        if not self.shift:
+            return np.inf
+        f = self.to.force(force)
+        return self._limit(f if self.condensed is None else self.condensed.inward(f))
 
     def _state(
         self,
@@ -175,18 +210,19 @@ class QuasiStatic:
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
         self._rate[self._limited] = rate
-        found = self._solve(f - self.K @ u)
+        found = self._solve(f - self.stiffness @ u)
         if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
             self.held_back += 1
-            found = self._solve(min(1.0, held * self._limit(f)) * f - self.K @ u)
+            found = self._solve(min(1.0, held * self._limit(f)) * f - self.stiffness @ u)
         elif not found.converged and halvings < HALVINGS:
             middle = 0.5 * (before + f)
             rest = (held, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
         elif not found.converged:
+            where = found.where if self.condensed is None else self.condensed.contact[found.where]
             raise ConvergenceError(
                 "the slip under a slowly changing load was not found: a force residual of "
-                f"{found.residual:.3g} N is left at unknown {found.where}"
+                f"{found.residual:.3g} N is left at unknown {where}"
             )
         self.last = found.v
         return u + found.v
@@ -208,7 +244,9 @@ class QuasiStatic:
 
     def _carried(self, found: Solution, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""
-        carried = self.shift * float(np.linalg.norm(self.M @ found.v))
+        if not self.shift:
+            return 0.0
+        carried = float(np.linalg.norm(self.added @ found.v))
         return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
 
     def _limit(self, f: FloatArray) -> float:
@@ -224,8 +262,8 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = self.without_friction(self.shift * (self.M @ found.v))  # without what strains
-            lower = float(inner.w @ inner.slip_norm(inner.B @ rigid) / (f @ rigid))
+            rigid = self._without_friction(self.added @ found.v)  # without what strains
+            lower = float(inner.w @ inner.slip_norm(self.B @ rigid) / (f @ rigid))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower

@@ -352,15 +352,18 @@ class Condensed:
         """Solver of A v = g, (n,) or (n, k)."""
         contact = linalg.lu_factor(self.problem.A)
 
-        def solve(g: FloatArray) -> FloatArray:
-            v = np.empty_like(g)
-            g_rest = g[self.rest]
-            right = g[self.contact] - self.A_cr @ self.factor(g_rest)
-            v[self.contact] = linalg.lu_solve(contact, right)
-            v[self.rest] = self.factor(g_rest - self.A_rc @ v[self.contact])
-            return v
+        return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
 
-        return solve
+    def inward(self, g: FloatArray) -> FloatArray:
+        """Forces on the contact alone, (c,) or (c, k), from those on all unknowns."""
+        return np.asarray(g[self.contact] - self.A_cr @ self.factor(g[self.rest]))
+
+    def outward(self, v: FloatArray, g: FloatArray) -> FloatArray:
+        """All unknowns, (n,) or (n, k), from those of the contact under forces on all."""
+        every = np.empty_like(g)
+        every[self.contact] = v
+        every[self.rest] = self.factor(g[self.rest] - self.A_rc @ v)
+        return every
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""
@@ -368,14 +371,11 @@ class Condensed:
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
-        g_rest = g[self.rest]
-        right = g[self.contact] - self.A_cr @ self.factor(g_rest)
         found = self.problem.solve(
-            right, start[self.contact], tolerance, force=float(np.abs(g).max())
+            self.inward(g), start[self.contact], tolerance, force=float(np.abs(g).max())
         )
-        v, sigma = np.zeros((2, g.size))
-        v[self.contact], sigma[self.contact] = found.v, found.sigma
-        v[self.rest] = self.factor(g_rest - self.A_rc @ found.v)
+        v, sigma = self.outward(found.v, g), np.zeros_like(g)
+        sigma[self.contact] = found.sigma
         return replace(
             found,
             v=v,
