@@ -29,9 +29,6 @@ ARCTAN, COULOMB, FREE = 0, 1, 2
 #: Share of its limit from which on friction counts as having reached it: the arctan law never does.
 AT_LIMIT = 0.99
 
-#: Friction law names that a scene may use.
-LAWS = ("arctan", "coulomb")
-
 
 def _split(v: ArrayLike, beta: ArrayLike) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Broadcast; give Coulomb points a harmless finite beta and say where they are."""
@@ -110,24 +107,3 @@ def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64
     size = norms(rows, directions)
     ratio = force(size, beta) / np.where(size > 0.0, size, 1.0)
     return np.asarray(np.repeat(ratio, directions, axis=-1) * rows)
-
-
-def parameter(v: ArrayLike, sigma: ArrayLike, kappa: float, beta: ArrayLike) -> FloatArray:
-    """Parameter s of points (v, sigma) of the law's graph: what compiled steps iterate on.
-
-    For Coulomb ``kappa v + sigma``; for the arctangent with z / (1 + |z|), z = beta v, for sigma.
-    The way back is :func:`skfem_joint.stepping.compiled.graph`.
-
-    Parameters
-    ----------
-    v, sigma : array_like
-        Slip velocity (m/s) and normalised force.
-    kappa : float
-        Positive scale, s/m.
-    beta : array_like
-        Scaling constant of Eq. (2), s/m, ``inf`` for Coulomb.
-    """
-    v_array, finite, coulomb = _split(v, beta)
-    z = np.abs(finite * v_array)
-    arctan_parameter = np.copysign(kappa / finite * z + z / (z + 1.0), v_array)
-    return np.where(coulomb, kappa * v_array + np.asarray(sigma), arctan_parameter)

@@ -8,7 +8,6 @@ Struts make such systems, and so does everything else whose unknowns `arrangemen
 
 from __future__ import annotations
 
-from math import copysign, pi, tan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.factors import factorised
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
-from skfem_joint.stepping.compiled import compiled, compiled_for
+from skfem_joint.stepping.compiled import compiled_for, parameters
 from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
 from skfem_joint.stepping.recording import compressed
 from skfem_joint.stepping.schemes import Coefficients, State
@@ -37,8 +36,6 @@ SHORTEST = 48
 SLOW = 8
 PERSISTENCE = 30
 LONGEST = 2000
-#: Largest normalised force at which a regularised point is taken to stick.
-STEEPEST = 0.999
 
 
 class Chain(NamedTuple):
@@ -176,16 +173,6 @@ def _solve(H0: FloatArray, H1: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(lapack.dptsv(H0, H1, right)[2])
 
 
-@compiled
-def _regularise(kind, v, sigma, kappa, inverse_beta, s):
-    """Parameter where the arctan law comes near Coulomb's: at its velocity, or force in stick."""
-    for i in range(v.size):
-        if kind[i] == ARCTAN:
-            force = min(abs(sigma[i]), STEEPEST)
-            z = abs(v[i]) / inverse_beta[i] if v[i] != 0.0 else tan(0.5 * pi * force)
-            s[i] = copysign(kappa * inverse_beta[i] * z + z / (1.0 + z), sigma[i])
-
-
 @compiled_for(solve, Chain)
 def _solve_chain(problem, memory, right, v, tolerance):
     """Slip fronts where no law is regularised or the last steps were slow; three tiers."""
@@ -204,7 +191,7 @@ def _solve_chain(problem, memory, right, v, tolerance):
             s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
         )  # fmt: skip
         if near:
-            _regularise(chain.kind, v_new, sigma_new, chain.kappa, chain.inverse_beta, s_new)
+            parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
         for i in range(n):
             memory.rights[i] = right[i]
@@ -306,9 +293,10 @@ class ChainStepper(CompiledStepper):
         chain: Chain = self.matrices(c)
         if self.memory.scale[0] != chain.kappa:
             # The parameter's scale changes with the step: start again from the law's point.
-            _, v, _, _, sigma = self.now
-            parameter = friction.parameter(v, sigma, chain.kappa, self.beta)
-            self.memory.parameter[:] = self.memory.old_parameter[:] = parameter
+            s = self.memory.parameter
+            v, sigma = self.now.v, self.now.sigma
+            parameters(chain.kind, chain.kappa, chain.inverse_beta, v, sigma, s)
+            self.memory.old_parameter[:] = s
             self.memory.scale[:] = chain.kappa
         return chain
 
