@@ -64,18 +64,9 @@ def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
 
 
 def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
-    """Norms of the slip vectors of points.
+    """Norms (..., m) of the slip vectors of points, from the slip (..., rows) of each row.
 
-    Parameters
-    ----------
-    slip : array_like, shape (..., rows)
-        Slip of each row; the rows of a point follow each other.
-    directions : ndarray of int, shape (m,)
-        Rows of each point, 1 or 2.
-
-    Returns
-    -------
-    ndarray, shape (..., m)
+    ``directions`` (m,) tells the rows of each point, 1 or 2, which follow each other.
     """
     rows = np.asarray(slip, dtype=np.float64)
     if directions.size == rows.shape[-1]:
@@ -87,19 +78,9 @@ def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
 def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
     """Normalised friction forces sigma(|y|) y / |y| of points with slip vectors y, isotropic.
 
-    Parameters
-    ----------
-    slip : array_like, shape (..., rows)
-        Slip velocity of each row, m/s; the rows of a point follow each other.
-    beta : array_like
-        Scaling constant of each point, s/m, broadcast against (..., m).
-    directions : ndarray of int, shape (m,)
-        Rows of each point, 1 or 2.
-
-    Returns
-    -------
-    ndarray, shape (..., rows)
-        The norm of a point's force is :func:`force` of the norm of its slip.
+    Of each row, (..., rows), from its slip velocity, m/s, alike; see `norms` for ``directions``.
+    ``beta`` is the scaling constant of each point, s/m, broadcast against (..., m). The norm of a
+    point's force is :func:`force` of the norm of its slip.
     """
     rows = np.asarray(slip, dtype=np.float64)
     if directions.size == rows.shape[-1]:

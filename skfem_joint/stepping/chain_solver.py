@@ -1,7 +1,7 @@
 """Compiled solution of a step on a chain: slip fronts first, then three tiers.
 
 Every step solves the strictly convex problem H v + w sigma(v) = g for the new velocity v, with H
-tridiagonal. What does not converge is reported by status.
+tridiagonal.
 
 **Fronts** (no law regularised). A point that sticks separates its neighbours, so that elimination
 can decide stick and slip as it goes: towards a meeting point that is at rest each point slips if it
@@ -22,14 +22,8 @@ bounded slopes however steep the law is. Each tier is tried only when what comes
 3. Gauss-Seidel sweeps on the convex objective, which decrease it and converge from anywhere,
    with Newton steps accepted only when they decrease it further.
 
-Measured on the reference system of the paper (100 elements) at 25, 50 and 100 steps a period,
-iterations a step are 10, 5.7 and 2.8 by Newton alone under Coulomb, 3.5, 2.4 and 1.7 passes that
-meet in the middle, 2.2, 1.5 and 1.1 that meet among points at rest; for beta = 1e5 they are 23, 15
-and 7.4 from the extrapolated parameter, 10, 8.4 and 5.8 from Coulomb's solution.
-
-A pass takes 0.25 microseconds, an iteration 1.2. Passes start from rest: from the velocities of
-the last step they may alternate between two wrong states. Under the arctan law Newton starts from
-Coulomb's solution for some steps after a slow one, unless the chain is long.
+Passes start from rest: from the velocities of the last step they may alternate between two wrong
+states.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
@@ -216,14 +210,12 @@ def passes_of(H0, H1, w, hold, pivot, stretch, kappa, g, s, v, sigma, slip, r, m
 @compiled
 def _residual(H0, H1, w, g, v, sigma, r):
     """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
-    n = v.size
-    last = n - 1
+    n, last = v.size, v.size - 1
     for i in range(1, last):
         r[i] = H0[i] * v[i] + w[i] * sigma[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
-    if n == 1:
-        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
-    else:
-        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0] + H1[0] * v[1]
+    r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
+    if last > 0:
+        r[0] += H1[0] * v[1]
         r[last] = H0[last] * v[last] + w[last] * sigma[last] - g[last] + H1[last - 1] * v[last - 1]
     largest = 0.0
     row = 0
