@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from skfem_joint import friction
-from skfem_joint.arrays import FloatArray
-from skfem_joint.factors import factorised
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
 from skfem_joint.stepping.compiled import compiled_for, parameters
 from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
 from skfem_joint.stepping.recording import compressed
-from skfem_joint.stepping.schemes import Coefficients, State
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved
+from skfem_joint.stepping.schemes import Coefficients
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Motion
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
 #: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
@@ -52,10 +50,6 @@ class Chain(NamedTuple):
     hold: Any  #: (n,) largest force at which a point sticks, N: w under Coulomb, -1 elsewhere
     pivot: Any  #: (n,) inverse pivots between points that stick, as far as needed, m/(N s)
     stretch: Any  #: (n,) end of the stretch of slipping points that each pivot is for
-
-
-#: What of the memory steps depend on.
-REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
 
 class Memory(NamedTuple):
@@ -115,12 +109,8 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
     Coarse node j sits on fine node 2 j (or 2 j + 1, so that the last node stays); the fine nodes
     between get the mean of their neighbours.
 
-    Parameters
-    ----------
-    H : Bands
-        Step matrix, N s/m.
-    w, beta : ndarray, shape (n,)
-        Friction limits (N; 0 where no friction acts) and scaling constants (s/m).
+    ``H`` is the step matrix, N s/m; ``w`` and ``beta`` (n,) are friction limits (N; 0 where no
+    friction acts) and scaling constants (s/m).
     """
     H0, H1 = H
     kappa = KAPPA / np.abs(_solve(H0, H1, w)).max()
@@ -180,18 +170,16 @@ def _solve_chain(problem, memory, right, v, tolerance):
     s, s_new, slip, r = memory.parameter, memory.new_parameter, memory.work[2], memory.work[4]
     v_new, sigma_new, wary = memory.velocity, memory.force, memory.wary[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
-    if chain.mixed == 2:
-        count, converged, memory.middle[0] = passes_of(
-            chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
+    coulomb = chain.mixed == 2
+    if coulomb or (wary > 0 and n <= LONGEST):
+        count, found, memory.middle[0] = passes_of(
+            chain.H0, chain.H1, chain.w, chain.hold if coulomb else chain.w, chain.pivot,
+            chain.stretch, chain.kappa, right, s_new, v_new, sigma_new, slip, r, memory.middle[0],
+            tolerance,
         )  # fmt: skip
-    elif wary > 0 and n <= LONGEST:
-        count, near, memory.middle[0] = passes_of(
-            chain.H0, chain.H1, chain.w, chain.w, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
-        )  # fmt: skip
-        if near:
-            parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
+        converged, near = found and coulomb, found and not coulomb
+    if near:
+        parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
         for i in range(n):
             memory.rights[i] = right[i]
@@ -222,10 +210,7 @@ def _slips_of_chain(problem, x, room):
 class ChainStepper(CompiledStepper):
     """Steps of a tridiagonal system whose slip rows each pick one unknown."""
 
-    COUNTS = (
-        "newton_iterations", "largest_iterations", "nested_solves", "descents",
-        "friction_evaluations",
-    )  # fmt: skip
+    REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -238,31 +223,15 @@ class ChainStepper(CompiledStepper):
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
         self.first_call = max(1, 200_000 // s.n)
 
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
-        v = self.now.v
-        at_rest = (self.limits > 0.0) & np.isinf(self.beta) & (v == 0.0)
-        moving = (self.limits > 0.0) & ~at_rest
-        sigma = np.where(moving, friction.force(v, self.beta), 0.0)
-        right = self.elastic(amplitudes) - self.limits * sigma
-        acceleration = np.zeros_like(right)
-        if np.any(right) and np.any(at_rest):
-            found = self._sticking(right, at_rest)
-            if found is None:
-                return False
-            acceleration = found[0]
-            sigma += found[1]
-        elif np.any(right):
-            acceleration = factorised(self.system.M)(right)
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the law's point, whatever the parameter was."""
+        super().started(acceleration, sigma)
         self.memory.scale[:] = 0.0
-        self.started(acceleration, sigma)
-        return True
 
-    def _sticking(
-        self, right: FloatArray, at_rest: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Acceleration and friction of points at rest, which obey the law of their velocity."""
-        w = np.where(at_rest, self.limits, 0.0)
+    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
+        """Acceleration and friction of points at rest."""
+        w = np.zeros(right.size)
+        w[self.contact[at_rest]] = self.system.w[at_rest]
         chain = build_chain(self.dynamics[0], w, np.full(w.size, np.inf))
         room = make_memory(w.size)
         room.rights[: w.size] = right
@@ -270,14 +239,14 @@ class ChainStepper(CompiledStepper):
             chain, room.rights, room.parameters, room.work, room.trial, self.tolerance, False
         )
         self.failure = Failure(residual, unknown)
-        return (room.velocity, room.force) if converged else None
+        return (room.velocity, room.force[self.contact]) if converged else None
 
     def prepare(self, h: float) -> None:
         """Compile the loop, and what a restart after a jump needs."""
         super().prepare(h)
-        coulomb = (self.limits > 0.0) & np.isinf(self.beta)
+        coulomb = (self.system.w > 0.0) & np.isinf(self.system.beta)
         if np.any(coulomb) and not solve_step.signatures:
-            self._sticking(np.zeros(coulomb.size), coulomb)
+            self.sticking(np.zeros(self.system.n), coulomb)
 
     def make(self, c: Coefficients) -> Chain:
         """Step matrix and its coarser ones."""
@@ -299,17 +268,3 @@ class ChainStepper(CompiledStepper):
             self.memory.old_parameter[:] = s
             self.memory.scale[:] = chain.kappa
         return chain
-
-    def state(self) -> State:
-        """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.contact])
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """State and memory."""
-        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in REMEMBERED}
-
-    def restore(self, saved: Saved) -> None:
-        """Take up a saved state."""
-        super().restore(saved)
-        for name in REMEMBERED:
-            getattr(self.memory, name)[:] = saved[name]
