@@ -35,19 +35,14 @@ _STEPPERS = {
 class Arranged:
     """A system as it is stepped, and how its unknowns and those of the one that was given go over.
 
-    Attributes
-    ----------
-    system : System
-        With the same contact points, slip rows, loads and named points.
-    kind : str
-        "linear", "dense", "chain" or "contact": the stepper for it.
-    maps : tuple of Arrangement
-        Changes of unknowns that led to it, the first one first; none: it is the system given.
+    It has the same contact points, slip rows, loads and named points.
     """
 
     system: System
-    kind: str
-    maps: tuple[Arrangement, ...] = ()
+    kind: str  #: "linear", "dense", "chain" or "contact": the stepper for it
+    maps: tuple[
+        Arrangement, ...
+    ] = ()  #: that led to it, in turn; none: it is that given
 
     def inner(self, u: FloatArray) -> FloatArray:
         """Unknowns of the system stepped, (n,), from those of the system given."""

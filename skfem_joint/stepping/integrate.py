@@ -243,17 +243,6 @@ class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
     Made, it is at the start, with its first row stored; ``preparation`` is what that took, s.
-
-    Attributes
-    ----------
-    cuts : dict
-        By step index: the times at which the step is cut (none if it only has to stand alone).
-    jumps : dict
-        By end of a step or part: the times of the loads' first and last jump there.
-    at_once : int
-        Steps that the stepper is given in one call.
-    block : tuple
-        Number and load amplitudes of the block of steps that was evaluated last.
     """
 
     def __init__(
@@ -268,8 +257,11 @@ class _Driver:
     ) -> None:
         self.given, self.to = given, arranged(given)
         self.system, self.h, self.n_steps, self.done = self.to.system, step, n_steps, 0
+        # By end of a step or part: the times of the loads' first and last jump there.
         self.jumps: dict[float, tuple[float, float]] = {}
+        # Number and load amplitudes of the block of steps that was evaluated last.
         self.block: tuple[int, FloatArray] = (-1, np.zeros((0, 0)))
+        # By step: the times at which it is cut, none if it only has to stand alone.
         self.cuts: dict[int, list[float]] = {0: []}  # the first step, and each after a jump, alone
         for load in self.system.loads:
             jumps = set(load.amplitude.jumps)
@@ -282,6 +274,7 @@ class _Driver:
         self.recorder = Recorder(self.system, save, n_steps, step)
         u, v = map(self.to.inner, start)
         self.stepper = choose(self.to, scheme, u, v, tolerance, self.recorder)
+        # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         begin = time.perf_counter()
         self.restart(0.0)
