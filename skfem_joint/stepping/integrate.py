@@ -126,8 +126,7 @@ def integrate(
     if until == "steady":
         return driver.steady(cycle_steps, progress)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
-    energy = 0.0 if initial is None else system.stored_energy(*start)
-    return driver.finish(energy, interrupted)
+    return driver.finish(system.stored_energy(*start), interrupted)
 
 
 def _by_cycles(
