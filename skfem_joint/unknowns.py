@@ -48,9 +48,7 @@ class Contact:
     held: Matrix  #: (h, n) rows that vanish: motion across a contact that stays closed
     #: (h + rows,) unknown that each row determines, ``held`` first; None: found by a matching
     pivots: IntArray | None = None
-    clamped: FloatArray | None = (
-        None  #: (h,) normal force on each of ``held``, N, if known
-    )
+    clamped: FloatArray | None = None  #: (h,) normal force on each of ``held``, N, if known
 
     @property
     def normal_force(self) -> FloatArray:

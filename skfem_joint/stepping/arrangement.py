@@ -40,9 +40,7 @@ class Arranged:
 
     system: System
     kind: str  #: "linear", "dense", "chain" or "contact": the stepper for it
-    maps: tuple[
-        Arrangement, ...
-    ] = ()  #: that led to it, in turn; none: it is that given
+    maps: tuple[Arrangement, ...] = ()  #: that led to it, in turn; none: it is that given
 
     def inner(self, u: FloatArray) -> FloatArray:
         """Unknowns of the system stepped, (n,), from those of the system given."""

@@ -170,16 +170,18 @@ def _solve_chain(problem, memory, right, v, tolerance):
     s, s_new, slip, r = memory.parameter, memory.new_parameter, memory.work[2], memory.work[4]
     v_new, sigma_new, wary = memory.velocity, memory.force, memory.wary[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
-    coulomb = chain.mixed == 2
-    if coulomb or (wary > 0 and n <= LONGEST):
-        count, found, memory.middle[0] = passes_of(
-            chain.H0, chain.H1, chain.w, chain.hold if coulomb else chain.w, chain.pivot,
-            chain.stretch, chain.kappa, right, s_new, v_new, sigma_new, slip, r, memory.middle[0],
-            tolerance,
+    if chain.mixed == 2:
+        count, converged, memory.middle[0] = passes_of(
+            chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, right,
+            s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
         )  # fmt: skip
-        converged, near = found and coulomb, found and not coulomb
-    if near:
-        parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
+    elif wary > 0 and n <= LONGEST:
+        count, near, memory.middle[0] = passes_of(
+            chain.H0, chain.H1, chain.w, chain.w, chain.pivot, chain.stretch, chain.kappa, right,
+            s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
+        )  # fmt: skip
+        if near:
+            parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
         for i in range(n):
             memory.rights[i] = right[i]

@@ -134,6 +134,15 @@ def largest_of(x):
     return max(a, b, c, d)
 
 
+@sums_in_any_order
+def weighted(weights, places, x):
+    """Weighted sum of some entries."""
+    total = 0.0
+    for i in range(weights.size):
+        total += weights[i] * x[places[i]]
+    return total
+
+
 # The friction laws
 
 _TAN_1 = float(np.tan(np.pi / 8.0))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.friction import AT_LIMIT
-from skfem_joint.stepping.compiled import compiled, compiled_for, sums_in_any_order
+from skfem_joint.stepping.compiled import compiled, compiled_for, weighted
 from skfem_joint.stepping.recording import Compressed
 
 #: Numbers in a line of the cache.
@@ -128,6 +128,156 @@ def _product_of_full(A, x, y):
         y[i] = t
 
 
+@compiled
+def _joint_slips(joints, slip, sigma, m, largest, slipping):
+    """Largest slip of each joint, and the share of its friction that is at its limit."""
+    start, column, _, share = joints
+    two = slip.size - m
+    for k in range(start.size - 1):
+        largest[k], slipping[k] = 0.0, 0.0
+        for e in range(start[k], start[k + 1]):
+            p = column[e]
+            moved, force = abs(slip[p]), abs(sigma[p])
+            if p < two:
+                moved, force = hypot(moved, slip[m + p]), hypot(force, sigma[m + p])
+            largest[k] = max(largest[k], moved)
+            slipping[k] += share[e] if force >= AT_LIMIT else 0.0
+
+
+@compiled
+def march(
+    n_steps, first_step, strides, c, matrices, problem, memory, w, places, tolerance,
+    loads, amplitude, observed, joints, state, room, sums, stored, counts,
+):  # fmt: skip
+    """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
+
+    ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
+    ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
+    of the problem, N; ``loads``, ``observed`` and ``joints`` load vectors, named points
+    (`Compressed`) and the joints' parts in the problem's points, in work and in friction;
+    ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of a `CompiledStepper`.
+
+    Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
+    than ``n_steps`` steps one did not converge, and the state is that before it.
+    """
+    M, C, K = matrices
+    u, v, a, d, sigma = state
+    row_place, point_place = places
+    load_start, load_column, load_value = loads
+    seen_start, seen_column, seen_value = observed
+    input_work, dissipated, friction_work, peak, slip_peak = sums
+    joint_start, joint_column, joint_value, _ = joints
+    stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
+    by_joint, joint_slip, joint_slipping = stored[6:]
+    right, image, y, change, drift, slip_change, slip_now, rubbed, farthest = room
+    v_new, sigma_new = memory.velocity, memory.force
+    n, m = u.size, rubbed.size
+    for j in range(point_place.size):
+        rubbed[point_place[j]] = friction_work[j]
+        farthest[point_place[j]] = slip_peak[j]
+    steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
+    for step in range(1, n_steps + 1):
+        for i in range(n):
+            u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
+            y[i] = c.c_M * v[i] + c.y_a * a[i] + c.y_d * d[i]
+        product(M, y, right)
+        product(K, u, image)
+        for i in range(n):
+            right[i] -= image[i]
+        for k in range(load_start.size - 1):
+            for e in range(load_start[k], load_start[k + 1]):
+                right[load_column[e]] += amplitude[k, step] * load_value[e]
+        found = solve(problem, memory, right, v, tolerance)
+        counts[0] += found.newton_iterations
+        counts[1] += found.nested_solves
+        counts[2] += found.descents
+        counts[3] += found.line_searches
+        counts[4] += found.friction_evaluations
+        counts[5] = max(counts[5], found.newton_iterations)
+        residual, unknown = found.residual, found.unknown
+        if not found.converged:
+            for i in range(n):
+                u[i] -= c.u_v * v[i] + c.u_a * a[i]
+            break
+        steps = step
+        # u holds the predictor: the step's change of displacement is what it adds to u.
+        mean = right  # few arrays stay near, many do not
+        for i in range(n):
+            change[i] = c.u_v * v[i] + c.u_a * a[i] + c.c_K * v_new[i]
+            mean[i] = 0.5 * (v[i] + v_new[i])
+        for i in range(n):
+            u[i] += c.c_K * v_new[i]
+        if not c.trapezoidal:
+            for i in range(n):
+                drift[i] = v[i] - v_new[i]
+                y[i] = 0.5 * d[i]
+        for i in range(n):
+            a_new = c.a_v * (v_new[i] - v[i]) + c.a_a * a[i]
+            d[i] = c.d_a * a_new + c.d_a0 * a[i] + c.d_d0 * d[i]
+            a[i] = a_new
+            v[i] = v_new[i]
+        product(C, mean, image)
+        viscous, numerical = 0.0, 0.0
+        for i in range(n):
+            viscous += image[i] * change[i]
+        if not c.trapezoidal:
+            for i in range(n):
+                y[i] += 0.5 * d[i]
+                drift[i] += c.h * y[i]
+            product(M, y, image)
+            for i in range(n):
+                numerical += (change[i] - c.h * mean[i]) * image[i]
+            product(M, drift, image)
+            for i in range(n):
+                numerical += mean[i] * image[i]
+        dissipated[0] += viscous
+        dissipated[1] += numerical
+        for k in range(load_start.size - 1):
+            f = 0.5 * (amplitude[k, step - 1] + amplitude[k, step])
+            for e in range(load_start[k], load_start[k + 1]):
+                input_work[k] += f * load_value[e] * change[load_column[e]]
+        moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
+        for p in range(m):
+            rubbed[p] += 0.5 * w[p] * (sigma[p] + sigma_new[p]) * moved[p]
+            farthest[p] = abs(slip[p]) if abs(slip[p]) > farthest[p] else farthest[p]
+            sigma[p] = sigma_new[p]
+        for q in range(m, w.size):
+            rubbed[q - m] += 0.5 * w[q] * (sigma[q] + sigma_new[q]) * moved[q]
+            farthest[q - m] = max(farthest[q - m], hypot(slip[q - m], slip[q]))
+            sigma[q] = sigma_new[q]
+        store = stored_point_u.shape[0] > 0 and (first_step + step) % strides[0] == 0
+        for k in range(seen_start.size - 1):
+            x, rate = 0.0, 0.0
+            for e in range(seen_start[k], seen_start[k + 1]):
+                x += seen_value[e] * u[seen_column[e]]
+                rate += seen_value[e] * v[seen_column[e]]
+            peak[k] = max(peak[k], abs(x))
+            if store:
+                stored_point_u[rows, k] = x
+                stored_point_v[rows, k] = rate
+        for k in range(joint_start.size - 1 if store else 0):
+            part = slice(joint_start[k], joint_start[k + 1])
+            by_joint[rows, k] = weighted(joint_value[part], joint_column[part], rubbed)
+        if store and joint_slip.shape[0] > 0:
+            _joint_slips(joints, slip[: w.size], sigma, m, joint_slip[rows], joint_slipping[rows])
+        rows += store
+        if stored_u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
+            for i in range(n):
+                stored_u[field_rows, i] = u[i]
+                stored_v[field_rows, i] = v[i]
+            for j in range(row_place.size):
+                stored_sigma[field_rows, j] = sigma[row_place[j]]
+            for j in range(point_place.size):
+                worked[field_rows, j] = rubbed[point_place[j]]
+            field_rows += 1
+    for j in range(point_place.size):
+        friction_work[j] = rubbed[point_place[j]]
+        slip_peak[j] = farthest[point_place[j]]
+    # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
+    # and numba does not look for that before it uses what it got.
+    return steps, rows, field_rows, residual, unknown
+
+
 def subtract_column(A, i, step, r):
     """Subtract ``step`` times column i of a symmetric A, an array or compressed rows, from r."""
     raise NotImplementedError
@@ -152,176 +302,6 @@ def subtract_product(A, v, r):
     for i in range(v.size):
         if v[i] != 0.0:
             subtract_column(A, i, v[i], r)
-
-
-@sums_in_any_order
-def row_times(A, k, x):
-    """Row ``k`` of compressed rows times a vector."""
-    total = 0.0
-    for e in range(A.start[k], A.start[k + 1]):
-        total += A.value[e] * x[A.column[e]]
-    return total
-
-
-@compiled
-def _end_of_step(c, matrices, v_new, state, room):
-    """Go from a step's start to its end, ``state.u`` being the predictor, for the velocity there.
-
-    Leaves the change of displacement in ``room.change``; returns what damping and the scheme
-    dissipate, J.
-    """
-    M, C, _ = matrices
-    u, v, a, d, _ = state
-    change, drift, y, image = room.change, room.drift, room.y, room.image
-    mean = room.right  # few arrays stay near, many do not
-    n = u.size
-    for i in range(n):
-        change[i] = c.u_v * v[i] + c.u_a * a[i] + c.c_K * v_new[i]
-        mean[i] = 0.5 * (v[i] + v_new[i])
-    for i in range(n):
-        u[i] += c.c_K * v_new[i]
-    if not c.trapezoidal:
-        for i in range(n):
-            drift[i] = v[i] - v_new[i]
-            y[i] = 0.5 * d[i]
-    for i in range(n):
-        a_new = c.a_v * (v_new[i] - v[i]) + c.a_a * a[i]
-        d[i] = c.d_a * a_new + c.d_a0 * a[i] + c.d_d0 * d[i]
-        a[i] = a_new
-        v[i] = v_new[i]
-    product(C, mean, image)
-    viscous, numerical = 0.0, 0.0
-    for i in range(n):
-        viscous += image[i] * change[i]
-    if not c.trapezoidal:
-        for i in range(n):
-            y[i] += 0.5 * d[i]
-            drift[i] += c.h * y[i]
-        product(M, y, image)
-        for i in range(n):
-            numerical += (change[i] - c.h * mean[i]) * image[i]
-        product(M, drift, image)
-        for i in range(n):
-            numerical += mean[i] * image[i]
-    return viscous, numerical
-
-
-@compiled
-def _rub(w, moved, slip, sigma_new, sigma, room):
-    """Add to the friction's work and the largest slip of each point what a step did."""
-    rubbed, farthest = room.rubbed, room.farthest
-    m = rubbed.size
-    for p in range(m):
-        rubbed[p] += 0.5 * w[p] * (sigma[p] + sigma_new[p]) * moved[p]
-        farthest[p] = abs(slip[p]) if abs(slip[p]) > farthest[p] else farthest[p]
-        sigma[p] = sigma_new[p]
-    for q in range(m, w.size):
-        rubbed[q - m] += 0.5 * w[q] * (sigma[q] + sigma_new[q]) * moved[q]
-        farthest[q - m] = max(farthest[q - m], hypot(slip[q - m], slip[q]))
-        sigma[q] = sigma_new[q]
-
-
-@compiled
-def _store_joints(joints, shares, slip, sigma, rubbed, stored, row):
-    """Store works of the joints, their largest slips, and shares of friction at its limit."""
-    m = rubbed.size
-    two = sigma.size - m
-    for k in range(joints.start.size - 1):
-        stored.joint_work[row, k] = row_times(joints, k, rubbed)
-        if stored.joint_slip.shape[0] == 0:
-            continue
-        largest, slipping = 0.0, 0.0
-        for e in range(joints.start[k], joints.start[k + 1]):
-            p = joints.column[e]
-            moved, force = abs(slip[p]), abs(sigma[p])
-            if p < two:
-                moved, force = hypot(moved, slip[m + p]), hypot(force, sigma[m + p])
-            largest = max(largest, moved)
-            slipping += shares[e] if force >= AT_LIMIT else 0.0
-        stored.joint_slip[row, k], stored.joint_slipping[row, k] = largest, slipping
-
-
-@compiled
-def march(
-    n_steps, first_step, strides, c, matrices, problem, memory, w, places, tolerance,
-    loads, amplitude, observed, joints, shares, state, room, sums, stored, counts,
-):  # fmt: skip
-    """Advance ``n_steps`` equal steps in place and accumulate works, peaks and stored rows.
-
-    ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
-    ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
-    of the problem, N; ``loads``, ``observed`` and ``joints`` load vectors, named points and the
-    joints' parts in the works of the problem's points, ``shares`` their parts in the friction;
-    ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of a `CompiledStepper`.
-
-    Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
-    than ``n_steps`` steps one did not converge, and the state is that before it.
-    """
-    M, _, K = matrices
-    u, v, a, d, sigma = state
-    input_work, dissipated, friction_work, peak, slip_peak = sums
-    right, image, y, change = room.right, room.image, room.y, room.change
-    n, point, number_of_loads = u.size, places.point, loads.start.size - 1
-    for j in range(point.size):
-        room.rubbed[point[j]] = friction_work[j]
-        room.farthest[point[j]] = slip_peak[j]
-    steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
-    for step in range(1, n_steps + 1):
-        for i in range(n):
-            u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
-            y[i] = c.c_M * v[i] + c.y_a * a[i] + c.y_d * d[i]
-        product(M, y, right)
-        product(K, u, image)
-        for i in range(n):
-            right[i] -= image[i]
-        for k in range(number_of_loads):
-            subtract_column(loads, k, -amplitude[k, step], right)
-        found = solve(problem, memory, right, v, tolerance)
-        counts[0] += found.newton_iterations
-        counts[1] += found.nested_solves
-        counts[2] += found.descents
-        counts[3] += found.line_searches
-        counts[4] += found.friction_evaluations
-        counts[5] = max(counts[5], found.newton_iterations)
-        residual, unknown = found.residual, found.unknown
-        if not found.converged:
-            for i in range(n):
-                u[i] -= c.u_v * v[i] + c.u_a * a[i]
-            break
-        steps = step
-        viscous, numerical = _end_of_step(c, matrices, memory.velocity, state, room)
-        dissipated[0] += viscous
-        dissipated[1] += numerical
-        for k in range(number_of_loads):
-            mean = 0.5 * (amplitude[k, step - 1] + amplitude[k, step])
-            input_work[k] += mean * row_times(loads, k, change)
-        moved, slip = slips(problem, change, room.slip_change), slips(problem, u, room.slip_now)
-        _rub(w, moved, slip, memory.force, sigma, room)
-        store = stored.point_u.shape[0] > 0 and (first_step + step) % strides[0] == 0
-        for k in range(observed.start.size - 1):
-            x = row_times(observed, k, u)
-            peak[k] = max(peak[k], abs(x))
-            if store:
-                stored.point_u[rows, k] = x
-                stored.point_v[rows, k] = row_times(observed, k, v)
-        if store:
-            _store_joints(joints, shares, slip, sigma, room.rubbed, stored, rows)
-        rows += store
-        if stored.u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
-            for i in range(n):
-                stored.u[field_rows, i] = u[i]
-                stored.v[field_rows, i] = v[i]
-            for j in range(places.row.size):
-                stored.sigma[field_rows, j] = sigma[places.row[j]]
-            for j in range(point.size):
-                stored.friction_work_rows[field_rows, j] = room.rubbed[point[j]]
-            field_rows += 1
-    for j in range(point.size):
-        friction_work[j] = room.rubbed[point[j]]
-        slip_peak[j] = room.farthest[point[j]]
-    # Not a named tuple: numba makes one by calling Python, where a pending Ctrl-C would be raised,
-    # and numba does not look for that before it uses what it got.
-    return steps, rows, field_rows, residual, unknown
 
 
 def times(A: Any, x: FloatArray) -> FloatArray:

@@ -210,13 +210,13 @@ class CompiledStepper(Stepper):
         self.observed = compressed(self.system.P)
 
     @cached_property
-    def joints(self) -> tuple[Any, FloatArray]:
+    def joints(self) -> tuple[Any, ...]:
         """Points of each joint that rub, with their parts in its work, and in its friction."""
         s = self.system
         joints = compressed(s.J * (s.w > 0.0))
         shares = joints.value * s.w[joints.column]
         shares /= np.repeat(s.J @ s.w, np.diff(joints.start))
-        return joints._replace(column=self.places.point[joints.column]), shares
+        return joints.start, self.places.point[joints.column], joints.value, shares
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on with the friction in the order of the problem."""
@@ -248,16 +248,16 @@ class CompiledStepper(Stepper):
             problem,
             self.memory,
             self.limits,
-            self.places,
+            tuple(self.places),
             self.tolerance,
-            self.loads,
+            tuple(self.loads),
             np.ascontiguousarray(amplitudes),
-            self.observed,
-            *self.joints,
-            self.now,
-            self.room,
+            tuple(self.observed),
+            self.joints,
+            tuple(self.now),
+            tuple(self.room),
             r.sums(),
-            r.free_rows(),
+            tuple(r.free_rows()),
             counted,
         )
         r.rows += rows
