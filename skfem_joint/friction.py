@@ -29,9 +29,6 @@ ARCTAN, COULOMB, FREE = 0, 1, 2
 #: Share of its limit from which on friction counts as having reached it: the arctan law never does.
 AT_LIMIT = 0.99
 
-#: Friction law names that a scene may use.
-LAWS = ("arctan", "coulomb")
-
 
 def _split(v: ArrayLike, beta: ArrayLike) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Broadcast; give Coulomb points a harmless finite beta and say where they are."""
@@ -67,18 +64,9 @@ def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
 
 
 def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
-    """Norms of the slip vectors of points.
+    """Norms (..., m) of the slip vectors of points, from the slip (..., rows) of each row.
 
-    Parameters
-    ----------
-    slip : array_like, shape (..., rows)
-        Slip of each row; the rows of a point follow each other.
-    directions : ndarray of int, shape (m,)
-        Rows of each point, 1 or 2.
-
-    Returns
-    -------
-    ndarray, shape (..., m)
+    ``directions`` (m,) tells the rows of each point, 1 or 2, which follow each other.
     """
     rows = np.asarray(slip, dtype=np.float64)
     if directions.size == rows.shape[-1]:
@@ -90,19 +78,9 @@ def norms(slip: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
 def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
     """Normalised friction forces sigma(|y|) y / |y| of points with slip vectors y, isotropic.
 
-    Parameters
-    ----------
-    slip : array_like, shape (..., rows)
-        Slip velocity of each row, m/s; the rows of a point follow each other.
-    beta : array_like
-        Scaling constant of each point, s/m, broadcast against (..., m).
-    directions : ndarray of int, shape (m,)
-        Rows of each point, 1 or 2.
-
-    Returns
-    -------
-    ndarray, shape (..., rows)
-        The norm of a point's force is :func:`force` of the norm of its slip.
+    Of each row, (..., rows), from its slip velocity, m/s, alike; see `norms` for ``directions``.
+    ``beta`` is the scaling constant of each point, s/m, broadcast against (..., m). The norm of a
+    point's force is :func:`force` of the norm of its slip.
     """
     rows = np.asarray(slip, dtype=np.float64)
     if directions.size == rows.shape[-1]:
@@ -110,24 +88,3 @@ def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64
     size = norms(rows, directions)
     ratio = force(size, beta) / np.where(size > 0.0, size, 1.0)
     return np.asarray(np.repeat(ratio, directions, axis=-1) * rows)
-
-
-def parameter(v: ArrayLike, sigma: ArrayLike, kappa: float, beta: ArrayLike) -> FloatArray:
-    """Parameter s of points (v, sigma) of the law's graph: what compiled steps iterate on.
-
-    For Coulomb ``kappa v + sigma``; for the arctangent with z / (1 + |z|), z = beta v, for sigma.
-    The way back is :func:`skfem_joint.stepping.compiled.graph`.
-
-    Parameters
-    ----------
-    v, sigma : array_like
-        Slip velocity (m/s) and normalised force.
-    kappa : float
-        Positive scale, s/m.
-    beta : array_like
-        Scaling constant of Eq. (2), s/m, ``inf`` for Coulomb.
-    """
-    v_array, finite, coulomb = _split(v, beta)
-    z = np.abs(finite * v_array)
-    arctan_parameter = np.copysign(kappa / finite * z + z / (z + 1.0), v_array)
-    return np.where(coulomb, kappa * v_array + np.asarray(sigma), arctan_parameter)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.factors import symmetric_lu
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
@@ -334,6 +334,11 @@ class System:
         """Give every contact point the scaling constant ``beta`` (s/m)."""
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
+    def frequency_of(self, u: FloatArray) -> float:
+        """Frequency of free vibration in the shape ``u`` by Rayleigh's quotient, rad/s."""
+        stiffness, mass = float(u @ (self.K @ u)), float(u @ (self.M @ u))
+        return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
+
     def stored_energy(self, u: FloatArray, v: FloatArray) -> float:
         """Kinetic plus strain energy, J."""
         return float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
@@ -395,12 +400,6 @@ def _check_definite(system: System) -> None:
 def _is_definite(A: Matrix) -> bool:
     """Whether a symmetric matrix is positive definite, by the signs of its pivots."""
     try:
-        factor = splu(
-            sparse.csc_array(A),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        return bool(np.all(symmetric_lu(A).U.diagonal() > 0.0))
     except RuntimeError:  # exactly singular
         return False
-    return bool(np.all(factor.U.diagonal() > 0.0))

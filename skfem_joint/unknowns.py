@@ -39,31 +39,16 @@ class Contact:
     """Friction rows to be added to matrices: what `contact` and `point_friction` make.
 
     ``a + b`` puts two contacts side by side.
-
-    Attributes
-    ----------
-    B : sparse array, shape (rows, n)
-        Slip of each contact point from the unknowns of the matrices; the rows of a point follow
-        each other.
-    w, beta : ndarray, shape (m,)
-        Friction limit, N, and scaling constant of Eq. (2), s/m (``inf``: Coulomb), of each point.
-    directions : ndarray of int, shape (m,)
-        Rows of each point, 1 or 2.
-    held : sparse array, shape (h, n)
-        Rows that vanish: motion across a contact that stays closed.
-    pivots : ndarray of int, shape (h + rows,), or None
-        Unknown that each row determines, ``held`` first; found by a matching if not given.
-    clamped : ndarray, shape (h,), or None
-        Normal force, N, that presses each of the ``held``, 0 where it is not known.
     """
 
-    B: Matrix
-    w: FloatArray
-    beta: FloatArray
-    directions: NDArray[np.int64]
-    held: Matrix
+    B: Matrix  #: (rows, n) slip from the unknowns of the matrices; a point's rows follow each other
+    w: FloatArray  #: (m,) friction limit of each contact point, N
+    beta: FloatArray  #: (m,) scaling constant of Eq. (2) of each, s/m; ``inf`` is Coulomb
+    directions: NDArray[np.int64]  #: (m,) rows of each point, 1 or 2
+    held: Matrix  #: (h, n) rows that vanish: motion across a contact that stays closed
+    #: (h + rows,) unknown that each row determines, ``held`` first; None: found by a matching
     pivots: IntArray | None = None
-    clamped: FloatArray | None = None
+    clamped: FloatArray | None = None  #: (h,) normal force on each of ``held``, N, if known
 
     @property
     def normal_force(self) -> FloatArray:

@@ -7,6 +7,7 @@ numbered at random is put in a row, and slips that are differences of displaceme
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,33 +16,31 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.stepping.recording import Recorder
-from skfem_joint.stepping.schemes import Scheme
-from skfem_joint.stepping.steppers import ContactStepper, LinearStepper, Stepper
+from skfem_joint.stepping.steppers import Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import Arrangement, selection, slips_as_unknowns
 
 #: Most unknowns of a sparse system that is stepped as a dense one for want of anything better.
 MOST_DENSE = 500
+#: Module and class of the stepper for each kind of system; compilers are loaded where one is used.
+_STEPPERS = {
+    "linear": ("steppers", "LinearStepper"),
+    "dense": ("dense", "DenseStepper"),
+    "chain": ("chain", "ChainStepper"),
+    "contact": ("steppers", "ContactStepper"),
+}
 
 
 @dataclass(frozen=True)
 class Arranged:
     """A system as it is stepped, and how its unknowns and those of the one that was given go over.
 
-    Attributes
-    ----------
-    system : System
-        With the same contact points, slip rows, loads and named points.
-    kind : str
-        "linear", "dense", "chain" or "contact": the stepper for it.
-    maps : tuple of Arrangement
-        Changes of unknowns that led to it, the first one first; none: it is the system given.
+    It has the same contact points, slip rows, loads and named points.
     """
 
     system: System
-    kind: str
-    maps: tuple[Arrangement, ...] = ()
+    kind: str  #: "linear", "dense", "chain" or "contact": the stepper for it
+    maps: tuple[Arrangement, ...] = ()  #: that led to it, in turn; none: it is that given
 
     def inner(self, u: FloatArray) -> FloatArray:
         """Unknowns of the system stepped, (n,), from those of the system given."""
@@ -145,28 +144,14 @@ def _csr(A: Any) -> Any:
     return A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
 
 
-def choose(
-    to: Arranged,
-    scheme: Scheme,
-    u: FloatArray,
-    v: FloatArray,
-    tolerance: float,
-    recorder: Recorder,
-) -> Stepper:
-    """Stepper for a system that is `arranged`, from displacement ``u`` and velocity ``v``.
+def choose(to: Arranged, *others: Any) -> Stepper:
+    """Stepper for a system that is `arranged`, from what else it takes.
 
     Raises
     ------
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    stepper: type[Stepper] = LinearStepper if to.kind == "linear" else ContactStepper
-    if to.kind == "chain":
-        from skfem_joint.stepping.chain import ChainStepper
-
-        stepper = ChainStepper
-    elif to.kind == "dense":
-        from skfem_joint.stepping.dense import DenseStepper
-
-        stepper = DenseStepper
-    return stepper(to.system, scheme, u, v, tolerance, recorder)
+    module, name = _STEPPERS[to.kind]
+    stepper: type[Stepper] = getattr(import_module(f"skfem_joint.stepping.{module}"), name)
+    return stepper(to.system, *others)

@@ -8,23 +8,20 @@ Struts make such systems, and so does everything else whose unknowns `arrangemen
 
 from __future__ import annotations
 
-from math import copysign, pi, tan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from skfem_joint import friction
-from skfem_joint.arrays import FloatArray
-from skfem_joint.factors import factorised
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
-from skfem_joint.stepping.compiled import compiled, compiled_for
+from skfem_joint.stepping.compiled import compiled_for, parameters
 from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
 from skfem_joint.stepping.recording import compressed
-from skfem_joint.stepping.schemes import Coefficients, State
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Saved
+from skfem_joint.stepping.schemes import Coefficients
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Motion
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
 #: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
@@ -37,8 +34,6 @@ SHORTEST = 48
 SLOW = 8
 PERSISTENCE = 30
 LONGEST = 2000
-#: Largest normalised force at which a regularised point is taken to stick.
-STEEPEST = 0.999
 
 
 class Chain(NamedTuple):
@@ -55,10 +50,6 @@ class Chain(NamedTuple):
     hold: Any  #: (n,) largest force at which a point sticks, N: w under Coulomb, -1 elsewhere
     pivot: Any  #: (n,) inverse pivots between points that stick, as far as needed, m/(N s)
     stretch: Any  #: (n,) end of the stretch of slipping points that each pivot is for
-
-
-#: What of the memory steps depend on.
-REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
 
 class Memory(NamedTuple):
@@ -118,12 +109,8 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
     Coarse node j sits on fine node 2 j (or 2 j + 1, so that the last node stays); the fine nodes
     between get the mean of their neighbours.
 
-    Parameters
-    ----------
-    H : Bands
-        Step matrix, N s/m.
-    w, beta : ndarray, shape (n,)
-        Friction limits (N; 0 where no friction acts) and scaling constants (s/m).
+    ``H`` is the step matrix, N s/m; ``w`` and ``beta`` (n,) are friction limits (N; 0 where no
+    friction acts) and scaling constants (s/m).
     """
     H0, H1 = H
     kappa = KAPPA / np.abs(_solve(H0, H1, w)).max()
@@ -176,16 +163,6 @@ def _solve(H0: FloatArray, H1: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(lapack.dptsv(H0, H1, right)[2])
 
 
-@compiled
-def _regularise(kind, v, sigma, kappa, inverse_beta, s):
-    """Parameter where the arctan law comes near Coulomb's: at its velocity, or force in stick."""
-    for i in range(v.size):
-        if kind[i] == ARCTAN:
-            force = min(abs(sigma[i]), STEEPEST)
-            z = abs(v[i]) / inverse_beta[i] if v[i] != 0.0 else tan(0.5 * pi * force)
-            s[i] = copysign(kappa * inverse_beta[i] * z + z / (1.0 + z), sigma[i])
-
-
 @compiled_for(solve, Chain)
 def _solve_chain(problem, memory, right, v, tolerance):
     """Slip fronts where no law is regularised or the last steps were slow; three tiers."""
@@ -204,7 +181,7 @@ def _solve_chain(problem, memory, right, v, tolerance):
             s_new, v_new, sigma_new, slip, r, memory.middle[0], tolerance,
         )  # fmt: skip
         if near:
-            _regularise(chain.kind, v_new, sigma_new, chain.kappa, chain.inverse_beta, s_new)
+            parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
         for i in range(n):
             memory.rights[i] = right[i]
@@ -235,10 +212,7 @@ def _slips_of_chain(problem, x, room):
 class ChainStepper(CompiledStepper):
     """Steps of a tridiagonal system whose slip rows each pick one unknown."""
 
-    COUNTS = (
-        "newton_iterations", "largest_iterations", "nested_solves", "descents",
-        "friction_evaluations",
-    )  # fmt: skip
+    REMEMBERED = ("parameter", "old_parameter", "scale", "wary", "middle")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -251,31 +225,15 @@ class ChainStepper(CompiledStepper):
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
         self.first_call = max(1, 200_000 // s.n)
 
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
-        v = self.now.v
-        at_rest = (self.limits > 0.0) & np.isinf(self.beta) & (v == 0.0)
-        moving = (self.limits > 0.0) & ~at_rest
-        sigma = np.where(moving, friction.force(v, self.beta), 0.0)
-        right = self.elastic(amplitudes) - self.limits * sigma
-        acceleration = np.zeros_like(right)
-        if np.any(right) and np.any(at_rest):
-            found = self._sticking(right, at_rest)
-            if found is None:
-                return False
-            acceleration = found[0]
-            sigma += found[1]
-        elif np.any(right):
-            acceleration = factorised(self.system.M)(right)
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the law's point, whatever the parameter was."""
+        super().started(acceleration, sigma)
         self.memory.scale[:] = 0.0
-        self.started(acceleration, sigma)
-        return True
 
-    def _sticking(
-        self, right: FloatArray, at_rest: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Acceleration and friction of points at rest, which obey the law of their velocity."""
-        w = np.where(at_rest, self.limits, 0.0)
+    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
+        """Acceleration and friction of points at rest."""
+        w = np.zeros(right.size)
+        w[self.contact[at_rest]] = self.system.w[at_rest]
         chain = build_chain(self.dynamics[0], w, np.full(w.size, np.inf))
         room = make_memory(w.size)
         room.rights[: w.size] = right
@@ -283,14 +241,14 @@ class ChainStepper(CompiledStepper):
             chain, room.rights, room.parameters, room.work, room.trial, self.tolerance, False
         )
         self.failure = Failure(residual, unknown)
-        return (room.velocity, room.force) if converged else None
+        return (room.velocity, room.force[self.contact]) if converged else None
 
     def prepare(self, h: float) -> None:
         """Compile the loop, and what a restart after a jump needs."""
         super().prepare(h)
-        coulomb = (self.limits > 0.0) & np.isinf(self.beta)
+        coulomb = (self.system.w > 0.0) & np.isinf(self.system.beta)
         if np.any(coulomb) and not solve_step.signatures:
-            self._sticking(np.zeros(coulomb.size), coulomb)
+            self.sticking(np.zeros(self.system.n), coulomb)
 
     def make(self, c: Coefficients) -> Chain:
         """Step matrix and its coarser ones."""
@@ -306,22 +264,9 @@ class ChainStepper(CompiledStepper):
         chain: Chain = self.matrices(c)
         if self.memory.scale[0] != chain.kappa:
             # The parameter's scale changes with the step: start again from the law's point.
-            _, v, _, _, sigma = self.now
-            parameter = friction.parameter(v, sigma, chain.kappa, self.beta)
-            self.memory.parameter[:] = self.memory.old_parameter[:] = parameter
+            s = self.memory.parameter
+            v, sigma = self.now.v, self.now.sigma
+            parameters(chain.kind, chain.kappa, chain.inverse_beta, v, sigma, s)
+            self.memory.old_parameter[:] = s
             self.memory.scale[:] = chain.kappa
         return chain
-
-    def state(self) -> State:
-        """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.contact])
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """State and memory."""
-        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in REMEMBERED}
-
-    def restore(self, saved: Saved) -> None:
-        """Take up a saved state."""
-        super().restore(saved)
-        for name in REMEMBERED:
-            getattr(self.memory, name)[:] = saved[name]

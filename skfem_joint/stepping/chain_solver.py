@@ -1,7 +1,7 @@
 """Compiled solution of a step on a chain: slip fronts first, then three tiers.
 
 Every step solves the strictly convex problem H v + w sigma(v) = g for the new velocity v, with H
-tridiagonal. What does not converge is reported by status.
+tridiagonal.
 
 **Fronts** (no law regularised). A point that sticks separates its neighbours, so that elimination
 can decide stick and slip as it goes: towards a meeting point that is at rest each point slips if it
@@ -22,14 +22,8 @@ bounded slopes however steep the law is. Each tier is tried only when what comes
 3. Gauss-Seidel sweeps on the convex objective, which decrease it and converge from anywhere,
    with Newton steps accepted only when they decrease it further.
 
-Measured on the reference system of the paper (100 elements) at 25, 50 and 100 steps a period,
-iterations a step are 10, 5.7 and 2.8 by Newton alone under Coulomb, 3.5, 2.4 and 1.7 passes that
-meet in the middle, 2.2, 1.5 and 1.1 that meet among points at rest; for beta = 1e5 they are 23, 15
-and 7.4 from the extrapolated parameter, 10, 8.4 and 5.8 from Coulomb's solution.
-
-A pass takes 0.25 microseconds, an iteration 1.2. Passes start from rest: from the velocities of
-the last step they may alternate between two wrong states. Under the arctan law Newton starts from
-Coulomb's solution for some steps after a slow one, unless the chain is long.
+Passes start from rest: from the velocities of the last step they may alternate between two wrong
+states.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
@@ -41,7 +35,7 @@ from math import atan, copysign, inf, log1p, pi
 import numpy as np
 
 from skfem_joint.friction import ARCTAN, COULOMB, FREE
-from skfem_joint.stepping.compiled import compiled, graph, largest_of, resolvent
+from skfem_joint.stepping.compiled import compiled, graph, largest_of, parameters, resolvent
 
 #: Passes under Coulomb friction: those that are not enough by then seldom ever are.
 PASSES = 8
@@ -216,14 +210,12 @@ def passes_of(H0, H1, w, hold, pivot, stretch, kappa, g, s, v, sigma, slip, r, m
 @compiled
 def _residual(H0, H1, w, g, v, sigma, r):
     """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
-    n = v.size
-    last = n - 1
+    n, last = v.size, v.size - 1
     for i in range(1, last):
         r[i] = H0[i] * v[i] + w[i] * sigma[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
-    if n == 1:
-        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
-    else:
-        r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0] + H1[0] * v[1]
+    r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
+    if last > 0:
+        r[0] += H1[0] * v[1]
         r[last] = H0[last] * v[last] + w[last] * sigma[last] - g[last] + H1[last - 1] * v[last - 1]
     largest = 0.0
     row = 0
@@ -254,42 +246,23 @@ def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
     """
     n = r.size
     middle = n // 2
-    pivot_inverse = 0.0
-    other_inverse = 0.0
+    # What the points before take from the next one's pivot and right side, from both ends.
+    taken, moved, other_taken, other_moved = 0.0, 0.0, 0.0, 0.0
     for j in range(middle):
         # From the first row down ...
-        pivot = H0[j] * dv[j] + w[j] * dsigma[j]
-        right = -r[j]
-        if j > 0:
-            lower = H1[j - 1] * dv[j - 1]
-            pivot -= lower * factor[j - 1]
-            right -= lower * x[j - 1]
-        pivot_inverse = 1.0 / pivot
-        factor[j] = H1[j] * dv[j + 1] * pivot_inverse
-        x[j] = right * pivot_inverse
+        inverse = 1.0 / (H0[j] * dv[j] + w[j] * dsigma[j] - taken)
+        factor[j] = H1[j] * dv[j + 1] * inverse
+        x[j] = (-r[j] - moved) * inverse
+        taken, moved = H1[j] * dv[j] * factor[j], H1[j] * dv[j] * x[j]
         # ... and from the last row up.
         k = n - 1 - j
         if k > middle:
-            pivot = H0[k] * dv[k] + w[k] * dsigma[k]
-            right = -r[k]
-            if j > 0:
-                upper = H1[k] * dv[k + 1]
-                pivot -= upper * factor[k + 1]
-                right -= upper * x[k + 1]
-            other_inverse = 1.0 / pivot
-            factor[k] = H1[k - 1] * dv[k - 1] * other_inverse
-            x[k] = right * other_inverse
-    pivot = H0[middle] * dv[middle] + w[middle] * dsigma[middle]
-    right = -r[middle]
-    if middle > 0:
-        lower = H1[middle - 1] * dv[middle - 1]
-        pivot -= lower * factor[middle - 1]
-        right -= lower * x[middle - 1]
-    if middle < n - 1:
-        upper = H1[middle] * dv[middle + 1]
-        pivot -= upper * factor[middle + 1]
-        right -= upper * x[middle + 1]
-    x[middle] = right / pivot
+            inverse = 1.0 / (H0[k] * dv[k] + w[k] * dsigma[k] - other_taken)
+            factor[k] = H1[k - 1] * dv[k - 1] * inverse
+            x[k] = (-r[k] - other_moved) * inverse
+            other_taken, other_moved = H1[k - 1] * dv[k] * factor[k], H1[k - 1] * dv[k] * x[k]
+    pivot = H0[middle] * dv[middle] + w[middle] * dsigma[middle] - taken - other_taken
+    x[middle] = (-r[middle] - moved - other_moved) / pivot
     for j in range(1, middle + 1):
         x[middle - j] -= factor[middle - j] * x[middle - j + 1]
         k = middle + j
@@ -316,12 +289,8 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     g, s = g[a:b], s[a:b]
     v, sigma, dv = work[0, :n], work[1, :n], work[2, :n]
     dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
-    scale = 0.0
-    for i in range(n):
-        scale = max(scale, abs(g[i]))
-    iteration = 0
-    fewest = n + 1
-    patience = PATIENCE
+    scale = largest_of(g)
+    iteration, fewest, patience = 0, n + 1, PATIENCE
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
@@ -398,13 +367,7 @@ def _sweep(chain, g, v, sigma, s):
         else:
             beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == ARCTAN else inf
             v[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
-    for i in range(n):
-        if chain.kind[i] == ARCTAN:
-            width = chain.inverse_beta[i]
-            z = abs(v[i]) / width
-            s[i] = copysign(chain.kappa * width * z + z / (z + 1.0), v[i])
-        else:
-            s[i] = chain.kappa * v[i] + sigma[i]
+    parameters(chain.kind, chain.kappa, chain.inverse_beta, v, sigma, s)
 
 
 @compiled

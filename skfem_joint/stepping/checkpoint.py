@@ -27,7 +27,7 @@ from skfem_joint.files import replacing
 
 Arrays = Mapping[str, NDArray[Any]]
 
-_FORM = 2
+_FORM = 3
 #: What readers of zip files and arrays let through on damaged ones.
 _DAMAGE = (
     *(OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error),
@@ -90,11 +90,7 @@ class Checkpoint:
     def save(self, parts: Mapping[str, Arrays], run: str, done: int, elapsed: float) -> None:
         """Save a run, ``run`` being the fingerprint of what is integrated.
 
-        Parameters
-        ----------
-        parts : mapping of str to mapping
-            What each part of the run has to keep, by the name of the part: arrays of two parts
-            that have the same name stay apart.
+        ``parts`` are arrays by name, by the name of the part of the run that keeps them.
 
         Raises
         ------

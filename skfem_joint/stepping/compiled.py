@@ -14,7 +14,7 @@ from __future__ import annotations
 import warnings
 from hashlib import sha256
 from inspect import signature
-from math import atan, copysign, inf, pi, sqrt
+from math import atan, copysign, inf, pi, sqrt, tan
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +148,8 @@ def weighted(weights, places, x):
 _TAN_1 = float(np.tan(np.pi / 8.0))
 _TAN_3 = float(np.tan(3.0 * np.pi / 8.0))
 _TWO_OVER_PI = 2.0 / pi
+#: Largest normalised force at which a regularised point is taken to stick.
+STEEPEST = 0.999
 #: Coefficients of arctan(t) / t - 1 in t^2, from the highest power down.
 _HIGHEST = 0.015113765096600925
 _LOWER = (
@@ -221,6 +223,21 @@ def graph(kind, mixed, kappa, inverse_beta, s, v, sigma, dv, dsigma):
                 sigma[i] = inside
                 dv[i] = 0.0 if sticks else inverse
                 dsigma[i] = 1.0 if sticks else 0.0
+
+
+@compiled
+def parameters(kind, kappa, inverse_beta, v, sigma, s):
+    """Parameter of points of the graph, from velocity and force: the way back from `graph`.
+
+    Where the arctan law is at rest under a force, as Coulomb's solution has it, it is that force's.
+    """
+    for i in range(v.size):
+        if kind[i] == ARCTAN:
+            force = min(abs(sigma[i]), STEEPEST)
+            z = abs(v[i]) / inverse_beta[i] if v[i] != 0.0 else tan(0.5 * pi * force)
+            s[i] = copysign(kappa * inverse_beta[i] * z + z / (z + 1.0), sigma[i])
+        else:
+            s[i] = kappa * v[i] + sigma[i]
 
 
 @compiled

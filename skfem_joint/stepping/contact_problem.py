@@ -56,8 +56,7 @@ NOTHING = 1e-140
 
 # A contact point slips in one or two directions: its unknowns are ``first[p]`` and,
 # unless that is -1, ``second[p]``. Symmetric blocks of a point are stored as (11, 12, 22), shape
-# (points, 3); of a point with one direction only the first entry counts. ``w`` may be zero: no
-# friction there.
+# (points, 3); of a point with one direction only the first entry counts.
 
 
 @compiled
@@ -71,17 +70,9 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     j = second[p]
     if j < 0:
         a = block[p, 0]
-        if w[p] == 0.0:
-            v[i] += r / a
-        else:
-            v[i] = resolvent((r + a * v[i]) / w[p], a / w[p], beta[p])[0]
+        v[i] = resolvent((r + a * v[i]) / w[p], a / w[p], beta[p])[0]
         return
     a, b, c = block[p, 0], block[p, 1], block[p, 2]
-    if w[p] == 0.0:
-        determinant = a * c - b * b
-        v[i] += (c * r - b * s) / determinant
-        v[j] += (a * s - b * r) / determinant
-        return
     largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
     x = r + largest * v[i]
     y = s + largest * v[j]
@@ -128,8 +119,6 @@ def _subtract_friction(first, second, w, beta, v, r, sigma, held):
     """
     held[:] = False
     for p in range(first.size):
-        if w[p] == 0.0:
-            continue
         speed = _size(first, second, p, v)
         holds = beta[p] == inf and speed == 0.0
         if holds:
@@ -160,8 +149,6 @@ def _tangent(first, second, block, w, beta, v, out):
         i = first[p]
         j = second[p]
         out[p, :] = 0.0
-        if w[p] == 0.0:
-            continue
         speed = _size(first, second, p, v)
         if beta[p] == inf:
             along = 0.0
@@ -185,8 +172,6 @@ def _slope(first, second, w, beta, v, d, length):
     """Derivative of sum w psi(|v + length d|) along the direction ``d``, W."""
     total = 0.0
     for p in range(first.size):
-        if w[p] == 0.0:
-            continue
         i = first[p]
         j = second[p]
         x = v[i] + length * d[i]
@@ -204,12 +189,11 @@ def _round_off(first, second, w, beta, v):
     """Largest of w (sigma + slope |v|), N: what round-off of a velocity does to the friction."""
     largest = 0.0
     for p in range(first.size):
-        if w[p] > 0.0:
-            change = 1.0
-            if beta[p] != inf:
-                z = beta[p] * _size(first, second, p, v)
-                change += 2.0 / pi * z / (1.0 + z * z)
-            largest = max(largest, w[p] * change)
+        change = 1.0
+        if beta[p] != inf:
+            z = beta[p] * _size(first, second, p, v)
+            change += 2.0 / pi * z / (1.0 + z * z)
+        largest = max(largest, w[p] * change)
     return largest
 
 
@@ -250,7 +234,8 @@ class ContactProblem:
     first, second : ndarray of int, shape (m,)
         Unknowns of each contact point; ``second`` is -1 where it slips in one direction.
     w, beta : ndarray, shape (m,)
-        Friction limit, N, and scaling constant, s/m (``inf``: Coulomb).
+        Friction limit, N, and scaling constant, s/m (``inf``: Coulomb); points without a limit
+        count as off the contact.
     """
 
     #: Tangents and held unknowns of the factor that is kept, on which further solutions depend.
@@ -265,20 +250,20 @@ class ContactProblem:
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
         order = np.argsort(first, kind="stable")
+        order = order[w[order] > 0.0]
         self.first = np.asarray(first, dtype=np.int64)[order]
         self.second = np.asarray(second, dtype=np.int64)[order]
         self.w, self.beta = np.array(w, dtype=float)[order], np.array(beta, dtype=float)[order]
-        self.block = np.zeros((first.size, 3))
+        self.both = self.second >= 0
+        self.pairs = i, j = self.first[self.both], self.second[self.both]
         self.diagonal = diagonal = A.diagonal()
         self.added = np.zeros(n)
+        self.block = np.zeros((self.first.size, 3))
         self.block[:, 0] = diagonal[self.first]
-        both = self.second >= 0
-        i, j = self.first[both], self.second[both]
-        self.block[both, 1] = np.asarray(A[i, j]).ravel()
-        self.block[both, 2] = diagonal[j]
+        self.block[self.both, 1] = np.asarray(A[i, j]).ravel()
+        self.block[self.both, 2] = diagonal[j]
         self.limited = np.zeros(n, dtype=bool)  # unknowns that friction acts on
-        self.limited[self.first] = self.w > 0.0
-        self.limited[j] = self.limited[i]
+        self.limited[self.first] = self.limited[j] = True
         self.points = self.first, self.second
         self.factors = BlockFactors(A, *self.points)
         self.laws = *self.points, self.w, self.beta
@@ -363,9 +348,7 @@ class ContactProblem:
 
         One point that turns would block all the others.
         """
-        both = self.second >= 0
-        i, j = self.first[both], self.second[both]
-        turning = v * (v + d)
+        turning, (i, j) = v * (v + d), self.pairs
         turning[i] = turning[j] = turning[i] + turning[j]
         return np.where(self.limited & (turning < 0.0), -v, d)
 
@@ -388,12 +371,11 @@ class ContactProblem:
             d = np.zeros_like(r)
             d[free] = self.factors.factorised(tangents, held)(r)[free]
             return d, 1
+        solves = 0
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(r, tangents, held, PATIENCE)
             if solved:
                 return d, solves
-        else:
-            solves = 0
         self.keep(tangents, held)
         d, more, _ = self._conjugate_gradients(r, tangents, held, MOST_SOLVES)
         return d, solves + more
@@ -403,23 +385,20 @@ class ContactProblem:
         self.factorizations += 1
         self.kept = tangents.copy(), held.copy()
         self.factor = self.factors.factorised(tangents, held)
-        self.added = np.zeros(held.size)
-        self.added[self.first] = tangents[:, 0]
-        both = self.second >= 0
-        self.added[self.second[both]] = tangents[both, 2]
-        self.added[held] = np.inf
+        self.added = np.where(held, np.inf, self._diagonal(tangents))
+
+    def _diagonal(self, tangents: FloatArray) -> FloatArray:
+        """Diagonal of the points' blocks, by unknown."""
+        diagonal = np.zeros(self.diagonal.size)
+        diagonal[self.first], diagonal[self.pairs[1]] = tangents[:, 0], tangents[self.both, 2]
+        return diagonal
 
     def _conjugate_gradients(
         self, r: FloatArray, tangents: FloatArray, held: BoolArray, most: int
     ) -> tuple[FloatArray, int, bool]:
         """Direction, solves with the factor kept, and whether they were enough."""
         assert self.factor is not None
-        first, second = self.points
-        both = second >= 0
-        now = np.zeros_like(r)
-        now[first] = tangents[:, 0]
-        now[second[both]] = tangents[both, 2]
-        now += self.diagonal
+        now = self.diagonal + self._diagonal(tangents)
         then = self.diagonal + self.added
         # The factor where the tangent is as it was, the diagonal where it is not.
         share = np.minimum(1.0, then / now)
@@ -430,23 +409,16 @@ class ContactProblem:
             return r, 0, False
         share[held] = rest[held] = 0.0
 
-        def times_tangent(x: FloatArray) -> FloatArray:
-            y = times(self.A, x)
-            _add_blocks(*self.points, tangents, x, y)
-            y[held] = 0.0
-            return y
-
-        d = np.zeros_like(r)
-        left = r.copy()
-        enough = FORCING * np.linalg.norm(r)
-        p = np.zeros_like(r)
-        before = 1.0
+        d, p, before = np.zeros_like(r), np.zeros_like(r), np.inf
+        left, enough = r.copy(), FORCING * np.linalg.norm(r)
         for solves in range(1, most + 1):
             z = share * self.factor(share * left) + rest * left
             product = float(left @ z)
-            p = z + (product / before if solves > 1 else 0.0) * p
+            p = z + product / before * p
             before = product
-            image = times_tangent(p)
+            image = times(self.A, p)
+            _add_blocks(*self.points, tangents, p, image)
+            image[held] = 0.0
             step = product / float(p @ image)
             d += step * p
             left -= step * image

@@ -16,21 +16,20 @@ from math import inf, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
 from skfem_joint.stepping.compiled import (
     cholesky_solve,
     compiled,
     compiled_for,
     forces,
+    largest_of,
     sums_in_any_order,
 )
 from skfem_joint.stepping.march import Found, Full, Places, aligned, make_room, slips, solve
-from skfem_joint.stepping.schemes import Coefficients, State
-from skfem_joint.stepping.steppers import CompiledStepper, Saved
+from skfem_joint.stepping.schemes import Coefficients
+from skfem_joint.stepping.steppers import CompiledStepper
 
 ITERATIONS = 200
 SEARCH = 60
@@ -70,7 +69,6 @@ class Memory(NamedTuple):
     slip: Any
     r: Any
     A: Any
-    direction: Any
     d_slip: Any
     trial: Any
     weight: Any
@@ -96,7 +94,7 @@ def contact_of(B: Any, first_row: Any, w: Any, beta: Any) -> tuple[Contact, Plac
 def make_memory(n: int, rows: int, m: int) -> Memory:
     """Make the arrays for n unknowns, some slip rows and m points."""
     point = m if rows > m else 0
-    sizes = (n, n, rows, rows, n, n * n, n, rows, rows, rows, rows, rows - m, point, point)
+    sizes = (n, n, rows, rows, n, n * n, rows, rows, rows, rows, rows - m, point, point)
     memory = Memory(*aligned(*sizes))
     return memory._replace(A=memory.A.reshape(n, n))
 
@@ -219,6 +217,37 @@ def _round_off(H, contact, q, slip, sigma, room):
     return ROUND_OFF * largest
 
 
+@compiled
+def _search(contact, slope_0, linear, quadratic, memory):
+    """Length along a direction at which the objective is least, nearly, and not far beyond.
+
+    ``slope_0`` is its slope here; without friction it is ``linear`` + length * ``quadratic``.
+    Comes with the evaluations of friction, and whether slip and friction are left for that length.
+    """
+    slip, sigma, trial, d_slip = memory.slip, memory.force, memory.trial, memory.d_slip
+    low, slope_low, high, slope_high, length = 0.0, slope_0, 0.0, 0.0, 1.0
+    if not slope_0 < 0.0:
+        return length, 0, False  # no descent left but round-off: the full step
+    for evaluations in range(1, SEARCH + 1):
+        for i in range(slip.size):
+            trial[i] = slip[i] + length * d_slip[i]
+        _evaluate(contact.beta, trial, memory.size, memory.ratio, sigma)
+        slope = linear + length * quadratic + _work(contact.w, sigma, d_slip)
+        # Accept a step short of the minimum along the line, or one just past it.
+        short = slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0)
+        if short or (length == 1.0 and 0.0 < slope <= -0.05 * slope_0):
+            for i in range(slip.size):
+                slip[i] = trial[i]
+            return length, evaluations, True
+        if slope > 0.0:
+            high, slope_high = length, slope
+        else:
+            low, slope_low = length, slope
+        length = low - slope_low * (high - low) / (slope_high - slope_low)
+        length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
+    return length, SEARCH, False
+
+
 @compiled_for(solve, Dense)
 def minimum(problem, memory, right, v, tolerance):
     """Minimise the step's objective, from the velocity extrapolated over the last two steps.
@@ -228,15 +257,10 @@ def minimum(problem, memory, right, v, tolerance):
     """
     H, contact = problem
     q, before, slip, sigma = memory.velocity, memory.old_velocity, memory.slip, memory.force
-    n = q.size
+    r, A, d_slip = memory.r, memory.A, memory.d_slip
+    n, scale = q.size, largest_of(right)
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
-    B, w, beta = contact.B, contact.w, contact.beta
-    r, A, trial = memory.r, memory.A, memory.trial
-    direction, d_slip = memory.direction, memory.d_slip
-    scale = 0.0
-    for i in range(n):
-        scale = max(scale, abs(right[i]))
     evaluations, iteration, largest, converged = 0, 0, 0.0, False
     known = False  # whether slip and sigma belong to q
     for iteration in range(ITERATIONS + 1):
@@ -247,8 +271,8 @@ def minimum(problem, memory, right, v, tolerance):
                 A[i, j] = H[i, j]
             r[i] = t
         if not known:
-            _slip(B, q, slip)
-            _evaluate(beta, slip, memory.size, memory.ratio, sigma)
+            _slip(contact.B, q, slip)
+            _evaluate(contact.beta, slip, memory.size, memory.ratio, sigma)
             evaluations += 1
         _add_friction(contact, slip, sigma, memory)
         largest = 0.0
@@ -260,46 +284,21 @@ def minimum(problem, memory, right, v, tolerance):
         )
         if converged or not largest < inf or iteration == ITERATIONS or not cholesky_solve(A, r):
             break
-        # r is minus the direction; slopes of the objective along the direction at 0 and 1.
-        linear = 0.0
-        quadratic = 0.0
+        linear, quadratic, direction = 0.0, 0.0, r
+        for i in range(n):
+            direction[i] = -r[i]
         for i in range(n):
             t = 0.0
             for j in range(n):
-                t += H[i, j] * r[j]
-            linear -= t * q[i] - right[i] * r[i]
-            quadratic += t * r[i]
-            direction[i] = -r[i]
-        _slip(B, direction, d_slip)
-        slope_0 = linear + _work(w, sigma, d_slip)
-        low, slope_low = 0.0, slope_0
-        high, slope_high = 0.0, 0.0
-        length = 1.0
-        known = False
-        for _ in range(SEARCH):
-            if not slope_0 < 0.0:
-                break  # no descent left but round-off: the full step
-            for i in range(slip.size):
-                trial[i] = slip[i] + length * d_slip[i]
-            _evaluate(beta, trial, memory.size, memory.ratio, sigma)
-            evaluations += 1
-            slope = linear + length * quadratic + _work(w, sigma, d_slip)
-            # Accept a step short of the minimum along the line, or one just past it.
-            short = slope <= 0.0 and (length == 1.0 or slope >= 0.5 * slope_0)
-            if short or (length == 1.0 and 0.0 < slope <= -0.05 * slope_0):
-                known = True
-                break
-            if slope > 0.0:
-                high, slope_high = length, slope
-            else:
-                low, slope_low = length, slope
-            length = low - slope_low * (high - low) / (slope_high - slope_low)
-            length = min(max(length, low + 0.05 * (high - low)), high - 0.05 * (high - low))
+                t += H[i, j] * direction[j]
+            linear += t * q[i] - right[i] * direction[i]
+            quadratic += t * direction[i]
+        _slip(contact.B, direction, d_slip)
+        slope_0 = linear + _work(contact.w, sigma, d_slip)
+        length, trials, known = _search(contact, slope_0, linear, quadratic, memory)
+        evaluations += trials
         for i in range(n):
-            q[i] -= length * r[i]
-        if known:
-            for i in range(slip.size):
-                slip[i] = trial[i]
+            q[i] += length * direction[i]
     if converged:
         for i in range(n):
             before[i] = v[i]
@@ -328,7 +327,7 @@ class DenseStepper(CompiledStepper):
         For set-valued Coulomb friction.
     """
 
-    COUNTS = ("newton_iterations", "largest_iterations", "line_searches", "friction_evaluations")
+    REMEMBERED = ("old_velocity",)
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -353,25 +352,7 @@ class DenseStepper(CompiledStepper):
         self.counts["factorizations"] += 1
         return Dense(c.c_M * M + C + c.c_K * K, self.contact)
 
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Acceleration from the equation of motion."""
-        room, sigma = self.memory, np.zeros(self.limits.size)
-        _slip(self.contact.B, self.now.v, room.slip)
-        _evaluate(self.contact.beta, room.slip, room.size, room.ratio, sigma)
-        right = self.elastic(amplitudes) - self.contact.B @ (self.limits * sigma)
-        room.old_velocity[:] = self.now.v
-        self.started(factorised(self.dynamics[0].entries)(right), sigma)
-        return True
-
-    def state(self) -> State:
-        """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.places.row])
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """State and the velocity before it."""
-        return super().saved() | {"before": self.memory.old_velocity.copy()}
-
-    def restore(self, saved: Saved) -> None:
-        """Take up a saved state."""
-        super().restore(saved)
-        self.memory.old_velocity[:] = saved["before"]
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the velocity now."""
+        super().started(acceleration, sigma)
+        self.memory.old_velocity[:] = self.now.v

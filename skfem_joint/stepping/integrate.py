@@ -22,7 +22,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
-from skfem_joint.stepping.arrangement import Arranged, arranged, choose
+from skfem_joint.stepping.arrangement import arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
@@ -120,14 +120,13 @@ def integrate(
     asked = system, step, n_steps, scheme, save, cycle_steps, *start, tolerance
     identity = fingerprint(*asked) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
-    driver = _Driver(arranged(system), save, step, n_steps, scheme, start, float(tolerance))
+    driver = _Driver(system, save, step, n_steps, scheme, start, float(tolerance))
     if saved is not None:
         driver.take_up(*saved)
     if until == "steady":
-        return driver.steady(system, cycle_steps, progress)
+        return driver.steady(cycle_steps, progress)
     interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
-    energy = 0.0 if initial is None else system.stored_energy(*start)
-    return driver.finish(system, energy, interrupted)
+    return driver.finish(system.stored_energy(*start), interrupted)
 
 
 def _by_cycles(
@@ -215,8 +214,7 @@ def _run(
 ) -> bool:
     """Advance to the end, chunk by chunk; whether that was interrupted."""
     recorder, stepper, n_steps = driver.recorder, driver.stepper, driver.n_steps
-    last_saved = driver.done
-    mark = driver.mark()
+    last_saved, mark = driver.done, driver.mark()
     try:
         while driver.done < n_steps:
             end = n_steps
@@ -235,7 +233,7 @@ def _run(
             if progress is not None:
                 progress(done, n_steps)
     except KeyboardInterrupt:
-        driver.back_to(mark)
+        driver.take_up(*mark)
         return True
     return False
 
@@ -244,22 +242,11 @@ class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
     Made, it is at the start, with its first row stored; ``preparation`` is what that took, s.
-
-    Attributes
-    ----------
-    cuts : dict
-        By step index: the times at which the step is cut (none if it only has to stand alone).
-    jumps : dict
-        By end of a step or part: the times of the loads' first and last jump there.
-    at_once : int
-        Steps that the stepper is given in one call.
-    block : tuple
-        Number and load amplitudes of the block of steps that was evaluated last.
     """
 
     def __init__(
         self,
-        to: Arranged,
+        given: System,
         save: Save,
         step: float,
         n_steps: int,
@@ -267,9 +254,13 @@ class _Driver:
         start: tuple[FloatArray, FloatArray],
         tolerance: float,
     ) -> None:
-        self.to, self.system, self.h, self.n_steps, self.done = to, to.system, step, n_steps, 0
+        self.given, self.to = given, arranged(given)
+        self.system, self.h, self.n_steps, self.done = self.to.system, step, n_steps, 0
+        # By end of a step or part: the times of the loads' first and last jump there.
         self.jumps: dict[float, tuple[float, float]] = {}
+        # Number and load amplitudes of the block of steps that was evaluated last.
         self.block: tuple[int, FloatArray] = (-1, np.zeros((0, 0)))
+        # By step: the times at which it is cut, none if it only has to stand alone.
         self.cuts: dict[int, list[float]] = {0: []}  # the first step, and each after a jump, alone
         for load in self.system.loads:
             jumps = set(load.amplitude.jumps)
@@ -280,8 +271,9 @@ class _Driver:
                     self._lay(t, t in jumps)
         self.order = sorted(self.cuts)
         self.recorder = Recorder(self.system, save, n_steps, step)
-        u, v = map(to.inner, start)
-        self.stepper = choose(to, scheme, u, v, tolerance, self.recorder)
+        u, v = map(self.to.inner, start)
+        self.stepper = choose(self.to, scheme, u, v, tolerance, self.recorder)
+        # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         begin = time.perf_counter()
         self.restart(0.0)
@@ -291,12 +283,12 @@ class _Driver:
         self.recorder.observe(self.stepper.state().u)
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
-        """Go on from a checkpoint."""
+        """Go on from a checkpoint, or from a `mark`, wherever a chunk has stopped."""
         self.done, self.elapsed = done, elapsed
         self.recorder.restore(parts["recorder"])
         self.stepper.restore(parts["stepper"])
 
-    def finish(self, system: System, energy: float, interrupted: bool) -> Run:
+    def finish(self, energy: float, interrupted: bool = False) -> Run:
         """Run of the steps done, in the unknowns of the system that was given."""
         state, to = self.stepper.state(), self.to
         said = "%d of %d steps in %.3g s, after %.3g s of preparation; %s."
@@ -314,14 +306,10 @@ class _Driver:
             interrupted=interrupted,
             counts=self.stepper.counts,
         )
-        if not to.maps:
-            return run
         final = to.outer(run.final[0]), to.outer(run.final[1])
-        return replace(run, system=system, u=to.outer(run.u), v=to.outer(run.v), final=final)
+        return replace(run, system=self.given, u=to.outer(run.u), v=to.outer(run.v), final=final)
 
-    def steady(
-        self, system: System, cycle_steps: int | None, progress: Callable[..., None] | None
-    ) -> Run:
+    def steady(self, cycle_steps: int | None, progress: Callable[..., None] | None) -> Run:
         """Run of the period at which vibration has become steady."""
         save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
         loads = self.system.load_amplitudes(self.h * np.arange(self.n_steps + 1.0))
@@ -359,7 +347,7 @@ class _Driver:
             self.recorder.end_cycle()
         self.elapsed = time.perf_counter() - begin
         energy = self.system.stored_energy(*start[:2])
-        run = self.finish(system, energy, False)
+        run = self.finish(energy)
         counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
         return replace(run, steady=Steady(periods, changes[-1]), counters=counters)
 
@@ -380,18 +368,11 @@ class _Driver:
             if t not in cuts:
                 cuts.append(t)
 
-    def mark(self) -> tuple[int, float, Arrays, Arrays] | None:
-        """All that the next chunk may change; none at the end."""
-        if self.done == self.n_steps:
-            return None
-        return self.done, self.elapsed, self.recorder.mark(), self.stepper.saved()
-
-    def back_to(self, mark: tuple[int, float, Arrays, Arrays] | None) -> None:
-        """Forget an unfinished chunk, which may have stopped anywhere."""
-        if mark is not None:
-            self.done, self.elapsed = mark[:2]
-            self.recorder.restore(mark[2])
-            self.stepper.restore(mark[3])
+    def mark(self) -> tuple[dict[str, Arrays], int, float]:
+        """All that the next chunk may change."""
+        parts: dict[str, Arrays] = {"recorder": self.recorder.mark()}
+        parts["stepper"] = self.stepper.saved()
+        return parts, self.done, self.elapsed
 
     def restart(self, t: float) -> None:
         """Make the acceleration consistent with the loads just after ``t``."""

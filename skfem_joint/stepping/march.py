@@ -89,10 +89,6 @@ class Found(NamedTuple):
     unknown: int
 
 
-#: What `march` counts, in its order.
-COUNTS = (*Found._fields[1:6], "largest_iterations")
-
-
 def product(A, x, y):
     """Compute y = A x, for `Bands` and `Full`."""
     raise NotImplementedError
@@ -159,7 +155,7 @@ def march(
     ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
     of the problem, N; ``loads``, ``observed`` and ``joints`` load vectors, named points
     (`Compressed`) and the joints' parts in the problem's points, in work and in friction;
-    ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of COUNTS.
+    ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of a `CompiledStepper`.
 
     Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
     than ``n_steps`` steps one did not converge, and the state is that before it.

@@ -216,25 +216,21 @@ class Recorder:
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
-        n, m, p = self.system.n, self.system.w.size, len(self.system.points)
-        joints = len(self.system.joints)
-        every, fields_every = self.save.strides
+        s, (every, fields_every) = self.system, self.save.strides
         fields = self.n_steps // fields_every + 1 if self.save.fields else 0
         points = self.n_steps // every + 1 if self.save.points else 0
-        self.u, self.v = np.zeros((fields, n)), np.zeros((fields, n))
-        self.sigma = np.zeros((fields, self.system.B.shape[0]))
-        self.friction_work_rows = np.zeros((fields, m))
-        self.point_u, self.point_v = np.zeros((points, p)), np.zeros((points, p))
-        self.joint_work = np.zeros((points, joints))
-        self.joint_slip, self.joint_slipping = np.zeros((2, self.save.slips * points, joints))
-        self._limits = sparse.csr_array(self.system.J).toarray() * self.system.w  # in each joint
-        self.input_work = np.zeros(len(self.system.loads))
-        self.friction_work = np.zeros(m)
-        self.peak, self.run_peak = np.zeros(p), np.zeros(p)
-        self.slip_peak = np.zeros(m)
-        self.vectors = self.system.load_vectors()
+        slips = points if self.save.slips else 0
+        m, p, joints = s.w.size, len(s.points), len(s.joints)
+        shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
+        shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
+        self.stored = Rows(*map(np.zeros, shapes))
+        self._limits = sparse.csr_array(s.J).toarray() * s.w  # in each joint
+        self.input_work = np.zeros(len(s.loads))
+        self.friction_work, self.slip_peak = np.zeros((2, m))
+        self.peak, self.run_peak = np.zeros((2, p))
+        self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
-        self.boundaries = [np.zeros(len(self.system.loads) + 3 + joints + p)]
+        self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
 
     def sums(self) -> tuple[FloatArray, ...]:
         """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
@@ -242,39 +238,38 @@ class Recorder:
 
     def free_rows(self) -> Rows:
         """Views of the stored rows from the next free one on."""
-        k, f = self.rows, self.field_rows
-        fields = self.u[f:], self.v[f:], self.sigma[f:], self.friction_work_rows[f:]
-        return Rows(*fields, *(getattr(self, name)[k:] for name in Rows._fields[4:]))
+        return Rows(*(rows[end:] for rows, end in zip(self.stored, self._ends(), strict=True)))
 
-    def _filled(self) -> dict[str, FloatArray]:
+    def _ends(self) -> list[int]:
+        """How many rows of each kind are filled."""
+        return 4 * [self.field_rows] + 5 * [self.rows]
+
+    def _filled(self) -> dict[str, Any]:
         """Rows that are stored so far, by their names in `Run`."""
-        ends = 4 * [self.field_rows] + (len(Rows._fields) - 4) * [self.rows]
-        return {n: getattr(self, n)[:end] for n, end in zip(Rows._fields, ends, strict=True)}
+        stored = self.stored._asdict().items()
+        return {name: rows[:end] for (name, rows), end in zip(stored, self._ends(), strict=True)}
 
     def store(self, step: int, state: State) -> None:
         """Store what is due after ``step`` steps."""
         every, fields_every = self.save.strides
+        system, stored = self.system, self.stored
         if self.save.points and step % every == 0:
             k = self.rows
-            self.point_u[k], self.point_v[k] = self.system.P @ state.u, self.system.P @ state.v
-            self.joint_work[k] = self.system.J @ self.friction_work
+            stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
+            stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
-                self._store_slip(k, state)
+                slip = system.slip_norm(system.B @ state.u)
+                reached = system.slip_norm(state.sigma) >= AT_LIMIT
+                for j, limit in enumerate(self._limits):
+                    if limit.any():
+                        stored.joint_slip[k, j] = slip[limit > 0.0].max()
+                        stored.joint_slipping[k, j] = limit[reached].sum() / limit.sum()
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
-            self.u[k], self.v[k], self.sigma[k] = state.u, state.v, state.sigma
-            self.friction_work_rows[k] = self.friction_work
+            stored.u[k], stored.v[k], stored.sigma[k] = state.u, state.v, state.sigma
+            stored.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
-
-    def _store_slip(self, row: int, state: State) -> None:
-        """Store the slip of each joint, and how much of its friction is at its limit."""
-        slip = self.system.slip_norm(self.system.B @ state.u)
-        reached = self.system.slip_norm(state.sigma) >= AT_LIMIT
-        for k, limit in enumerate(self._limits):
-            if limit.any():
-                self.joint_slip[row, k] = slip[limit > 0.0].max()
-                self.joint_slipping[row, k] = limit[reached].sum() / limit.sum()
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
@@ -291,7 +286,7 @@ class Recorder:
         new: State,
         trapezoidal: bool = False,
     ) -> None:
-        """Add the works of a step of ``h`` done in Python; `compiled.march` does it for its own.
+        """Add the works of a step of ``h`` done in Python; `march` does it for its own.
 
         ``amplitudes`` are those of the loads at both ends, N. A ``trapezoidal`` scheme dissipates
         nothing by itself.
@@ -321,9 +316,9 @@ class Recorder:
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
-        for name in Rows._fields:
+        for name, rows in self.stored._asdict().items():
             if name in saved:
-                getattr(self, name)[: len(saved[name])] = saved[name]
+                rows[: len(saved[name])] = saved[name]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
@@ -354,12 +349,10 @@ class Recorder:
         v: FloatArray,
         *,
         steps: int,
-        wall_s: float,
-        preparation_s: float = 0.0,
-        interrupted: bool = False,
-        counts: Mapping[str, int] | None = None,
+        counts: Mapping[str, int],
+        **told: Any,
     ) -> Run:
-        """Close the run; ``counts`` are those of the stepper, by the names of `Counters`."""
+        """Close the run; ``counts`` are those of the stepper, ``told`` what else a `Run` tells."""
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
@@ -377,9 +370,6 @@ class Recorder:
             peak=np.maximum(self.run_peak, self.peak),
             slip_peak=self.slip_peak,
             final=(u.copy(), v.copy()),
-            counters=Counters(steps=steps, halved_steps=self.halved_steps, **(counts or {})),
-            wall_s=wall_s,
-            preparation_s=preparation_s,
-            interrupted=interrupted,
-            steady=None,
+            counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
+            **told,
         )

@@ -15,11 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.system import System
 
 #: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
 FOLLOWED = 0.3
@@ -116,56 +113,3 @@ class State(NamedTuple):
     a: FloatArray  #: (n,) auxiliary acceleration of the scheme, m/s2
     d: FloatArray  #: (n,) acceleration, m/s2
     sigma: FloatArray  #: friction over its limit of each slip row, in the stepper's order
-
-
-@dataclass
-class Start:
-    """How the first step after a jump of the acceleration is done, the same in all steppers.
-
-    Schemes that dissipate overshoot there, the more the longer the step is beside the periods that
-    the jump sets off: they carry on the acceleration of the start. One implicit Euler step does
-    not use it, and one step of first order leaves the run of second order (Rannacher, Numer.
-    Math. 43, 1984). The trapezoidal rule needs no such help, and would lose its energy.
-    """
-
-    scheme: Scheme
-    frequency: float = 0.0
-
-    def after_jump(self, system: System, acceleration: FloatArray) -> None:
-        """Note the frequency (rad/s) of the vibration that an acceleration from rest sets off."""
-        stiffness = float(acceleration @ (system.K @ acceleration))
-        mass = float(acceleration @ (system.M @ acceleration))
-        self.frequency = float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
-
-    def coefficients(self, h: float) -> Coefficients:
-        """Coefficients of the next step of ``h`` seconds."""
-        c = self.scheme.coefficients(h)
-        return backward_euler(h) if self.frequency * h > FOLLOWED and not c.trapezoidal else c
-
-    def done(self, steps: int) -> None:
-        """Go on with the scheme once a step has been done."""
-        if steps > 0:
-            self.frequency = 0.0
-
-
-def prediction(
-    system: System, c: Coefficients, force: FloatArray, state: State
-) -> tuple[FloatArray, FloatArray]:
-    """Displacement (m) at the end of a step but for its velocity, and the step's right side (N).
-
-    ``force`` is that of the loads at the end, N; ``state`` is that at the start.
-    """
-    u, v, a, d, _ = state
-    predictor = u + c.u_v * v + c.u_a * a
-    right = force - system.K @ predictor
-    right += system.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-    return predictor, right
-
-
-def end_of_step(
-    c: Coefficients, predictor: FloatArray, velocity: FloatArray, sigma: FloatArray, state: State
-) -> State:
-    """State at the end of a step from velocity and friction there and the state at its start."""
-    a = c.a_v * (velocity - state.v) + c.a_a * state.a
-    d = c.d_a * a + c.d_a0 * state.a + c.d_d0 * state.d
-    return State(predictor + c.c_K * velocity, velocity, a, d, sigma)

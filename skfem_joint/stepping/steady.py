@@ -91,19 +91,11 @@ def periodic_state(
     changes: list[float],
     parts: int = 1,
 ) -> State:
-    """State at the start of a period that ends as it began.
+    """State at the start of a period that ends as it began, found from ``start``.
 
-    Parameters
-    ----------
-    system : System
-    start : State
-    period : callable
-        From the state at the start of a period, that at its end, the largest energy (J) in it, and
-        the energy put in (J).
-    changes : list
-        Takes the change over each period as it is found, see `CHANGE`.
-    parts : int
-        2 where the callable goes through half a period and changes the state's sign at its end.
+    From the state at the start of a period ``period`` gives that at its end, the largest energy (J)
+    in it, and the energy put in (J). ``changes`` takes the change over each, see `CHANGE`.
+    ``parts`` is 2 where ``period`` goes through half of one and changes the state's sign then.
 
     Raises
     ------

@@ -4,9 +4,8 @@ Here is what all of them share, and those whose steps are done in Python: for li
 friction is loaded or evaluated), and for large sparse systems with contact points. The compiled
 ones are in :mod:`skfem_joint.stepping.chain` and :mod:`skfem_joint.stepping.dense`.
 
-Of a sparse system only the contact is nonlinear. Where it is small, everything else is condensed
-once for each step size (exactly: a Schur complement of the step matrix), and the iteration runs on
-the contact alone; where contact is nearly everywhere it runs on all unknowns.
+Where the contact of a sparse system is small, everything else is condensed once for each step size
+(exactly: a Schur complement of the step matrix), and the iteration runs on the contact alone.
 """
 
 from __future__ import annotations
@@ -14,6 +13,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -21,23 +22,18 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray, IntArray, as_compressed
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
 from skfem_joint.factors import condensed, factorised
 from skfem_joint.stepping.recording import Recorder, compressed
-from skfem_joint.stepping.schemes import (
-    Coefficients,
-    Scheme,
-    Start,
-    State,
-    end_of_step,
-    prediction,
-)
+from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.stepping.contact_problem import ContactProblem, Solution
 
 Saved = Mapping[str, NDArray[Any]]
+#: Velocity or acceleration, and normalised friction by slip row.
+Motion = tuple[FloatArray, FloatArray]
 
 #: Stride of rows that are never stored.
 NEVER = 2**62
@@ -66,6 +62,8 @@ class Stepper(ABC):
         the stepper counts.
     prepared : dict
         What each step size needs, by its coefficients.
+    frequency : float
+        Of the vibration, rad/s, that the last jump of the acceleration sets off; 0 after a step.
     first_call, most_at_once : int
         Steps that surely take less than a second, and the most that are to be done in one call.
     """
@@ -82,21 +80,18 @@ class Stepper(ABC):
         tolerance: float,
         recorder: Recorder,
     ) -> None:
-        self.system, self.tolerance, self.recorder = system, tolerance, recorder
-        self.start = Start(scheme)
+        self.system, self.scheme = system, scheme
+        self.tolerance, self.recorder = tolerance, recorder
+        self.frequency = 0.0
         self.failure = Failure()
         self.counts = dict.fromkeys((*self.COUNTS, "factorizations"), 0)
         self.prepared: dict[Coefficients, Any] = {}
-        zero = np.zeros((2, system.n))
-        sigma = np.zeros(system.B.shape[0])
-        self.now = State(np.array(u), np.array(v), zero[0], zero[1], sigma)
+        rest = *np.zeros((2, system.n)), np.zeros(system.B.shape[0])
+        self.now = State(np.array(u), np.array(v), *rest)
 
     @abstractmethod
     def make(self, c: Coefficients) -> Any:
-        """What a step with these coefficients needs, such as the factor of its matrix.
-
-        Counts a factorization if it does one.
-        """
+        """What a step needs, such as the factor of its matrix, which it counts."""
 
     @abstractmethod
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
@@ -106,19 +101,46 @@ class Stepper(ABC):
         be stored (not inside a step that is done in parts).
         """
 
-    @abstractmethod
+    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
+        """Acceleration under forces (N), which at points at rest obeys their velocity's law.
+
+        None, and the failure noted: not found.
+        """
+        raise NotImplementedError
+
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make the acceleration consistent with the loads now (start, or after a jump).
 
         Points at rest stick under Coulomb as long as they can. False: not found.
         """
+        s, (u, v) = self.system, self.now[:2]
+        slip, limits = s.B @ v, s.on_rows(s.w)
+        sigma = np.where(limits > 0.0, friction.force_vectors(slip, s.beta, s.directions), 0.0)
+        at_rest = (s.w > 0.0) & np.isinf(s.beta) & (s.slip_norm(slip) == 0.0)
+        right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u - s.B.T @ (limits * sigma)
+        acceleration = np.zeros(s.n)
+        if at_rest.any() and right.any():
+            found = self.sticking(right, at_rest)
+            if found is None:
+                return False
+            acceleration = found[0]
+            sigma += found[1]
+        elif s.is_dense or right.any():
+            acceleration = factorised(s.M)(right)
+        self.started(acceleration, sigma)
+        return True
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from an acceleration and friction, by slip row, consistent with the loads."""
+        self.now = self.now._replace(a=acceleration.copy(), d=acceleration.copy(), sigma=sigma)
+        self.frequency = self.system.frequency_of(acceleration)
 
     def prepare(self, h: float) -> None:
         """Do all that the first step of ``h`` would have to do beside itself: compile, factorise.
 
         After :meth:`restart`.
         """
-        self.matrices(self.start.coefficients(h))
+        self.matrices(self.coefficients(h))
 
     def matrices(self, c: Coefficients) -> Any:
         """What :meth:`make` gives, made once."""
@@ -126,17 +148,17 @@ class Stepper(ABC):
             self.prepared[c] = self.make(c)
         return self.prepared[c]
 
-    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
-        """Go on from an acceleration and friction that are consistent with the loads."""
-        a, d = acceleration.copy(), acceleration.copy()
-        self.now = self.now._replace(a=a, d=d, sigma=sigma)
-        self.start.after_jump(self.system, acceleration)
+    def coefficients(self, h: float) -> Coefficients:
+        """Coefficients of the next step of ``h`` seconds.
 
-    def elastic(self, amplitudes: FloatArray) -> FloatArray:
-        """Forces now but for friction and inertia, N."""
-        s = self.system
-        right = self.recorder.vectors @ amplitudes - s.C @ self.now.v - s.K @ self.now.u
-        return np.asarray(right)
+        Schemes that dissipate overshoot after a jump of the acceleration, the more the longer the
+        step is beside the periods that it sets off: they carry on the acceleration of the start.
+        One implicit Euler step does not use it, and one step of first order leaves the run of
+        second order (Rannacher, Numer. Math. 43, 1984). The trapezoidal rule needs no such help,
+        and would lose its energy.
+        """
+        c = self.scheme.coefficients(h)
+        return backward_euler(h) if self.frequency * h > FOLLOWED and not c.trapezoidal else c
 
     def state(self) -> State:
         """State now, with friction by slip row of the system."""
@@ -147,7 +169,7 @@ class Stepper(ABC):
         return {
             "state": np.array(self.now[:4]),
             "sigma": np.array(self.now.sigma),
-            "start": np.array(self.start.frequency),
+            "frequency": np.array(self.frequency),
             "steps": np.array(list(self.prepared), dtype=float),
             "counts": np.array(list(self.counts.values())),
         }
@@ -155,24 +177,26 @@ class Stepper(ABC):
     def restore(self, saved: Saved) -> None:
         """Take up what :meth:`saved` gave, whatever was done before."""
         self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
-        self.start.frequency = float(saved["start"])
+        self.frequency = float(saved["frequency"])
         for row in saved["steps"].tolist():
             self.matrices(Coefficients._make([*row[:-1], bool(row[-1])]))
         self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
-
-
-#: Steppers whose loop is compiled.
-_READY: set[type[Stepper]] = set()
 
 
 class CompiledStepper(Stepper):
     """Steps of which a compiled loop does many at a time, in place.
 
     A subclass sets what :func:`skfem_joint.stepping.march.march` takes: ``dynamics`` (mass,
-    damping and stiffness), ``memory``, ``room``, the friction ``limits`` of its slip rows, and the
-    ``places`` of the system's among them; its problem is what it makes.
+    damping and stiffness), ``memory`` (of which steps depend on what is ``REMEMBERED``), ``room``,
+    the friction ``limits`` of its slip rows, and the ``places`` of the system's among them; its
+    problem is what it makes.
     """
 
+    COUNTS = (
+        *("newton_iterations", "nested_solves", "descents", "line_searches"),
+        *("friction_evaluations", "largest_iterations"),
+    )
+    REMEMBERED: ClassVar[tuple[str, ...]]
     most_at_once = 20_000
     dynamics: tuple[Any, Any, Any]
     memory: Any
@@ -185,25 +209,36 @@ class CompiledStepper(Stepper):
         self.loads = compressed(self.recorder.vectors.T)
         self.observed = compressed(self.system.P)
 
+    @cached_property
+    def joints(self) -> tuple[Any, ...]:
+        """Points of each joint that rub, with their parts in its work, and in its friction."""
+        s = self.system
+        joints = compressed(s.J * (s.w > 0.0))
+        shares = joints.value * s.w[joints.column]
+        shares /= np.repeat(s.J @ s.w, np.diff(joints.start))
+        return joints.start, self.places.point[joints.column], joints.value, shares
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on with the friction in the order of the problem."""
+        own = np.zeros(self.limits.size)
+        own[self.places.row] = sigma
+        super().started(acceleration, own)
+
+    def state(self) -> State:
+        """State now, with friction by slip row of the system."""
+        return self.now._replace(sigma=self.now.sigma[self.places.row])
+
     def prepare(self, h: float) -> None:
-        """Compile the loop, once in a process, and prepare a step of ``h``."""
-        self.problem(self.start.coefficients(h))
-        joints, w = compressed(self.system.J * (self.system.w > 0.0)), self.system.w
-        parts = joints.value * w[joints.column]
-        row = np.repeat(np.arange(joints.start.size - 1), np.diff(joints.start))
-        shares = parts / np.bincount(row, parts, joints.start.size - 1)[row]
-        self.joints = joints.start, self.places.point[joints.column], joints.value, shares
-        if type(self) not in _READY:
-            self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
-            _READY.add(type(self))
+        """Compile the loop, and prepare a step of ``h``, by doing none."""
+        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
-        from skfem_joint.stepping.march import COUNTS, march
+        from skfem_joint.stepping.march import march
 
-        c, r = self.start.coefficients(h), self.recorder
+        c, r = self.coefficients(h), self.recorder
         problem = self.problem(c)
-        counted = np.array([self.counts.get(name, 0) for name in COUNTS])
+        counted = np.array([self.counts[name] for name in self.COUNTS])
         steps, rows, field_rows, residual, unknown = march(
             amplitudes.shape[1] - 1,
             first_step,
@@ -227,44 +262,55 @@ class CompiledStepper(Stepper):
         )
         r.rows += rows
         r.field_rows += field_rows
-        found = dict(zip(COUNTS, counted.tolist(), strict=True))
-        self.counts |= {name: found[name] for name in self.COUNTS}
+        self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
         self.failure = Failure(residual, unknown)
-        self.start.done(steps)
+        if steps > 0:
+            self.frequency = 0.0
         return int(steps)
 
     def problem(self, c: Coefficients) -> Any:
         """Problem of the next step."""
         return self.matrices(c)
 
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """State and memory."""
+        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in self.REMEMBERED}
+
+    def restore(self, saved: Saved) -> None:
+        """Take up a saved state and memory."""
+        super().restore(saved)
+        for name in self.REMEMBERED:
+            getattr(self.memory, name)[:] = saved[name]
+
 
 class PlainStepper(Stepper):
     """Steps done one by one in Python."""
 
     @abstractmethod
-    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
         """Velocity and friction at a step's end; None, and the failure noted: not found."""
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
-        s, c, recorder = self.system, self.start.coefficients(h), self.recorder
-        matrices = self.matrices(c)
-        n_steps = int(amplitudes.shape[1]) - 1
-        done = 0
-        for k in range(n_steps):
-            before = self.now
-            force = recorder.vectors @ amplitudes[:, k + 1]
-            predictor, right = prediction(s, c, force, before)
+        s, c, recorder = self.system, self.coefficients(h), self.recorder
+        matrices, done = self.matrices(c), 0
+        for ends in pairwise(amplitudes.T):
+            before = u, v, a, d, _ = self.now
+            predictor = u + c.u_v * v + c.u_a * a
+            right = recorder.vectors @ ends[1] - s.K @ predictor
+            right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
             found = self.solve(matrices, right)
             if found is None:
                 break
-            self.now = end_of_step(c, predictor, *found, before)
-            ends = amplitudes[:, k], amplitudes[:, k + 1]
+            velocity, sigma = found
+            a = c.a_v * (velocity - v) + c.a_a * a
+            d = c.d_a * a + c.d_a0 * before.a + c.d_d0 * d
+            self.now = State(predictor + c.c_K * velocity, velocity, a, d, sigma)
             recorder.add_step(h, ends, before, self.now, c.trapezoidal)
             done += 1
+            self.frequency = 0.0
             if store:
                 recorder.store(first_step + done, self.now)
-        self.start.done(done)
         return done
 
 
@@ -277,12 +323,7 @@ class LinearStepper(PlainStepper):
         self.counts["factorizations"] += 1
         return factorised(c.c_M * s.M + s.C + c.c_K * s.K)
 
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Acceleration from the equation of motion."""
-        self.started(factorised(self.system.M)(self.elastic(amplitudes)), self.now.sigma)
-        return True
-
-    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
         """Velocity at a step's end."""
         v = np.asarray(matrices(right))
         if not np.all(np.isfinite(v)):
@@ -301,18 +342,17 @@ class Points:
     beta: FloatArray
 
     @staticmethod
-    def of(system: System) -> Points:
-        """Those of a system whose slip rows each pick an unknown of their own."""
-        points = Points(*contact_unknowns(system), system.w, system.beta)
-        return points.chosen(system.w > 0.0)
+    def of(system: System, among: BoolArray | None = None) -> Points:
+        """Those of a system whose slip rows each pick an unknown of their own, or some of them."""
+        which = system.w > 0.0 if among is None else among
+        unknown = np.append(sparse.csr_array(system.B).indices, -1).astype(np.int64)
+        first = system.first_row[:-1][which]
+        second = np.where(system.directions[which] == 2, first + 1, -1)
+        return Points(unknown[first], unknown[second], system.w[which], system.beta[which])
 
     def unknowns(self) -> IntArray:
         """All unknowns in contact, sorted."""
         return np.unique(np.concatenate([self.first, self.second[self.second >= 0]]))
-
-    def chosen(self, which: NDArray[Any]) -> Points:
-        """Some of the points."""
-        return Points(self.first[which], self.second[which], self.w[which], self.beta[which])
 
     def problem(self, A: Any) -> ContactProblem:
         """Contact problem of a matrix at these points."""
@@ -351,7 +391,6 @@ class Condensed:
     def without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A v = g, (n,) or (n, k)."""
         contact = linalg.lu_factor(self.problem.A)
-
         return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
 
     def inward(self, g: FloatArray) -> FloatArray:
@@ -393,41 +432,21 @@ class ContactStepper(PlainStepper):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        s = self.system
-        self.unknown = np.asarray(sparse.csr_array(s.B).indices, dtype=np.int64)
-        self.points = Points.of(s)
-        self.w_rows = s.on_rows(s.w)
+        self.unknown = sparse.csr_array(self.system.B).indices
+        self.points = Points.of(self.system)
         self.v_before = self.now.v
 
-    def _law(self) -> FloatArray:
-        """Normalised friction at the velocity now, by slip row; 0 for Coulomb points at rest."""
-        s = self.system
-        sigma = friction.force_vectors(self.now.v[self.unknown], s.beta, s.directions)
-        return np.where(self.w_rows > 0.0, sigma, 0.0)
+    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
+        """Acceleration and friction of points at rest."""
+        held = Points.of(self.system, at_rest).problem(as_compressed(self.system.M))
+        found = held.solve(right, np.zeros_like(right), self.tolerance)
+        self.failure = Failure(found.residual, found.where)
+        return (found.v, found.sigma[self.unknown]) if found.converged else None
 
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Consistent acceleration: points at rest stick under Coulomb as long as they can."""
-        s, p = self.system, self.points
-        right = self.elastic(amplitudes)
-        sigma = self._law()
-        right[self.unknown] -= self.w_rows * sigma
-        speed = s.slip_norm(self.now.v[self.unknown])[s.w > 0.0]
-        at_rest = np.isinf(p.beta) & (speed == 0.0)
-        acceleration = np.zeros_like(right)
-        if np.any(right) and np.any(at_rest):
-            # The acceleration of points at rest obeys the law that their velocity will.
-            held = p.chosen(at_rest).problem(as_compressed(s.M))
-            found = held.solve(right, np.zeros_like(right), self.tolerance)
-            if not found.converged:
-                self.failure = Failure(found.residual, found.where)
-                return False
-            acceleration = found.v
-            sigma = sigma + found.sigma[self.unknown]
-        elif np.any(right):
-            acceleration = factorised(s.M)(right)
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the velocity now."""
+        super().started(acceleration, sigma)
         self.v_before = self.now.v
-        self.started(acceleration, sigma)
-        return True
 
     def prepare(self, h: float) -> None:
         """Condense or factorise a step of ``h``, and compile what steps and restarts need."""
@@ -448,7 +467,7 @@ class ContactStepper(PlainStepper):
     def _problems(self) -> list[ContactProblem]:
         return [getattr(matrices, "problem", matrices) for matrices in self.prepared.values()]
 
-    def solve(self, matrices: Any, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
         """Velocity and friction at a step's end, from those of the steps before."""
         # On the line through the last two velocities, at rest where it was.
         v = 2.0 * self.now.v - self.v_before
@@ -480,16 +499,3 @@ class ContactStepper(PlainStepper):
         for k, problem in enumerate(self._problems()):
             if f"tangents_{k}" in saved:
                 problem.keep(saved[f"tangents_{k}"], saved[f"held_{k}"])
-
-
-def contact_unknowns(system: System) -> tuple[IntArray, IntArray]:
-    """Unknowns that each contact point slips by, -1 for a second direction that it has not.
-
-    For systems whose slip rows each pick an unknown of their own.
-    """
-    unknown = np.asarray(sparse.csr_array(system.B).indices, dtype=np.int64)
-    row = system.first_row[:-1]
-    second = np.full(row.size, -1)
-    two = system.directions == 2
-    second[two] = unknown[row[two] + 1]
-    return unknown[row], second
