@@ -16,9 +16,17 @@ from scipy.sparse.csgraph import connected_components
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import rigid_motions
+from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
 from skfem_joint.structure.load import Load
-from skfem_joint.structure.patch import SMALL, Joint, Patch, slip_directions, unit_vectors
+from skfem_joint.structure.patch import (
+    SMALL,
+    Joint,
+    Patch,
+    shares_of,
+    slip_directions,
+    unit_vectors,
+)
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import Contact, stacked
 
@@ -119,7 +127,9 @@ class MatrixModel:
         problems: list[str] = []
         taken: set[int] = set()
         for joint in self.joints:
-            if joint.on not in self.contacts:
+            if wrong := [*joint_value_problems(joint), *_on_surfaces(joint)]:
+                problems += wrong
+            elif joint.on not in self.contacts:
                 names = ", ".join(map(repr, sorted(self.contacts))) or "none"
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
             elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
@@ -168,13 +178,8 @@ class MatrixModel:
             area=area[slips],
             directions=directions[slips],
             normal=normal[slips],
-            cells=np.zeros((0, 2), dtype=np.intp),
-            other=None,
-            held_nodes=np.zeros(0, dtype=np.intp),
-            held_normal=None,
             held_force=float(force[~slips].sum()),
             held_area=float(area[~slips].sum()),
-            bolt_shares=(),
         )
         return patch, contact
 
@@ -243,17 +248,12 @@ class MatrixModel:
                 problems.append(f"points: {name!r} is supported and does not move")
         if problems:
             raise InputError(problems)
-        points_of = [patch.points for patch in self.patches]
-        numbers = np.concatenate([np.zeros(0, np.intp), *points_of])
-        owner = np.repeat(np.arange(len(points_of)), [some.size for some in points_of])
         system = replace(
             base,
             loads=tuple(AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads),
             P=stacked([row[np.newaxis] for row in rows.values()], base.n),
             points=tuple(rows),
-            J=sparse.csr_array(
-                (np.ones(numbers.size), (owner, numbers)), shape=(len(points_of), base.w.size)
-            ),
+            J=shares_of(self.patches, base.w),
             joints=tuple(joint.name for joint in self.joints),
         )
         ratio = self.damping_ratio
@@ -332,6 +332,19 @@ class MatrixModel:
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""
         return f"degree of freedom {dof + self.first}"
+
+
+def _on_surfaces(joint: Joint) -> Iterator[str]:
+    """What a joint has that pairs of nodes have not."""
+    for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
+        if getattr(joint, name) != usual:
+            yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"
+    if not isinstance(joint.pressure, int | float):
+        what = repr(joint.pressure) if isinstance(joint.pressure, str) else "a table"
+        yield (
+            f"{joint.label}: pressure: found {what}, must be a number in Pa beside matrices; what "
+            "differs from pair to pair goes into the areas"
+        )
 
 
 def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
