@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
@@ -14,7 +16,8 @@ from skfem_joint.structure.nodes import Nodes
 _GAP = 0.1
 # Nodes of two bodies closer than this part of the whole size are one place.
 _MATCH = 1e-9
-_NEWTON_STEPS = 30
+# Changes below this are the last ones, as the next would be of the size of their squares.
+_NEWTON_STEPS, _LAST_CHANGE = 30, 1e-9
 # Segments or triangles that cover a cell of so many corners, whatever their order.
 _PARTS = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}
 
@@ -28,6 +31,13 @@ def interpolation(
     the distance (k,), m, of points too far outside, whose rows are empty; 0 for the others.
     """
     element, gap, _ = _elements_at(grid, name, points)
+    return values_in(grid, element, points, gap)
+
+
+def values_in(
+    grid: Nodes, element: IntArray, points: FloatArray, gap: FloatArray
+) -> tuple[sparse.csr_array, FloatArray]:
+    """The same where the element (k,) and the gap of each point are known."""
     local = np.zeros_like(points)
     local[gap == 0.0] = local_coordinates(grid, element[gap == 0.0], points[gap == 0.0])
     gap[np.isnan(local).any(axis=1)] = np.inf
@@ -49,13 +59,16 @@ def interpolation(
     return matrix, gap
 
 
-def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> FloatArray:
-    """Points (k, dim) of a region or boundary nearest to some, NaN where none is within reach."""
-    found = _elements_at(grid, name, points)[2]
+def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
+    """Points (k, dim) of a region or boundary nearest to some, NaN where none is within reach.
+
+    First the elements (k,) that they are in.
+    """
+    element, _, found = _elements_at(grid, name, points)
     far = np.isnan(found).any(axis=1)
     if far.any():
-        found[far] = _elements_at(grid, name, points[far], reach)[2]
-    return found
+        element[far], _, found[far] = _elements_at(grid, name, points[far], reach)
+    return element, found
 
 
 def _elements_at(
@@ -77,7 +90,7 @@ def _elements_at(
     radius = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
     found = cKDTree(points).query_ball_point(middle, reach + (1.0 + 2.0 * _GAP) * radius)
     cell = np.repeat(np.arange(len(corners)), [len(some) for some in found])
-    near = np.concatenate([np.asarray(some, dtype=np.intp) for some in found])
+    near = np.fromiter(chain.from_iterable(found), np.intp)
     some = corners[cell]
     parts = _PARTS[corners.shape[1]]
     foot = _nearest([_foot(some[:, part], points[near]) for part in parts], points[near])
@@ -135,13 +148,13 @@ def local_coordinates(grid: Nodes, elements: IntArray, points: FloatArray) -> Fl
     X = np.full(x.shape, 0.5)
     for _ in range(_NEWTON_STEPS):
         residual = x - mapping.F(X, tind=elements)
-        if np.all(np.abs(residual).max(axis=(0, 2)) < 1e-15 * size):
-            break
         jacobian = np.moveaxis(mapping.DF(X, tind=elements)[..., 0], -1, 0)
         usable = np.abs(np.linalg.det(jacobian)) > 1e-12 * size ** len(X)
         jacobian[~usable] = np.eye(len(X))
         change = np.linalg.solve(jacobian, np.moveaxis(residual, 1, 0))
-        X = np.clip(X + np.moveaxis(change, 0, 1), -2.0, 3.0)
+        last, X = X, np.clip(X + np.moveaxis(change, 0, 1), -2.0, 3.0)
+        if np.abs(X - last).max() < _LAST_CHANGE:
+            break
     local = np.array(X[..., 0].T)
     residual = (x - mapping.F(X, tind=elements))[..., 0].T
     local[np.abs(residual).max(axis=1) > 1e-10 * size] = np.nan
