@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
@@ -149,7 +149,7 @@ class MatrixModel:
         rows, force, k = rows[pressed], force[pressed], pressed.size
         normal, area = unit_vectors(rows[:, 6:9]), rows[:, -1]
         dofs = rows[:, :6].reshape(-1, 2, 3)
-        moves = self._moving(dofs)
+        moves = (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
         pair, side, component = np.nonzero(moves)
         entries = 1.0 - 2.0 * side, (3 * pair + component, dofs[moves].astype(np.intp))
         # Displacement of the first nodes less that of the second.
@@ -160,7 +160,8 @@ class MatrixModel:
         point, which = np.nonzero(acting)
         slips = acting.any(axis=1)
         closed = np.linalg.norm(normal * there, axis=1) > SMALL
-        held, free = self._pivots(joint, pressed, closed, acting.sum(axis=1), taken)
+        counts = closed.astype(int), acting.sum(axis=1)
+        held, free = self._pivots(joint, pressed, np.where(moves, dofs, -1), counts, taken)
         contact = Contact(
             B=along(point, directions[point, which], k) @ relative,
             w=joint.friction * force[slips],
@@ -183,35 +184,32 @@ class MatrixModel:
         )
         return patch, contact
 
-    def _moving(self, dofs: FloatArray) -> Any:
-        """Whether there are degrees of freedom that move."""
-        return (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
-
+    @staticmethod
     def _pivots(
-        self, joint: Joint, pressed: IntArray, closed: BoolArray, slips: IntArray, taken: set[int]
+        joint: Joint,
+        pressed: IntArray,
+        moving: FloatArray,
+        counts: tuple[IntArray, IntArray],
+        taken: set[int],
     ) -> tuple[list[int], list[int]]:
         """Degrees of freedom that closed contact and slips of pairs determine: of the first nodes.
 
-        Those of the second ones where the first's are not there or are taken by other pairs.
+        Those of the second ones where the first's are not there (-1) or are taken by other pairs.
         """
-        dofs = self.contacts[joint.on][pressed, :6].reshape(-1, 2, 3)
-        moves = self._moving(dofs)
         held: list[int] = []
         free: list[int] = []
-        for i, pair in enumerate(pressed):
+        for pair, dofs, count, slips in zip(pressed, moving.astype(int), *counts, strict=True):
             own: list[int] = []
-            for component in range(3):
-                left = dofs[i, moves[i, :, component], component].astype(int).tolist()
-                own += [dof for dof in left if dof not in taken][:1]
-            count = int(closed[i])
-            if len(own) < count + slips[i]:
+            for both in dofs.T.tolist():
+                own += [dof for dof in both if dof >= 0 and dof not in taken][:1]
+            if len(own) < count + slips:
                 raise InputError(
                     f"contact.{joint.on}: pair {pair + 1}: other pairs of its nodes determine its "
                     "slip already; leave it out"
                 )
             taken.update(own)
             held += own[:count]
-            free += own[count : count + slips[i]]
+            free += own[count : count + slips]
         return held, free
 
     @cached_property
@@ -243,11 +241,8 @@ class MatrixModel:
             raise InputError(problems)
         names = dict.fromkeys([*(str(load.on) for load in loads), *observed])
         rows = {name: np.asarray(base.T.T @ self.points[name]) for name in names}
-        for name in rows:
-            if not rows[name].any():
-                problems.append(f"points: {name!r} is supported and does not move")
-        if problems:
-            raise InputError(problems)
+        if still := [name for name, row in rows.items() if not row.any()]:
+            raise InputError([f"points: {name!r} is supported and does not move" for name in still])
         system = replace(
             base,
             loads=tuple(AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads),

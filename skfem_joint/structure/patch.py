@@ -18,8 +18,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
-from skfem_joint.structure.location import interpolation
-from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.nodes import Nodes, interpolation
 from skfem_joint.structure.pressure import Pressure, nodal_pressure
 from skfem_joint.unknowns import expanded
 

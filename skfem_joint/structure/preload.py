@@ -16,17 +16,17 @@ touch is found by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import condensed, factorised
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -35,7 +35,7 @@ from skfem_joint.structure.checks import (
     wrong_name,
 )
 from skfem_joint.structure.contact import along
-from skfem_joint.structure.location import feet, interpolation, values_in
+from skfem_joint.structure.nodes import feet, interpolation, values_in
 from skfem_joint.structure.patch import PRELOAD, Joint, Pressed, manifold_of, unit_vectors
 from skfem_joint.structure.pressure import hat_simplices, measure
 from skfem_joint.unknowns import Contact, selection, stacked
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _OPPOSITE, _NO_GAP = 0.7, 1e-9
 #: Stiffness of closed contact over that of the elements, which multipliers then make exact, and
 #: share of the mass that keeps bodies in place while too few nodes touch.
-_STIFF, _SHIFT = 1e3, 1e-10
+_STIFF, _SHIFT = 1e5, 1e-10
 #: Active sets that are tried; corrections of one solution, and what of the load may be left.
 _SETS, _CORRECTIONS, _LEFT = 100, 20, 1e-9
 #: Share of the clamp forces that may push bodies where friction alone holds them: that of meshes
@@ -404,6 +404,28 @@ class _Solver:
         mean = np.asarray(size @ self.K.diagonal()) / np.asarray(size.sum(axis=1)).ravel()
         return np.asarray(_STIFF * mean / self.area**2)
 
+    @cached_property
+    def _condensed(self) -> tuple[IntArray, IntArray, Any, FloatArray, Matrix]:
+        """Unknowns that contact moves, the others, their solver, Schur complement and coupling."""
+        K = sparse.csr_array(self.K + _SHIFT * sparse.diags_array(self.K.diagonal()))
+        kept = np.unique(self.G.indices)
+        rest, solve, S = condensed(K, kept)
+        return kept, rest, solve, S, K[kept][:, rest]
+
+    def _solver(self, G: Matrix, penalty: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver with some contact closed, whose rows move few of the unknowns."""
+        kept, rest, inside, S, coupling = self._condensed
+        G = sparse.csr_array(G)[:, kept]
+        on_faces = factorised(S + (G.T @ sparse.diags_array(penalty) @ G).toarray())
+
+        def solve(right: FloatArray) -> FloatArray:
+            x, y = np.empty_like(right), inside(right[rest])
+            x[kept] = on_faces(right[kept] - coupling @ y)
+            x[rest] = y - inside(coupling.T @ x[kept])
+            return x
+
+        return solve
+
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
         active = np.ones(self.area.size, dtype=bool)
@@ -441,8 +463,7 @@ class _Solver:
         The residual is corrected by the factor of an augmented Lagrangian.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        shifted = self.K + _SHIFT * sparse.diags_array(self.K.diagonal())
-        solve = factorised(sparse.csr_array(shifted + G.T @ sparse.diags_array(penalty) @ G))
+        solve = self._solver(G, penalty)
         p, last = p[active], np.inf
         for _ in range(_CORRECTIONS):
             r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u

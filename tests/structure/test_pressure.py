@@ -18,8 +18,7 @@ from skfem import MeshTri
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.structure import Bolt, Bolts, PressureTable
-from skfem_joint.structure.location import interpolation, local_coordinates
-from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.nodes import Nodes, interpolation, local_coordinates
 from skfem_joint.structure.pressure import disc_moments, pressure_integrals, ring_integrals
 
 LENGTH = 0.1
