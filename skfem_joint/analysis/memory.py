@@ -111,7 +111,8 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     kept = np.count_nonzero(system.on_rows(system.w)) + _OF_MODES if condensed else 0
     unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + structure.n_entries * _OF_AN_ENTRY
     share, power = _FILL[dim]
-    factor = int(_OF_THE_FACTOR * share * n ** (1.0 + power))
+    largest = structure.dim * nodes if scene.bolt else n  # a preload is solved for all nodes
+    factor = int(_OF_THE_FACTOR * share * largest ** (1.0 + power))
     cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads + joints)
     return {
         _POINTS: _NUMBER * (stored * history + estimated),

@@ -9,8 +9,7 @@ mistake found becomes one line, ::
 and all of them are raised together as one `InputError`.
 """
 
-from skfem_joint.scene.reading import load_scene, scene_from
+from skfem_joint.scene.reading import Swept, load_scene, load_sweep, scene_from
 from skfem_joint.scene.scene import Scene
-from skfem_joint.scene.swept import Swept, load_sweep
 
 __all__ = ["Scene", "Swept", "load_scene", "load_sweep", "scene_from"]

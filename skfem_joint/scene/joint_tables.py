@@ -122,16 +122,12 @@ class Joint(SceneTable):
 
     def to_joint(self) -> structure.Joint:
         """Joint as `skfem_joint.structure` takes it; Coulomb friction has an infinite beta."""
-        pressure = self.pressure
-        return structure.Joint(
-            on=self.on,
-            pressure=pressure.to_pressure() if isinstance(pressure, _Pressure) else pressure,
-            friction=self.friction,
-            against=self.against,
-            beta=math.inf if self.law == "coulomb" else self.beta,
-            normal_force=self.normal_force,
-            axis=self.axis,
-        )
+        own, pressure = self.model_dump(exclude={"law"}), self.pressure
+        if isinstance(pressure, _Pressure):
+            own["pressure"] = pressure.to_pressure()
+        if self.law == "coulomb":
+            own["beta"] = math.inf
+        return structure.Joint(**own)
 
 
 class ClampingBolt(SceneTable):
@@ -147,7 +143,3 @@ class ClampingBolt(SceneTable):
         "and nut",
         None,
     )
-
-    def to_clamp(self) -> structure.Clamp:
-        """Bolt as `skfem_joint.structure` takes it."""
-        return structure.Clamp(**self.model_dump())

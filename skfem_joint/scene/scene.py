@@ -21,7 +21,7 @@ from skfem_joint import structure as parts
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.scene import joint_tables, steady_tables, tables
+from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.matrices import Matrices
 from skfem_joint.scene.messages import key_path, listed, mistake
 from skfem_joint.scene.sweep_table import Sweep
@@ -70,12 +70,8 @@ class Scene(SceneTable):
     reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
     accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
     output: tables.Output = key("what is written", tables.Output())
-    response: steady_tables.Response | None = key(
-        "frequencies and levels of steady vibration", None
-    )
-    backbone: steady_tables.Backbone = key(
-        "modes whose damping is looked for", steady_tables.Backbone()
-    )
+    response: tables.Response | None = key("frequencies and levels of steady vibration", None)
+    backbone: tables.Backbone = key("modes whose damping is looked for", tables.Backbone())
     sweep: Sweep | None = key("values that `load_sweep` makes scenes of", None)
 
     _path: Path | None = PrivateAttr(None)
@@ -146,7 +142,7 @@ class Scene(SceneTable):
             **self.section.model_dump(exclude={"regions"}),
             **self.support.model_dump(),
             **common,
-            bolts=[bolt.to_clamp() for bolt in self.bolt],
+            bolts=[parts.Clamp(**bolt.model_dump()) for bolt in self.bolt],
             mass=material.mass_matrix,
             regions=regions,
         )
@@ -294,14 +290,6 @@ def _time_problems(scene: Scene) -> Iterator[str]:
 
 def _matrix_problems(scene: Scene, given: Matrices) -> Iterator[str]:
     """Mistakes in what other tables ask of a scene with matrices."""
-    for i, joint in enumerate(scene.joint):
-        for name in sorted(joint.model_fields_set & {"against", "axis", "normal_force"}):
-            yield f"joint[{i}].{name}: found beside [matrices], whose contacts tell; leave it out"
-        if not isinstance(joint.pressure, float | int):
-            yield (
-                f"joint[{i}].pressure: must be a number in Pa beside [matrices]; "
-                "what differs from pair to pair goes into the areas"
-            )
     if given.C is not None and scene.damping.model_fields_set:
         yield "damping: found beside matrices.C, must be one of the two"
     if "reduced" in scene.models.run and scene.reduction.reference == "paper":

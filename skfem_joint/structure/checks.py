@@ -14,9 +14,8 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import spot
 from skfem_joint.modes import ratio_problems
-from skfem_joint.structure.bolts import Bolts
 from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
-from skfem_joint.structure.pressure import PressureTable
+from skfem_joint.structure.pressure import Bolts, PressureTable
 
 if TYPE_CHECKING:
     from skfem_joint.structure import AnyStructure
@@ -144,18 +143,23 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     ]
 
 
+def joint_value_problems(joint: Joint) -> Iterator[str]:
+    """What is wrong with the numbers and words of a joint."""
+    yield from positive(f"{joint.label}: friction", joint.friction, ">= 0")
+    if not joint.beta > 0.0:
+        yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
+    yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
+    if isinstance(joint.pressure, int | float):
+        yield from positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
+
+
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
     """What is wrong with joints, as far as it can be told without their nodes."""
     outer = mesh.mesh.boundary_facets()
     taken: dict[str, list[Joint]] = {"region": [], "boundary": []}
     for joint in joints:
         where = joint.label
-        yield from positive(f"{where}: friction", joint.friction, ">= 0")
-        if not joint.beta > 0.0:
-            yield f"{where}: beta: found {joint.beta}, must be > 0"
-        yield from _one_of(f"{where}: normal_force", joint.normal_force, NORMAL_FORCES)
-        if isinstance(joint.pressure, int | float):
-            yield from positive(f"{where}: pressure", joint.pressure, ">= 0")
+        yield from joint_value_problems(joint)
         kind = "region" if joint.on in mesh.regions else "boundary"
         problems = wrong_name(mesh, joint.on, _PRESSED[mesh.dim], f"{where}.on")
         if not problems and joint.against is not None:

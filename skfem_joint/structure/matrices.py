@@ -13,12 +13,20 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import rigid_motions
+from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
 from skfem_joint.structure.load import Load
-from skfem_joint.structure.patch import SMALL, Joint, Patch, slip_directions, unit_vectors
+from skfem_joint.structure.patch import (
+    SMALL,
+    Joint,
+    Patch,
+    shares_of,
+    slip_directions,
+    unit_vectors,
+)
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import Contact, stacked
 
@@ -119,7 +127,9 @@ class MatrixModel:
         problems: list[str] = []
         taken: set[int] = set()
         for joint in self.joints:
-            if joint.on not in self.contacts:
+            if wrong := [*joint_value_problems(joint), *_on_surfaces(joint)]:
+                problems += wrong
+            elif joint.on not in self.contacts:
                 names = ", ".join(map(repr, sorted(self.contacts))) or "none"
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
             elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
@@ -139,7 +149,7 @@ class MatrixModel:
         rows, force, k = rows[pressed], force[pressed], pressed.size
         normal, area = unit_vectors(rows[:, 6:9]), rows[:, -1]
         dofs = rows[:, :6].reshape(-1, 2, 3)
-        moves = self._moving(dofs)
+        moves = (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
         pair, side, component = np.nonzero(moves)
         entries = 1.0 - 2.0 * side, (3 * pair + component, dofs[moves].astype(np.intp))
         # Displacement of the first nodes less that of the second.
@@ -150,7 +160,8 @@ class MatrixModel:
         point, which = np.nonzero(acting)
         slips = acting.any(axis=1)
         closed = np.linalg.norm(normal * there, axis=1) > SMALL
-        held, free = self._pivots(joint, pressed, closed, acting.sum(axis=1), taken)
+        counts = closed.astype(int), acting.sum(axis=1)
+        held, free = self._pivots(joint, pressed, np.where(moves, dofs, -1), counts, taken)
         contact = Contact(
             B=along(point, directions[point, which], k) @ relative,
             w=joint.friction * force[slips],
@@ -168,45 +179,37 @@ class MatrixModel:
             area=area[slips],
             directions=directions[slips],
             normal=normal[slips],
-            cells=np.zeros((0, 2), dtype=np.intp),
-            other=None,
-            held_nodes=np.zeros(0, dtype=np.intp),
-            held_normal=None,
             held_force=float(force[~slips].sum()),
             held_area=float(area[~slips].sum()),
-            bolt_shares=(),
         )
         return patch, contact
 
-    def _moving(self, dofs: FloatArray) -> Any:
-        """Whether there are degrees of freedom that move."""
-        return (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
-
+    @staticmethod
     def _pivots(
-        self, joint: Joint, pressed: IntArray, closed: BoolArray, slips: IntArray, taken: set[int]
+        joint: Joint,
+        pressed: IntArray,
+        moving: FloatArray,
+        counts: tuple[IntArray, IntArray],
+        taken: set[int],
     ) -> tuple[list[int], list[int]]:
         """Degrees of freedom that closed contact and slips of pairs determine: of the first nodes.
 
-        Those of the second ones where the first's are not there or are taken by other pairs.
+        Those of the second ones where the first's are not there (-1) or are taken by other pairs.
         """
-        dofs = self.contacts[joint.on][pressed, :6].reshape(-1, 2, 3)
-        moves = self._moving(dofs)
         held: list[int] = []
         free: list[int] = []
-        for i, pair in enumerate(pressed):
+        for pair, dofs, count, slips in zip(pressed, moving.astype(int), *counts, strict=True):
             own: list[int] = []
-            for component in range(3):
-                left = dofs[i, moves[i, :, component], component].astype(int).tolist()
-                own += [dof for dof in left if dof not in taken][:1]
-            count = int(closed[i])
-            if len(own) < count + slips[i]:
+            for both in dofs.T.tolist():
+                own += [dof for dof in both if dof >= 0 and dof not in taken][:1]
+            if len(own) < count + slips:
                 raise InputError(
                     f"contact.{joint.on}: pair {pair + 1}: other pairs of its nodes determine its "
                     "slip already; leave it out"
                 )
             taken.update(own)
             held += own[:count]
-            free += own[count : count + slips[i]]
+            free += own[count : count + slips]
         return held, free
 
     @cached_property
@@ -238,22 +241,14 @@ class MatrixModel:
             raise InputError(problems)
         names = dict.fromkeys([*(str(load.on) for load in loads), *observed])
         rows = {name: np.asarray(base.T.T @ self.points[name]) for name in names}
-        for name in rows:
-            if not rows[name].any():
-                problems.append(f"points: {name!r} is supported and does not move")
-        if problems:
-            raise InputError(problems)
-        points_of = [patch.points for patch in self.patches]
-        numbers = np.concatenate([np.zeros(0, np.intp), *points_of])
-        owner = np.repeat(np.arange(len(points_of)), [some.size for some in points_of])
+        if still := [name for name, row in rows.items() if not row.any()]:
+            raise InputError([f"points: {name!r} is supported and does not move" for name in still])
         system = replace(
             base,
             loads=tuple(AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads),
             P=stacked([row[np.newaxis] for row in rows.values()], base.n),
             points=tuple(rows),
-            J=sparse.csr_array(
-                (np.ones(numbers.size), (owner, numbers)), shape=(len(points_of), base.w.size)
-            ),
+            J=shares_of(self.patches, base.w),
             joints=tuple(joint.name for joint in self.joints),
         )
         ratio = self.damping_ratio
@@ -332,6 +327,19 @@ class MatrixModel:
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""
         return f"degree of freedom {dof + self.first}"
+
+
+def _on_surfaces(joint: Joint) -> Iterator[str]:
+    """What a joint has that pairs of nodes have not."""
+    for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
+        if getattr(joint, name) != usual:
+            yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"
+    if not isinstance(joint.pressure, int | float):
+        what = repr(joint.pressure) if isinstance(joint.pressure, str) else "a table"
+        yield (
+            f"{joint.label}: pressure: found {what}, must be a number in Pa beside matrices; what "
+            "differs from pair to pair goes into the areas"
+        )
 
 
 def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:

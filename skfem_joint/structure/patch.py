@@ -9,7 +9,7 @@ plate in plan two, an edge one, a face two; none leaves the contact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
-from skfem_joint.structure.location import interpolation
-from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.nodes import Nodes, interpolation
 from skfem_joint.structure.pressure import Pressure, nodal_pressure
 from skfem_joint.unknowns import expanded
 
@@ -100,14 +99,15 @@ class Patch:
     #: node has not.
     directions: FloatArray
     normal: FloatArray | None  #: (k, dim), of facets, outwards; None where cells lie on their base
-    cells: IntArray  #: (c, corners), linear sub-cells of the contact on node numbers
-    #: (k, N), values of the other body at the contact nodes from those of its nodes; None: a base.
-    other: sparse.csr_array | None
-    held_nodes: IntArray  #: nodes that carry pressure but cannot slip, being supported
-    held_normal: FloatArray | None  #: their normals: they cannot leave the base either
-    held_force: float  #: their share of the clamping force, N
+    held_force: float  #: share of the clamping force of pressed nodes that supports hold, N
     held_area: float  #: and of the area, m2
-    bolt_shares: tuple[float, ...]  #: part of the ring pressed by each bolt that is on the joint
+    held_nodes: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))  #: their numbers
+    held_normal: FloatArray | None = None  #: their normals: they cannot leave the base either
+    #: (c, corners), linear sub-cells of the contact on node numbers.
+    cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
+    #: (k, N), values of the other body at the contact nodes from those of its nodes; None: a base.
+    other: sparse.csr_array | None = None
+    bolt_shares: tuple[float, ...] = ()  #: part of each bolt's ring that is on the joint
 
     @property
     def clamping_force(self) -> float:
@@ -128,19 +128,22 @@ class Patch:
 
 def manifold_of(
     grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
-) -> tuple[IntArray, FloatArray, FloatArray | None]:
-    """Where a joint acts: sub-cells (c, corners), their depth (c,), m, and normals (N, dim)."""
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray | None]:
+    """Where a joint acts: sub-cells (c, corners), their elements and depth (c,), m, and normals.
+
+    These, (N, dim), are of facets; None where cells lie on their base.
+    """
     mesh, dim = grid.mesh, grid.mesh.dim
     ones = np.ones_like(width)
     if on in mesh.regions:
         inside = np.isin(grid.cell_element, mesh.regions[on])
         # A bar lies on its base with its width; a plate in plan is an area already.
-        depth = (width, ones)[dim - 1][grid.cell_element[inside]]
-        return grid.cells[inside], depth, None
+        own = grid.cell_element[inside]
+        return grid.cells[inside], own, (width, ones)[dim - 1][own], None
     facets = mesh.boundaries[on]
     cells, facet = grid.facet_cells(facets)
     beside = mesh.mesh.f2t[0, facets][facet]
-    return cells, (thickness, ones)[dim - 2][beside], _normals(grid, cells, beside, where)
+    return cells, beside, (thickness, ones)[dim - 2][beside], _normals(grid, cells, beside, where)
 
 
 def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> FloatArray:
@@ -239,7 +242,7 @@ def make_patch(
     point of each node, -1 without; new ones are entered. ``preloaded`` is what clamping bolts give.
     """
     label = joint.label
-    cells, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
+    cells, _, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
     shares: tuple[float, ...] = ()
     if preloaded is not None:
         force, area = preloaded.force, preloaded.area
@@ -317,6 +320,16 @@ def _other(
             "pressed against: split the mesh where the overlap ends, or exchange both"
         )
     return values
+
+
+def shares_of(patches: Sequence[Patch], w: FloatArray) -> sparse.csr_array:
+    """Part of the friction limit ``w`` (m,), N, of each point that each joint has, (joints, m)."""
+    points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
+    limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
+    joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
+    limits = np.where(w[points] > 0.0, limits, 1.0)
+    share = limits / np.bincount(points, limits, w.size)[points]
+    return sparse.csr_array((share, (joint, points)), shape=(len(patches), w.size))
 
 
 def _alike(a: Any, b: Any, rows_a: IntArray, rows_b: IntArray) -> bool:

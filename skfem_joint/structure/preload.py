@@ -16,16 +16,17 @@ touch is found by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import condensed, factorised
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -34,10 +35,10 @@ from skfem_joint.structure.checks import (
     wrong_name,
 )
 from skfem_joint.structure.contact import along
-from skfem_joint.structure.location import feet, interpolation
+from skfem_joint.structure.nodes import feet, interpolation, values_in
 from skfem_joint.structure.patch import PRELOAD, Joint, Pressed, manifold_of, unit_vectors
 from skfem_joint.structure.pressure import hat_simplices, measure
-from skfem_joint.unknowns import Contact, selection
+from skfem_joint.unknowns import Contact, selection, stacked
 
 if TYPE_CHECKING:
     from skfem_joint.structure.structure import Structure
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 _OPPOSITE, _NO_GAP = 0.7, 1e-9
 #: Stiffness of closed contact over that of the elements, which multipliers then make exact, and
 #: share of the mass that keeps bodies in place while too few nodes touch.
-_STIFF, _SHIFT = 1e3, 1e-10
+_STIFF, _SHIFT = 1e5, 1e-10
 #: Active sets that are tried; corrections of one solution, and what of the load may be left.
 _SETS, _CORRECTIONS, _LEFT = 100, 20, 1e-9
 #: Share of the clamp forces that may push bodies where friction alone holds them: that of meshes
@@ -144,7 +145,7 @@ def _off_path(
         reached |= {b for link in links if reached & set(link) for b in link}
     if start == end or end not in reached:
         ends = [body_label(mesh, i) if i >= 0 else "the rigid base" for i in (start, end)]
-        names = ", ".join(repr(joint.on) for joint in joints) or "none"
+        names = ", ".join(repr(joint.on) for joint in joints)
         how = " and ".join(f"{key} {name!r}" for key, name in bolt.surfaces)
         yield (
             f"{where}: its force, between {how}, does not go through a joint with pressure = "
@@ -169,28 +170,28 @@ def preload(structure: Structure) -> Preload:
         If the touching nodes are not found.
     """
     begin, (_, K) = time.perf_counter(), structure.matrices()
-    force = np.zeros((structure.n_nodes, structure.dim))
-    for number, bolt in enumerate(structure.bolts):
-        force += _clamping(structure, bolt, f"bolt[{number}]")
-    faces = [_Face.of(structure, joint) for joint in structure.joints]
-    normal = [i for i, face in enumerate(faces) if face is not None]
-    kept = [face for face in faces if face is not None]
-    G = sparse.csr_array(sparse.vstack([face.rows for face in kept]))
-    area, gap = (np.concatenate([getattr(face, name) for face in kept]) for name in ("area", "gap"))
-    tied = np.repeat([face.joint.pressure != PRELOAD for face in kept],
-                     [face.nodes.size for face in kept])  # fmt: skip
-    free = _moving(structure, G, area, force)
+    clamps = (_clamping(structure, b, f"bolt[{i}]") for i, b in enumerate(structure.bolts))
+    force = np.sum([*clamps], axis=0)
+    every = ((i, _Face.of(structure, joint)) for i, joint in enumerate(structure.joints))
+    faces = {i: face for i, face in every if face is not None}
+    G = stacked([face.rows for face in faces.values()], force.size)
+    area, gap, tied = (
+        np.concatenate([getattr(face, name) for face in faces.values()])
+        for name in ("area", "gap", "tied")
+    )
+    free, left_out = _moving(structure, G, area, force)
     u = np.zeros(force.size)
     solver = _Solver(K[free][:, free], G[:, free], area, gap, tied, force.ravel()[free])
     u[free], p, count = solver.solve()
+    u -= left_out @ linalg.lstsq(left_out, u)[0]
     left = (gap - G @ u) / area
     touching = p > _ROUND_OFF * p.max(initial=0.0)
-    ends = np.cumsum([face.nodes.size for face in kept])[:-1]
-    parts = zip(normal, kept, *(np.split(x, ends) for x in (p, left, touching)), strict=True)
-    found: list[Pressed | None] = [None] * len(faces)
-    for i, face, pressure, opening, touches in parts:
-        if face.joint.pressure == PRELOAD:
-            found[i] = face.pressed(structure, pressure, opening, touches)
+    ends = np.cumsum([face.nodes.size for face in faces.values()])[:-1]
+    parts = zip(faces.items(), *(np.split(x, ends) for x in (p, left, touching)), strict=True)
+    found: list[Pressed | None] = [None] * len(structure.joints)
+    for (i, face), *values in parts:
+        if not face.tied.any():
+            found[i] = face.pressed(structure, *values)
     return Preload(u.reshape(force.shape), force, tuple(found), count, time.perf_counter() - begin)
 
 
@@ -230,7 +231,7 @@ def cuts(structure: Structure) -> Contact:
         If the faces of a cut do not lie on each other.
     """
     dim, n = structure.dim, structure.n_nodes
-    found = Contact.none(dim * n)
+    found = none = Contact.none(dim * n)
     for number, bolt in enumerate(structure.bolts):
         if bolt.shank is None:
             continue
@@ -246,13 +247,14 @@ def cuts(structure: Structure) -> Contact:
         moves = np.flatnonzero(~structure.held[nodes].ravel())
         rows = sparse.kron(selection(nodes, n) - values, sparse.eye_array(dim), "csr")
         pivots = (dim * nodes[:, np.newaxis] + np.arange(dim)).ravel()
-        tied = replace(Contact.none(dim * n), held=rows[moves], pivots=pivots[moves])
-        found = found + tied
+        found = found + replace(none, held=rows[moves], pivots=pivots[moves])
     return found
 
 
-def _moving(structure: Structure, G: Matrix, area: FloatArray, force: FloatArray) -> BoolArray:
-    """Displacements (dim N,) to be solved for.
+def _moving(
+    structure: Structure, G: Matrix, area: FloatArray, force: FloatArray
+) -> tuple[BoolArray, FloatArray]:
+    """Displacements (dim N,) to be solved for, and motions (dim N, k) that nothing determines.
 
     Supports hold the others, and as many more as rigid motions are left by supports and closed
     contact: a statically determinate support, which a load in equilibrium gives no reaction.
@@ -261,8 +263,8 @@ def _moving(structure: Structure, G: Matrix, area: FloatArray, force: FloatArray
     flat = motions.reshape(force.size, -1)
     loose = left_loose([motions[structure.held], (G @ flat) / area[:, np.newaxis]])
     free = ~structure.held.ravel()
+    modes = flat @ loose
     if loose.shape[1]:
-        modes = flat @ loose
         push = force.ravel() @ modes
         if np.abs(push).max() > _OFF * np.abs(force).sum() * np.abs(modes).max():
             turned = np.abs(modes @ push).reshape(structure.n_nodes, -1).max(axis=1)
@@ -273,7 +275,7 @@ def _moving(structure: Structure, G: Matrix, area: FloatArray, force: FloatArray
             )
         modes[~free] = 0.0
         free[linalg.qr(modes.T, mode="r", pivoting=True)[1][: loose.shape[1]]] = False
-    return np.asarray(free)
+    return free, modes
 
 
 @dataclass(frozen=True)
@@ -287,12 +289,19 @@ class _Face:
     gap: FloatArray  # (m,), m3, integrals of hats times the gap at the beginning
     other: sparse.csr_array | None  # (m, N), values of the other body opposite to the nodes
 
+    @property
+    def tied(self) -> BoolArray:
+        """Whether it stays closed, as its pressure is given, (m,)."""
+        return np.full(self.nodes.size, self.joint.pressure != PRELOAD)
+
     @staticmethod
     def of(structure: Structure, joint: Joint) -> _Face | None:
         """Face of a joint; None where cells lie on their base, across which nothing moves."""
         p, dim = structure.properties, structure.dim
         where = joint.label
-        cells, depth, normals = manifold_of(structure, joint.on, p["width"], p["thickness"], where)
+        cells, beside, depth, normals = manifold_of(
+            structure, joint.on, p["width"], p["thickness"], where
+        )
         if normals is None:
             return None
         corners, gather, parent = hat_simplices(structure.nodes, cells)
@@ -300,11 +309,9 @@ class _Face:
         x = np.einsum("qc,ncd->nqd", places, corners).reshape(-1, dim)
         points, count = np.arange(len(x)).reshape(len(corners), -1), corners.shape[1]
         corner = np.arange(corners.shape[0] * count).reshape(len(corners), 1, count)
-        rows, columns = np.broadcast_arrays(corner, points[..., np.newaxis])
-        values = np.broadcast_to(places, rows.shape).ravel()
-        hats = gather @ sparse.csr_array(
-            (values, (rows.ravel(), columns.ravel())), shape=(corner.size, len(x))
-        )
+        rows, columns, values = np.broadcast_arrays(corner, points[..., np.newaxis], places)
+        entries = values.ravel(), (rows.ravel(), columns.ravel())
+        hats = gather @ sparse.csr_array(entries, shape=(corner.size, len(x)))
         n, gap, values_there = _opposite(structure, joint, x, unit_vectors(hats.T @ normals))
         weight = np.outer(measure(corners) * depth[parent], weights).ravel()
         hats = sparse.csr_array(hats @ sparse.diags_array(np.where(np.isnan(gap), 0.0, weight)))
@@ -318,7 +325,8 @@ class _Face:
                 "long; are these the faces that touch?"
             )
         nodes, hats = own[over], hats[own[over]]
-        relative = interpolation(structure, joint.on, x)[0]
+        own_element = np.repeat(beside[parent], points.shape[1])
+        relative = values_in(structure, own_element, x, np.zeros(len(x)))[0]
         if values_there is not None:
             relative = relative - values_there
         motion = along(np.arange(len(x)), n, len(x)) @ sparse.kron(relative, sparse.eye_array(dim))
@@ -335,13 +343,10 @@ class _Face:
                 f"{self.joint.label}: the preload leaves no contact, it opens everywhere; do the "
                 "bolts press elsewhere?"
             )
-        force, area, opening = np.zeros((3, structure.n_nodes))
-        force[self.nodes] = np.where(touches, pressure * self.area, 0.0)
-        area[self.nodes], opening[self.nodes] = self.area, gap
-        other = self.other
-        if other is not None:
-            other = sparse.csr_array(selection(self.nodes, structure.n_nodes).T @ other)
-        return Pressed(force, area, opening, other)
+        at = selection(self.nodes, structure.n_nodes).T
+        force = np.where(touches, pressure * self.area, 0.0)
+        other = None if self.other is None else sparse.csr_array(at @ self.other)
+        return Pressed(at @ force, at @ self.area, at @ gap, other)
 
 
 def _quadrature(corners: int) -> tuple[FloatArray, FloatArray]:
@@ -367,7 +372,7 @@ def _opposite(
         return normal, np.zeros(len(x)), None
     facets = structure.mesh.boundaries[joint.on]
     ends = structure.mesh.mesh.p[:, structure.mesh.mesh.facets[:, facets]]
-    foot = feet(structure, joint.against, x, float(np.ptp(ends, axis=1).max()))
+    element, foot = feet(structure, joint.against, x, float(np.ptp(ends, axis=1).max()))
     way = foot - x
     distance = np.linalg.norm(way, axis=1)
     signed = np.einsum("kd,kd->k", way, normal)
@@ -376,29 +381,50 @@ def _opposite(
     n = np.where((apart & opposite)[:, np.newaxis], np.sign(signed)[:, None] * unit_vectors(way),
                  normal)  # fmt: skip
     gap = np.where(apart, np.where(opposite, np.sign(signed) * distance, np.nan), 0.0)
-    gap[np.isnan(distance)] = np.nan
-    there = np.where(np.isnan(foot), x, foot)
-    return n, gap, interpolation(structure, joint.against, there)[0]
+    none = np.isnan(distance)
+    gap[none] = np.nan
+    return n, gap, values_in(structure, element, foot, np.where(none, np.inf, 0.0))[0]
 
 
+@dataclass(frozen=True)
 class _Solver:
     """Minimum of ``1/2 u K u - f u`` with ``G u <= gap``, or ``= gap`` where tied."""
 
-    def __init__(
-        self,
-        K: Matrix,
-        G: Matrix,
-        area: FloatArray,
-        gap: FloatArray,
-        tied: BoolArray,
-        force: FloatArray,
-    ) -> None:
-        self.K, self.G, self.area, self.gap, self.tied, self.force = K, G, area, gap, tied, force
-        diagonal = K.diagonal()
-        stiffness = np.asarray(abs(G) @ diagonal) / np.asarray(abs(G).sum(axis=1)).ravel()
-        #: Of closed contact, Pa/m3.
-        self.penalty = _STIFF * stiffness / area**2
-        self.shifted = K + _SHIFT * sparse.diags_array(diagonal)
+    K: Matrix
+    G: Matrix
+    area: FloatArray
+    gap: FloatArray
+    tied: BoolArray
+    force: FloatArray
+
+    @cached_property
+    def penalty(self) -> FloatArray:
+        """Stiffness of closed contact, Pa/m3."""
+        size = abs(self.G)
+        mean = np.asarray(size @ self.K.diagonal()) / np.asarray(size.sum(axis=1)).ravel()
+        return np.asarray(_STIFF * mean / self.area**2)
+
+    @cached_property
+    def _condensed(self) -> tuple[IntArray, IntArray, Any, FloatArray, Matrix]:
+        """Unknowns that contact moves, the others, their solver, Schur complement and coupling."""
+        K = sparse.csr_array(self.K + _SHIFT * sparse.diags_array(self.K.diagonal()))
+        kept = np.unique(self.G.indices)
+        rest, solve, S = condensed(K, kept)
+        return kept, rest, solve, S, K[kept][:, rest]
+
+    def _solver(self, G: Matrix, penalty: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver with some contact closed, whose rows move few of the unknowns."""
+        kept, rest, inside, S, coupling = self._condensed
+        G = sparse.csr_array(G)[:, kept]
+        on_faces = factorised(S + (G.T @ sparse.diags_array(penalty) @ G).toarray())
+
+        def solve(right: FloatArray) -> FloatArray:
+            x, y = np.empty_like(right), inside(right[rest])
+            x[kept] = on_faces(right[kept] - coupling @ y)
+            x[rest] = y - inside(coupling.T @ x[kept])
+            return x
+
+        return solve
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
@@ -437,7 +463,7 @@ class _Solver:
         The residual is corrected by the factor of an augmented Lagrangian.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        solve = factorised(sparse.csr_array(self.shifted + G.T @ sparse.diags_array(penalty) @ G))
+        solve = self._solver(G, penalty)
         p, last = p[active], np.inf
         for _ in range(_CORRECTIONS):
             r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u

@@ -25,7 +25,7 @@ from skfem_joint.structure import checks
 from skfem_joint.structure.contact import Reactions, contact_rows, reactions
 from skfem_joint.structure.load import Load, acting
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
+from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch, shares_of
 from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
@@ -274,8 +274,13 @@ class Structure(Nodes):
     def matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """Mass and stiffness of all nodes before supports and contact, (dim N, dim N), kg and N/m.
 
-        Elements' matrices are made all at once, of ``integral of d_k phi d_l psi``.
+        They are assembled once.
         """
+        return self._matrices
+
+    @cached_property
+    def _matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Elements' matrices are made all at once, of ``integral of d_k phi d_l psi``."""
         first, second = (constant * self.across for constant in self.lame())
         values = np.stack([np.asarray(one) for (one,) in self.basis.basis], axis=1)
         gradients = np.stack([one.grad for (one,) in self.basis.basis]).transpose(2, 0, 1, 3)
@@ -434,20 +439,10 @@ class Structure(Nodes):
             points=tuple(rows),
             directions=contact.directions,
             T=new.forward,
-            J=self._shares(contact.w),
+            J=shares_of(self.patches, contact.w),
             joints=tuple(joint.name for joint in self.joints),
             notes=notes,
         )
-
-    def _shares(self, w: FloatArray) -> sparse.csr_array:
-        """Part of the friction limit (N) of each contact point that each joint has, (joints, m)."""
-        patches = self.patches
-        points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
-        limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
-        joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
-        limits = np.where(w[points] > 0.0, limits, 1.0)
-        share = limits / np.bincount(points, limits, w.size)[points]
-        return sparse.csr_array((share, (joint, points)), shape=(len(patches), w.size))
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -175,6 +176,23 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed):
     assert np.einsum("kdc,kd->kc", patch.directions, slip[..., 0]) == pytest.approx(tangent)
     assert slip[..., 1] == pytest.approx(0.0, abs=1e-12)
     assert model.contact.held @ u == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"pressure": "preload"}, "pressure: found 'preload', must be a number in Pa"),
+        ({"pressure": sj.PressureTable((0, 1), (1, 1))}, "pressure: found a table, must be a num"),
+        ({"pressure": -1.0}, "pressure: found -1.0, must be >= 0"),
+        ({"against": "base"}, "against: found beside matrices"),
+        ({"normal_force": "equal"}, "normal_force: found beside matrices"),
+    ],
+)
+def test_joints_of_pairs_have_what_pairs_can_take(how, said):
+    unit, pairs = sparse.eye_array(6), np.array([[*range(6), 0.0, 0.0, 1.0, 1.0]])
+    joint = replace(sj.Joint("lap", 1e6, 0.3), **how)
+    with pytest.raises(sj.InputError, match=f"joint 'lap': {said}"):
+        MatrixModel(unit, unit, contacts={"lap": pairs}, joints=[joint])
 
 
 def test_rigid_motions_are_counted_and_a_floating_structure_is_told(tmp_path, capsys):

@@ -169,7 +169,7 @@ def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes():
         body = mapped(body, bent)
         nodes = Nodes(body)
         ones = np.ones(body.mesh.t.shape[1])
-        _, _, normals = manifold_of(nodes, "base", ones, ones, "joint 'base'")
+        *_, normals = manifold_of(nodes, "base", ones, ones, "joint 'base'")
         on = np.linalg.norm(normals, axis=1) > 0
         x = nodes.nodes[on] - 0.5
         exact = np.stack([0.2 * x[:, 0], 0.2 * x[:, 1], -np.ones(len(x))], axis=1)
