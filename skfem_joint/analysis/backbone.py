@@ -18,7 +18,7 @@ near an odd multiple of the mode's, friction excites it and the true damping is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.modes import natural_modes
-from skfem_joint.progress import Progress, Tally
+from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
@@ -98,10 +98,7 @@ class Backbone:
 def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
     """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.
 
-    Raises
-    ------
-    InputError
-        If everything is in contact, so that nothing is left to vibrate.
+    InputError if everything is in contact, so that nothing is left to vibrate.
     """
     F = motions_without_slip(system, carrying=True)
     if F.shape[1] == 0:
@@ -121,7 +118,7 @@ def backbone(
     levels: int = 20,
     up_to: float = 0.7,
     slips_at: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
 
@@ -253,12 +250,7 @@ def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray
     return np.diff(np.vstack([state, states]), axis=0)
 
 
-def first_slip(
-    path: QuasiStatic,
-    force: FloatArray,
-    static: FloatArray,
-    raised: bool,
-) -> float:
+def first_slip(path: QuasiStatic, force: FloatArray, static: FloatArray, raised: bool) -> float:
     """Multiple of ``force`` at which the first joint slips as a whole; ``inf``: none is loaded.
 
     ``static`` is what it does with all joints stuck, in the unknowns of the path's system. Where
@@ -348,16 +340,12 @@ class SceneBackbone:
     warnings: list[str] = field(default_factory=list)
 
 
-def scene_backbone(scene: Scene, progress: Progress = lambda *_: None) -> SceneBackbone:
+def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
     """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
 
     A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
-    called with (what is done, how much, of how much).
-
-    Raises
-    ------
-    InputError, ConvergenceError
-        As :func:`backbone` and :func:`ring_down`.
+    called with (what is done, how much, of how much). Errors as :func:`backbone` and
+    :func:`ring_down`.
     """
     asked, system, structure = scene.backbone, scene.system(), scene.structure()
     full = partial(progress, "full model")
@@ -381,10 +369,9 @@ def scene_backbone(scene: Scene, progress: Progress = lambda *_: None) -> SceneB
                 slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
                 one = replace(one, slip=slip)
             model.curves.append(one)
-            both = (
-                (k, getattr(one, k) / getattr(curve, k)) for k in ("frequency", "damping_ratio")
-            )
-            model.errors.append({k: float(np.abs(ratio - 1.0).max()) for k, ratio in both})
+            told = ("frequency", "damping_ratio")
+            ratios = {k: getattr(one, k) / getattr(curve, k) for k in told}
+            model.errors.append({k: float(np.abs(x - 1.0).max()) for k, x in ratios.items()})
             if asked.ring_down:
                 report = partial(progress, f"{name} model, mode {curve.mode} rings down")
                 ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
@@ -394,11 +381,7 @@ def scene_backbone(scene: Scene, progress: Progress = lambda *_: None) -> SceneB
 
 
 def _smaller(
-    name: str,
-    scene: Scene,
-    system: System,
-    curve: Backbone,
-    warn: list[str],
+    name: str, scene: Scene, system: System, curve: Backbone, warn: list[str]
 ) -> tuple[FloatArray, System]:
     """Basis and smaller system for a mode."""
     options, number = options_of(scene), curve.mode
@@ -416,14 +399,7 @@ def _smaller(
     else:
         stuck = stuck_modes(system, number + beside)[1]
         basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-        small, _ = reduced_system(
-            system,
-            basis,
-            friction_points=options.friction_points,
-            beta=options.beta,
-            periodic=False,
-            warn=warn,
-        )
+        small, _ = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
     return basis.V, small
 
 

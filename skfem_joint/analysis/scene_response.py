@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,18 +17,16 @@ from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.progress import Progress
+from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, make_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.scene import Scene
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 #: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
 DOUBTFUL, WELL = 0.05, 0.01
@@ -63,19 +61,13 @@ class SceneResponse:
 
 
 def scene_response(
-    scene: Scene,
-    executor: Executor | None = None,
-    progress: Progress = lambda *_: None,
+    scene: Scene, executor: Executor | None = None, progress: Progress = silent
 ) -> SceneResponse:
     """Response of each model of a scene with a table ``[response]``, at its levels.
 
     A reduced model is made for the highest level at the frequency at which the stuck structure
-    answers most, and its errors are estimated at the peak of each level.
-
-    Raises
-    ------
-    InputError
-        If there is no such table, or as :func:`response`.
+    answers most, and its errors are estimated at the peak of each level. InputError if there is no
+    such table, or as :func:`response`.
     """
     asked = scene.response
     if asked is None:
@@ -92,15 +84,12 @@ def scene_response(
     levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
     for name in scene.models.run:
         begin, model, basis, unit = time.perf_counter(), system, None, 1.0
-        if name == "reduced":
-            unit = levels[-1]
-            top = float(frequencies[stuck.max(axis=1).argmax()])
-            loaded = at_frequency(system, top, unit)
-            basis, model = _reduced(scene, loaded, 1.0 / top / steps, scheme, found.warnings)
-        elif name == "condensed":
-            unit = levels[-1]
-            basis = condensed_basis(at_frequency(system, between.to, unit))
-            model = condensed_system(at_frequency(system, between.to, unit), basis.V)
+        if name != "full":
+            unit, top = levels[-1], between.to
+            if name == "reduced":
+                top = float(frequencies[stuck.max(axis=1).argmax()])
+            loaded, step = at_frequency(system, top, unit), 1.0 / top / steps
+            basis, model = _smaller(name, scene, loaded, step, scheme, found.warnings)
         offline, begin = time.perf_counter() - begin, time.perf_counter()
         curves = response(
             model,
@@ -115,13 +104,7 @@ def scene_response(
         wall = time.perf_counter() - begin
         slips = None if basis is None else system.B @ basis.V
         curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
-        estimates = []
-        if scene.accuracy.estimate:
-            for curve in curves:
-                report = partial(progress, f"errors of the {name} model")
-                parts = system, basis, model, unit, steps, scheme
-                estimates.append(_errors(curve, *parts, report))
-        found.models.append(ModelResponse(name, curves, offline, wall, estimates))
+        found.models.append(ModelResponse(name, curves, offline, wall, []))
         for curve in curves:
             lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
             if lost:
@@ -130,6 +113,9 @@ def scene_response(
                     f"{', '.join(lost)} Hz: these are no points of its curve."
                 )
             if scene.accuracy.estimate:
+                report = partial(progress, f"errors of the {name} model")
+                parts = system, basis, model, unit, steps, scheme
+                found.models[-1].estimates.append(_errors(curve, *parts, report))
                 found.warnings += _too_long_steps(name, curve, steps)
     return found
 
@@ -168,10 +154,13 @@ def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
     return Curve(level, points)
 
 
-def _reduced(
-    scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
+def _smaller(
+    name: str, scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
 ) -> tuple[Basis, System]:
-    """Basis and reduced system for steady vibration under the loads."""
+    """Basis and smaller system for steady vibration under the loads."""
+    if name == "condensed":
+        basis = condensed_basis(loaded)
+        return basis, condensed_system(loaded, basis.V)
     options, steps = options_of(scene), scene.time.steps_per_cycle
     basis = make_basis(
         scene.structure(),
@@ -183,15 +172,7 @@ def _reduced(
         scheme=scheme,
         warn=warn,
     )
-    small, _ = reduced_system(
-        loaded,
-        basis,
-        friction_points=options.friction_points,
-        beta=options.beta,
-        periodic=True,
-        warn=warn,
-    )
-    return basis, small
+    return basis, reduced_system(loaded, basis, **options.friction, warn=warn)[0]
 
 
 def _errors(
@@ -216,7 +197,4 @@ def _errors(
         "progress": progress,
     }
     full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
-    run = integrate(own, **how)
-    if basis is None:
-        return estimate.of_full(full, run, how)
-    return estimate.of_reduced(full, basis, own, how, run)
+    return estimate.of_run(full, basis, integrate(own, **how), how)

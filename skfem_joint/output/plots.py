@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skfem_joint.analysis.error_time import RMS, Point, front
 from skfem_joint.analysis.history import hysteresis_loop, steady_state
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
+from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.reduction.reference import ReferenceModes
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import Structure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from skfem_joint.reduction.pod import ProperModes
-    from skfem_joint.reduction.reference import ReferenceModes
-    from skfem_joint.stepping.recording import Run
-    from skfem_joint.structure import Structure
 
 #: What is below this share of the largest beside it is not drawn.
 AT_REST = 1e-9
@@ -238,6 +238,29 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
         panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
         panel.xaxis.get_major_locator().set_params(integer=True)
     _legend_above(figure, panels[0])
+    return figure
+
+
+def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
+    """Error against run time with the fronts, in ``total`` with off-line time."""
+    figure = new_figure(13.0, 5.5)
+    families = dict.fromkeys(p.job.family for p in points if p.counts)
+    shown = "off-line and run time (s)" if total else "run time (s)"
+    panels = figure.subplots(1, 2)
+    for panel, name in zip(panels, (RMS, "friction_energy"), strict=True):
+        known = [p for p in points if p.counts and 0.0 < p.error(name) < np.inf]
+        for family, marker in zip(families, cycle("oDs^vPx*h+1234"), strict=False):
+            some = [p for p in known if p.job.family == family]
+            places = [p.seconds(total) for p in some], [p.error(name) for p in some]
+            panel.plot(*places, marker, label=family, alpha=0.85)
+        ahead = front(known, name, total)
+        places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
+        panel.step(*places, "k-", where="post", linewidth=1.0)
+        panel.set(xscale="log", yscale="log", xlabel=shown)
+        panel.set_ylabel(f"relative error: {name.replace('_', ' ')}")
+        panel.grid(alpha=0.3)
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
     return figure
 
 
