@@ -270,7 +270,7 @@ def _forces(
     steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
     h = scene.time_step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
-    follow = np.stack([_solve(system, f, held) for f in F.T], axis=1) if F.size else F
+    follow = _solve(system, F, held) if F.size else F
     omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
     damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
     extra = [
@@ -300,9 +300,12 @@ def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatA
 
 
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
-    """Static displacement, (n,), m, with some unknowns held; rigid motions are held a little."""
+    """Static displacements, m, with some unknowns held; rigid motions are held a little.
+
+    Of a force (n,), N, or of each column of them.
+    """
     free = np.setdiff1d(np.arange(system.n), held)
-    u = np.zeros(system.n)
+    u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
         shift = _SHIFT * float(K.diagonal().sum() / M.diagonal().sum()) if not held.size else 0.0
