@@ -334,7 +334,7 @@ def _error_time(options: argparse.Namespace) -> int:
 
 
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis import backbone
+    from skfem_joint.analysis.scene_vibration import scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
@@ -342,7 +342,7 @@ def _backbone(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     with kept(options.out) as notes:
         with _progress(options) as progress:
-            found = backbone.scene_backbone(scene, progress)
+            found = scene_backbone(scene, progress)
         found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:
@@ -363,7 +363,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_response import scene_response
+    from skfem_joint.analysis.scene_vibration import scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.response import HARMONICS, Curve
-from skfem_joint.analysis.scene_response import SceneResponse
+from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.folder import write_summary

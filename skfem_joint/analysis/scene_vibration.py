@@ -1,4 +1,4 @@
-"""Response of a scene's models, with the errors of their steps and of their peaks."""
+"""Steady vibration of a scene's models: what its tables [backbone] and [response] ask for."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ import numpy as np
 
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.backbone import Backbone, RingDown, backbone, ring_down, stuck_modes
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis, make_basis
+from skfem_joint.reduction.basis import Basis, make_basis, stuck_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
@@ -30,6 +31,8 @@ from skfem_joint.system import System
 
 #: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
 DOUBTFUL, WELL = 0.05, 0.01
+#: Modes of what slips that a reduced model has, and stuck ones beyond the mode's own.
+MODES, BESIDE = 24, 2
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def scene_response(
             if name == "reduced":
                 top = float(frequencies[stuck.max(axis=1).argmax()])
             loaded, step = at_frequency(system, top, unit), 1.0 / top / steps
-            basis, model = _smaller(name, scene, loaded, step, scheme, found.warnings)
+            basis, model = _loaded(name, scene, loaded, step, scheme, found.warnings)
         offline, begin = time.perf_counter() - begin, time.perf_counter()
         curves = response(
             model,
@@ -154,7 +157,7 @@ def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
     return Curve(level, points)
 
 
-def _smaller(
+def _loaded(
     name: str, scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
 ) -> tuple[Basis, System]:
     """Basis and smaller system for steady vibration under the loads."""
@@ -198,3 +201,98 @@ def _errors(
     }
     full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
     return estimate.of_run(full, basis, integrate(own, **how), how)
+
+
+@dataclass(frozen=True)
+class ModelBackbone:
+    """Curves of one model of a scene, and what their modes ring down like where it asks."""
+
+    name: str
+    curves: list[Backbone]
+    ring_downs: list[RingDown]  #: of each curve; none where none is asked for
+    errors: list[dict[str, float]]  #: of each curve: largest relative distances from the full one's
+
+
+@dataclass
+class SceneBackbone:
+    """Curves of the modes that a scene asks for."""
+
+    scene: Scene
+    models: list[ModelBackbone] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
+    """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
+
+    A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
+    called with (what is done, how much, of how much). Errors as :func:`backbone` and
+    :func:`ring_down`.
+    """
+    asked, system, structure = scene.backbone, scene.system(), scene.structure()
+    full = partial(progress, "full model")
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
+    found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
+    found.warnings += [warning for curve in curves for warning in curve.warnings]
+    start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
+    how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    for name in scene.models.run:
+        model = ModelBackbone(name, [], [], [])
+        for curve in curves:
+            one, own, begin = curve, system, start
+            if name != "full":
+                V, own = _vibrating(name, scene, system, curve, found.warnings)
+                levels = asked.levels, asked.up_to
+                report = partial(progress, f"{name} model, mode {curve.mode}")
+                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report)
+                if start is not None:
+                    at_end = V.T @ (system.M @ np.array(start).T)
+                    begin = tuple(np.linalg.solve(own.M, at_end).T)
+                slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
+                one = replace(one, slip=slip)
+            model.curves.append(one)
+            told = ("frequency", "damping_ratio")
+            ratios = {k: getattr(one, k) / getattr(curve, k) for k in told}
+            model.errors.append({k: float(np.abs(x - 1.0).max()) for k, x in ratios.items()})
+            if asked.ring_down:
+                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+                ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
+                model.ring_downs.append(ringing)
+        found.models.append(model)
+    return found
+
+
+def _vibrating(
+    name: str, scene: Scene, system: System, curve: Backbone, warn: list[str]
+) -> tuple[FloatArray, System]:
+    """Basis and smaller system for a mode."""
+    options, number = options_of(scene), curve.mode
+    modes = MODES if isinstance(options.modes, str) else options.modes
+    beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
+    if not curve.share.any():
+        raise InputError(
+            f"backbone: mode {number}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    frequency = curve.stuck_frequency
+    if name == "condensed":
+        basis = condensed_basis(system, highest=frequency)
+        small = condensed_system(system, basis.V)
+    else:
+        stuck = stuck_modes(system, number + beside)[1]
+        basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+        small, _ = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
+    return basis.V, small
+
+
+def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity when the last load of a scene has ended."""
+    step, n_steps = scene.time_step, scene.n_steps
+    act = np.flatnonzero(system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0))
+    if act.size == 0 or act[-1] >= n_steps - 1:
+        raise InputError(
+            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
+            "the run does; choose others, a longer duration, or 'mode'"
+        )
+    scheme = generalized_alpha(scene.time.rho_infinity)
+    return integrate(system, step=step, n_steps=int(act[-1]) + 1, scheme=scheme).finished().final
