@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,7 +25,7 @@ from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
@@ -78,8 +78,7 @@ def scene_response(
             f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
             "in a table [response]"
         )
-    system, scheme = scene.system(), generalized_alpha(scene.time.rho_infinity)
-    between = asked.frequencies
+    system, between = scene.system(), asked.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
     stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
     found = SceneResponse(scene, frequencies, stuck, free)
@@ -91,15 +90,14 @@ def scene_response(
             unit, top = levels[-1], between.to
             if name == "reduced":
                 top = float(frequencies[stuck.max(axis=1).argmax()])
-            loaded, step = at_frequency(system, top, unit), 1.0 / top / steps
-            basis, model = _loaded(name, scene, loaded, step, scheme, found.warnings)
+            basis, model = _loaded(name, scene, top, unit, found.warnings)
         offline, begin = time.perf_counter() - begin, time.perf_counter()
         curves = response(
             model,
             frequencies,
             [level / unit for level in levels],
             steps_per_cycle=steps,
-            scheme=scheme,
+            scheme=generalized_alpha(scene.time.rho_infinity),
             estimated=scene.accuracy.estimate,
             executor=executor,
             progress=partial(progress, f"{name} model"),
@@ -117,8 +115,8 @@ def scene_response(
                 )
             if scene.accuracy.estimate:
                 report = partial(progress, f"errors of the {name} model")
-                parts = system, basis, model, unit, steps, scheme
-                found.models[-1].estimates.append(_errors(curve, *parts, report))
+                parts = basis, model, unit, report
+                found.models[-1].estimates.append(_errors(scene, curve, *parts))
                 found.warnings += _too_long_steps(name, curve, steps)
     return found
 
@@ -157,50 +155,36 @@ def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
     return Curve(level, points)
 
 
+def _steps(scene: Scene, frequency: float) -> dict[str, Any]:
+    """Steps of a period at a frequency (Hz), and their scheme."""
+    steps, scheme = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    step = 1.0 / frequency / steps
+    return {"step": step, "n_steps": steps, "cycle_steps": steps, "scheme": scheme}
+
+
 def _loaded(
-    name: str, scene: Scene, loaded: System, step: float, scheme: Scheme, warn: list[str]
+    name: str, scene: Scene, frequency: float, level: float, warn: list[str]
 ) -> tuple[Basis, System]:
-    """Basis and smaller system for steady vibration under the loads."""
+    """Basis and smaller system for steady vibration under the loads at a frequency (Hz)."""
+    loaded, options = at_frequency(scene.system(), frequency, level), options_of(scene)
     if name == "condensed":
         basis = condensed_basis(loaded)
         return basis, condensed_system(loaded, basis.V)
-    options, steps = options_of(scene), scene.time.steps_per_cycle
-    basis = make_basis(
-        scene.structure(),
-        loaded,
-        options,
-        step=step,
-        n_steps=TO_STEADY * steps,
-        cycle_steps=steps,
-        scheme=scheme,
-        warn=warn,
-    )
+    how = _steps(scene, frequency)
+    how["n_steps"] *= TO_STEADY
+    basis = make_basis(scene.structure(), loaded, options, **how, warn=warn)
     return basis, reduced_system(loaded, basis, **options.friction, warn=warn)[0]
 
 
 def _errors(
-    curve: Curve,
-    system: System,
-    basis: Basis | None,
-    model: System,
-    unit: float,
-    steps: int,
-    scheme: Scheme,
-    progress: Callable[..., None],
+    scene: Scene, curve: Curve, basis: Basis | None, model: System, unit: float, report: Progress
 ) -> Estimate:
     """Estimated errors at the peak of a curve."""
     at = curve.peak[0]
-    how: dict[str, Any] = {
-        "step": 1.0 / at / steps,
-        "n_steps": steps,
-        "scheme": scheme,
-        "save": Save(),
-        "cycle_steps": steps,
-        "until": "steady",
-        "progress": progress,
-    }
-    full, own = (at_frequency(s, at, curve.level / u) for s, u in ((system, 1.0), (model, unit)))
-    return estimate.of_run(full, basis, integrate(own, **how), how)
+    how = _steps(scene, at) | {"save": Save(), "until": "steady", "progress": report}
+    full = at_frequency(scene.system(), at, curve.level)
+    run = integrate(at_frequency(model, at, curve.level / unit), **how)
+    return estimate.of_run(full, basis, run, how)
 
 
 @dataclass(frozen=True)
