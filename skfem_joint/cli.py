@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from skfem_joint.analysis.study import Study
-    from skfem_joint.scene import Scene
-    from skfem_joint.stepping.checkpoint import Checkpoints
 
 _log = logging.getLogger(__name__)
 
@@ -224,6 +222,7 @@ def _check(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     from skfem_joint import output
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.scene import load_scene
     from skfem_joint.stepping.checkpoint import Checkpoints
@@ -241,7 +240,13 @@ def _run(options: argparse.Namespace) -> int:
             _log.warning("No checkpoint in %s: the run starts anew.", out)
     # Results before words: nothing is printed until all files are written.
     with output.prepare(scene, out) as notes, _progress(options) as progress:
-        study, failure = _study(scene, progress, checkpoints)
+        failure: JointError | None = None
+        try:
+            study: Study = run_scene(scene, progress, checkpoints)
+        except JointError as error:
+            if error.results is None:
+                raise
+            study, failure = error.results, error
         if options.certify and not study.interrupted and failure is None:
             with _executor(options) as executor:
                 failure = _certify(study, progress, executor)
@@ -265,20 +270,6 @@ def _run(options: argparse.Namespace) -> int:
         print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
         return INTERRUPTED
     return 0
-
-
-def _study(
-    scene: Scene, progress: Progress, checkpoints: Checkpoints | None
-) -> tuple[Study, JointError | None]:
-    """Results of a scene, and the error that ended them early."""
-    from skfem_joint.analysis.study import run_scene
-
-    try:
-        return run_scene(scene, progress, checkpoints), None
-    except JointError as error:
-        if error.results is None:
-            raise
-        return error.results, error
 
 
 @contextmanager
