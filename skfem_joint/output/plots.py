@@ -256,7 +256,9 @@ def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
         ahead = front(known, name, total)
         places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
         panel.step(*places, "k-", where="post", linewidth=1.0)
-        panel.set(xscale="log", yscale="log", xlabel=shown)
+        if known:  # a logarithmic axis refuses to be empty
+            panel.set(xscale="log", yscale="log")
+        panel.set_xlabel(shown)
         panel.set_ylabel(f"relative error: {name.replace('_', ' ')}")
         panel.grid(alpha=0.3)
     handles = panels[0].get_legend_handles_labels()
