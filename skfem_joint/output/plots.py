@@ -243,10 +243,9 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
 
 def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
     """Error against run time with the fronts, in ``total`` with off-line time."""
-    figure = new_figure(13.0, 5.5)
+    figure, panels = _panels(6.5, 5.5, columns=2)
     families = dict.fromkeys(p.job.family for p in points if p.counts)
     shown = "off-line and run time (s)" if total else "run time (s)"
-    panels = figure.subplots(1, 2)
     for panel, name in zip(panels, (RMS, "friction_energy"), strict=True):
         known = [p for p in points if p.counts and 0.0 < p.error(name) < np.inf]
         for family, marker in zip(families, cycle("oDs^vPx*h+1234"), strict=False):
@@ -260,7 +259,6 @@ def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
             panel.set(xscale="log", yscale="log")
         panel.set_xlabel(shown)
         panel.set_ylabel(f"relative error: {name.replace('_', ' ')}")
-        panel.grid(alpha=0.3)
     handles = panels[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
     return figure
@@ -280,8 +278,7 @@ def sweep_curves_figure(
     ``log`` sets the values in equal ratios; ``unit`` is that of the results, "%" of shares.
     """
     unit, scaled = _scaled(results, unit)
-    figure = new_figure(7.0, 4.2)
-    panel = figure.subplots()
+    figure, (panel,) = _panels(7.0, 4.2)
     numbers = all(isinstance(value, int | float) for value in values)
     places = np.array(values if numbers else [str(value) for value in values])
     order = places.argsort() if numbers else slice(None)
@@ -290,7 +287,6 @@ def sweep_curves_figure(
     panel.set(xlabel=xlabel, ylabel=f"{label}{unit}")
     if log:
         panel.set_xscale("log")
-    panel.grid(alpha=0.3)
     _legend_above(figure, panel)
     return figure
 
