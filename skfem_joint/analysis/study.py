@@ -47,7 +47,8 @@ class Model:
     run: Run
     offline_s: float  #: before the first step: modes, active length, projection, compilation, s
     active_length: dict[str, float]  #: of each joint whose axis is known, m
-    #: Share of each joint's contact area, and of its nodes, that slips; {} beside a full model.
+    #: Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
+    #: beside a full one.
     active_area_fraction: dict[str, float] = field(default_factory=dict)
     slipping_fraction: dict[str, float] = field(default_factory=dict)
     basis: Basis | None = None  #: what a reduced or condensed model is made of
