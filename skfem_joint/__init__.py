@@ -35,8 +35,8 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.backbone import backbone as backbone
+    from skfem_joint.analysis.backbone import ring_down as ring_down
     from skfem_joint.analysis.response import response as response
-    from skfem_joint.analysis.ring_down import ring_down as ring_down
     from skfem_joint.analysis.study import run_scene as run_scene
     from skfem_joint.analysis.sweep import sweep as sweep
     from skfem_joint.errors import ConvergenceError as ConvergenceError
@@ -75,9 +75,8 @@ if TYPE_CHECKING:
 _SHAPES = "HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
 _PARTS = "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact point_friction"
 _NAMES = {
-    "analysis.backbone": "backbone",
+    "analysis.backbone": "backbone ring_down",
     "analysis.response": "response",
-    "analysis.ring_down": "ring_down",
     "analysis.study": "run_scene",
     "analysis.sweep": "sweep",
     "errors": "ConvergenceError InputError",

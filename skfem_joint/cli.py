@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from skfem_joint.analysis.study import Study
-    from skfem_joint.scene import Scene
-    from skfem_joint.stepping.checkpoint import Checkpoints
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     parser = _parser()
     options = parser.parse_args(arguments)
+    options.given = sys.argv[1:] if arguments is None else arguments
     try:
         if options.print_completion:
             print(needed("shtab", "completion").complete(parser, options.print_completion))
@@ -140,12 +139,7 @@ def _parser() -> argparse.ArgumentParser:
         ("backbone", _backbone, (given, written), "frequency and damping of modes over amplitude"),
         ("response", _response, (given, written, shared), "steady vibration over frequency"),
         ("error-time", _error_time, (given, written), "error against run time of many models"),
-        (
-            "sweep",
-            _sweep,
-            (given, written, shared),
-            "run the scenes of a [sweep] or go on",
-        ),
+        ("sweep", _sweep, (given, written, shared), "run the scenes of a [sweep] or go on"),
     ):
         made[name] = commands.add_parser(name, parents=[said, *parents], help=text)
         made[name].set_defaults(command=command)
@@ -228,6 +222,7 @@ def _check(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     from skfem_joint import output
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.scene import load_scene
     from skfem_joint.stepping.checkpoint import Checkpoints
@@ -245,7 +240,13 @@ def _run(options: argparse.Namespace) -> int:
             _log.warning("No checkpoint in %s: the run starts anew.", out)
     # Results before words: nothing is printed until all files are written.
     with output.prepare(scene, out) as notes, _progress(options) as progress:
-        study, failure = _study(scene, progress, checkpoints)
+        failure: JointError | None = None
+        try:
+            study: Study = run_scene(scene, progress, checkpoints)
+        except JointError as error:
+            if error.results is None:
+                raise
+            study, failure = error.results, error
         if options.certify and not study.interrupted and failure is None:
             with _executor(options) as executor:
                 failure = _certify(study, progress, executor)
@@ -269,20 +270,6 @@ def _run(options: argparse.Namespace) -> int:
         print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
         return INTERRUPTED
     return 0
-
-
-def _study(
-    scene: Scene, progress: Progress, checkpoints: Checkpoints | None
-) -> tuple[Study, JointError | None]:
-    """Results of a scene, and the error that ended them early."""
-    from skfem_joint.analysis.study import run_scene
-
-    try:
-        return run_scene(scene, progress, checkpoints), None
-    except JointError as error:
-        if error.results is None:
-            raise
-        return error.results, error
 
 
 @contextmanager
@@ -323,35 +310,30 @@ def _error_time(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if not comparison.threads_pinned(os.environ):
         # Read when numpy starts, so that it takes another process.
-        again = [sys.executable, "-m", "skfem_joint", "error-time", str(options.scene)]
-        again += ["--out", str(options.out), "--repeats", str(options.repeats)]
+        again = [sys.executable, "-m", "skfem_joint", *options.given]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
-        again += [f"--{name}" for name in ("quick", "quiet", "verbose") if getattr(options, name)]
         return subprocess.run(again, env=pinned, check=False).returncode
     with folder.kept(options.out) as notes:
         with _progress(options) as progress:
             found = comparison.error_time(
                 scene, repeats=options.repeats, quick=options.quick, progress=progress
             )
-        content = {"title": scene.title, "warnings": notes}
-        summary = folder.write_summary(options.out, content, comparison.FILES)
-        files = [*found.write(options.out), summary]
+        files = folder.write_error_time(options.out, found, notes)
     for level in comparison.LEVELS:
         print(comparison.advice(found.points, level), end="\n\n")
     return _told(notes, options.out, files)
 
 
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis import backbone
+    from skfem_joint.analysis.scene_vibration import scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    needed("matplotlib", "plot")
     with kept(options.out) as notes:
         with _progress(options) as progress:
-            found = backbone.scene_backbone(scene, progress)
+            found = scene_backbone(scene, progress)
         found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:
@@ -372,13 +354,12 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_response import scene_response
+    from skfem_joint.analysis.scene_vibration import scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    needed("matplotlib", "plot")
     with kept(options.out) as notes:
         with _progress(options) as progress, _executor(options) as executor:
             found = scene_response(scene, executor, progress)
@@ -404,11 +385,12 @@ def _told(warnings: Sequence[str], out: Path, files: Sequence[Path]) -> int:
 
 def _sweep(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import sweep as analysis
-    from skfem_joint.output import sweeps
+    from skfem_joint.output import folder, sweeps
     from skfem_joint.scene import load_sweep
 
     swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
-    notes = sweeps.check(swept, out)
+    with folder.kept(out, swept.scenes[0].output.plots) as notes:
+        pass  # what goes on from its rows takes the folder itself
     chosen = analysis.executors(options.executor, options.workers, options.address)
     with _progress(options) as progress, chosen as executor:
         journal = out / sweeps.JOURNAL

@@ -6,27 +6,16 @@ from typing import Any
 
 
 class JointError(Exception):
-    """Base of all errors raised on purpose by this package.
+    """Base of all errors raised on purpose by this package."""
 
-    Attributes
-    ----------
-    exit_status : int
-        Status with which the command line ends when the error reaches it.
-    results : Any
-        Results of what was done before, if there are any.
-    """
-
-    exit_status = 1
-    results: Any = None
+    exit_status = 1  #: status with which the command line ends when the error reaches it
+    results: Any = None  #: results of what was done before, if there are any
 
 
 class InputError(JointError):
     """Something the user supplied is wrong: the message says what, where, and what is allowed.
 
-    Parameters
-    ----------
-    problems : str or list of str
-        One sentence per mistake; all mistakes found are reported at once.
+    ``problems`` is one sentence per mistake, a str or a list: all that are found are reported.
     """
 
     exit_status = 2
@@ -39,12 +28,8 @@ class InputError(JointError):
 class ConvergenceError(JointError):
     """An iteration did not converge; nothing was returned as if it had.
 
-    Parameters
-    ----------
-    message : str
-        Where it happened, how far it got, and what to try.
-    unknown : int, optional
-        Unknown with the largest residual.
+    The message says where, how far it got, and what to try; ``unknown`` is the number of the
+    unknown with the largest residual, if there is one.
     """
 
     exit_status = 3

@@ -22,11 +22,15 @@ LINE_S, LINE_SHARE = 10.0, 0.1
 PACE_S = 120.0
 
 
+def silent(*_: Any) -> None:
+    """Progress that nobody asked for."""
+
+
 @dataclass
 class Tally:
     """What is done of what is asked for, as far as that is known; ``tell`` is called with both."""
 
-    tell: Callable[..., None] | None = None
+    tell: Progress = silent
     asked: int = 0
     done: int = 0
 
@@ -34,13 +38,11 @@ class Tally:
         """Count so many more that are done."""
         self.done += count
         self.asked = max(self.asked, self.done)
-        if self.tell is not None:
-            self.tell(self.done, self.asked)
+        self.tell(self.done, self.asked)
 
     def within(self, *found: Any) -> None:
         """Tell the note that comes last of what one that is not done yet tells."""
-        if self.tell is not None:
-            self.tell(self.done, self.asked, found[-1])
+        self.tell(self.done, self.asked, found[-1])
 
 
 @contextmanager
@@ -51,7 +53,7 @@ def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]
 
     bar = Bar(console=Console(stderr=True), transient=True, speed_estimate_period=PACE_S)
     if quiet:
-        yield lambda *_: None
+        yield silent
     elif lines or not sys.stderr.isatty():
         yield told(bar, lambda line: print(line, file=sys.stderr, flush=True))
     else:

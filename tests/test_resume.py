@@ -138,7 +138,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_pat
     with output.prepare(scene, out):
         checkpoints = Checkpoints(out, every=1, resume=True)
         assert len(checkpoints.files()) == 1
-        resumed = study.run_scene(scene, None, checkpoints)
+        resumed = study.run_scene(scene, checkpoints=checkpoints)
         output.write(resumed, out)
         checkpoints.remove()
     assert results(out) == results(whole)

@@ -27,12 +27,13 @@ from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
 from skfem_joint.analysis import error_time as et
+from skfem_joint.analysis.certificate import PER_CYCLE, Reference
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome, Point
 from skfem_joint.analysis.history import Results, results
-from skfem_joint.analysis.reference import PER_CYCLE, Reference
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import holding
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.output.folder import write_error_time
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system import System
@@ -261,7 +262,7 @@ def main(arguments: list[str] | None = None) -> int:
     with holding(options.out):
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
-        files = report.write(options.out)
+        files = write_error_time(options.out, report)
     print(
         "\n\n".join([*(et.advice(report.points, level) for level in et.LEVELS), *report.sections])
     )

@@ -6,9 +6,9 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from paper import pseudo_static
 from paper.page import Item, printed
 
-from skfem_joint.analysis import pseudo_static
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.analysis.study import Model, run_scene

@@ -5,9 +5,9 @@ from math import inf, pi
 
 import numpy as np
 from benchmarks.explicit import runge_kutta
+from paper.pseudo_static import loop, peak_displacement
 from scipy.linalg import expm
 
-from skfem_joint.analysis.pseudo_static import loop, peak_displacement
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import own_basis
 from skfem_joint.reduction.friction_points import gauss_points, merged_points

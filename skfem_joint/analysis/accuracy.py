@@ -8,10 +8,9 @@ own estimate says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil, log2
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +19,13 @@ from skfem_joint.analysis.asked import how_of, options_of
 from skfem_joint.analysis.estimate import Estimate, Lacking
 from skfem_joint.arrays import Matrix
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import Accuracy
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
-    from skfem_joint.scene.tables import Accuracy
 
 #: Rounds of refinement, vectors of a basis and halvings of the step that are tried.
 ROUNDS, MOST_VECTORS, MOST_HALVINGS = 8, 100, 6
@@ -67,10 +65,7 @@ def followed(scene: Scene) -> Scene:
 def stepped(scene: Scene, basis: Basis) -> Scene:
     """Scene with the step that a reduced model needs, where to look for it costs little.
 
-    Raises
-    ------
-    ConvergenceError
-        As `shorter`, or if a step does not converge.
+    ConvergenceError as `shorter`, or if a step does not converge.
     """
     reduced, _ = reduced_system(scene.system(), basis, warn=[])
     for _ in range(ROUNDS):
@@ -93,52 +88,32 @@ class Met:
     estimate: Estimate
 
 
-def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None = None) -> Met:
+def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
-    Parameters
-    ----------
-    scene : Scene
-    basis : Basis
-        To start with.
-    report : callable, optional
-        Called with (rounds done, most rounds).
-
-    Raises
-    ------
-    ConvergenceError
-        If the rounds, vectors or halvings at hand do not do.
+    It starts with ``basis``; ``report`` is called with (rounds done, most rounds).
+    ConvergenceError if the rounds, vectors or halvings at hand do not do.
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
     errors: list[float] = []
     for done in range(ROUNDS):
-        if report is not None:
-            report(done, ROUNDS)
-        reduced, shares = reduced_system(
-            system,
-            basis,
-            friction_points=points,
-            beta=beta,
-            periodic=scene.periodic,
-            warn=[],
-        )
-        V = basis.V
-        found = estimate.of_reduced(system, basis, reduced, how_of(scene))
+        report(done, ROUNDS)
+        own: dict[str, Any] = {"friction_points": points, "beta": beta}
+        reduced, shares = reduced_system(system, basis, **own, periodic=scene.periodic, warn=[])
+        step, found = scene.time_step, estimate.of_reduced(system, basis, reduced, how_of(scene))
         errors.append(excess(accuracy, found))
         if errors[-1] <= 1.0:
             return Met(scene, basis, reduced, shares, found)
+        sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}
         if min(errors[-2:]) > STALLED * min(errors[:-2], default=np.inf):
             break
-        sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}
         least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and found.lacks is not None:
             basis = _enriched(system, basis, found.lacks)
         if "points" in refined:
-            points = 2 * reduced.w.size
-        if "points" in refined and 2 * reduced.w.size >= system.contact_points:
-            points = "all"
+            points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
             beta = min(estimate.STEEPER * float(reduced.beta.max()), float(system.beta.max()))
         if "time_step" in refined:
@@ -148,10 +123,9 @@ def meet(scene: Scene, basis: Basis, report: Callable[[int, int], None] | None =
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
-        f"accuracy: a reduced model of {V.shape[1]} vectors and {reduced.w.size} friction points "
-        f"with steps of {how_of(scene)['step']:.4g} s still errs by an estimated "
-        f"{stated(found)}, most of it from its {worst}. Ask for less, "
-        "or run 'full' alone"
+        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.w.size} friction points "
+        f"with steps of {step:.4g} s still errs by an estimated {stated(found)}, most of it from "
+        f"its {worst}. Ask for less, or run 'full' alone"
     )
 
 
@@ -169,10 +143,7 @@ def _halvings(ratio: float) -> int:
 def shorter(scene: Scene, found: Estimate) -> Scene | None:
     """Scene with steps short enough for the estimated error of a full model; None: they are.
 
-    Raises
-    ------
-    ConvergenceError
-        If that would take steps so many times shorter that it will not do.
+    ConvergenceError if that would take steps so many times shorter that it will not do.
     """
     ratio = excess(scene.accuracy, found)
     if ratio <= 1.0:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skfem_joint.reduction.basis import Options
+from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 #: Cycles of the run that modes are made for where it goes on until vibration is steady.
 TO_STEADY = 100

@@ -13,45 +13,39 @@ quadrature over levels. Three levels are gone round to check that, and what they
 right between them. Where slip turns far, each level is gone round.
 
 It takes the mode's shape not to change and other modes not to answer: where a higher frequency lies
-near an odd multiple of the mode's, friction excites it and the true damping is larger.
+near an odd multiple of the mode's, friction excites it and the true damping is larger. A ring-down,
+the free vibration of the mode, has all that: it is measured to compare with the curve.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
+from scipy.signal import butter, find_peaks, sosfiltfilt
 
-from skfem_joint.analysis.asked import options_of
-from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.modes import natural_modes
-from skfem_joint.progress import Progress, Tally
+from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.basis import stuck_basis
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.structure import doubts
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 #: Level of the lowest point of a curve over that of the highest one.
 LOWEST = 0.05
 #: Increments of each half of a loop, and levels that are gone round to check.
 INCREMENTS, CHECKED = 4, 3
+#: Cycles at the end of a ring-down that are left out.
+ENDS = 2
 #: Slip that is added up along a path over that at its end, from which on its direction turns far.
 TURNED = 1.05
 #: Largest force residual of a level, relative; slip below this share of the largest is none.
@@ -60,8 +54,6 @@ TOLERANCE, NONE = 1e-6, 1e-9
 NEAR, MULTIPLES = 0.07, (3, 5, 7)
 #: Fewest points that must slip for friction to be resolved.
 FEWEST = 5
-#: Modes of what slips that a reduced model has, and stuck ones beyond the mode's own.
-MODES, BESIDE = 24, 2
 #: A joint slips as a whole where so much of its friction limit does. That is tried just above the
 #: level at which the forces on the stuck joint add up to its limit, and in so many steps upwards.
 WHOLE, WITHIN, RAISED, TRIALS = 0.99, 0.01, 1.3, 20
@@ -98,10 +90,7 @@ class Backbone:
 def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
     """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.
 
-    Raises
-    ------
-    InputError
-        If everything is in contact, so that nothing is left to vibrate.
+    InputError if everything is in contact, so that nothing is left to vibrate.
     """
     F = motions_without_slip(system, carrying=True)
     if F.shape[1] == 0:
@@ -121,7 +110,7 @@ def backbone(
     levels: int = 20,
     up_to: float = 0.7,
     slips_at: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
 
@@ -253,12 +242,7 @@ def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray
     return np.diff(np.vstack([state, states]), axis=0)
 
 
-def first_slip(
-    path: QuasiStatic,
-    force: FloatArray,
-    static: FloatArray,
-    raised: bool,
-) -> float:
+def first_slip(path: QuasiStatic, force: FloatArray, static: FloatArray, raised: bool) -> float:
     """Multiple of ``force`` at which the first joint slips as a whole; ``inf``: none is loaded.
 
     ``static`` is what it does with all joints stuck, in the unknowns of the path's system. Where
@@ -331,111 +315,80 @@ def _doubts(
 
 
 @dataclass(frozen=True)
-class ModelBackbone:
-    """Curves of one model of a scene, and what their modes ring down like where it asks."""
+class RingDown:
+    """Free vibration of a mode: an entry for each cycle, at rising times."""
 
-    name: str
-    curves: list[Backbone]
-    ring_downs: list[RingDown]  #: of each curve; none where none is asked for
-    errors: list[dict[str, float]]  #: of each curve: largest relative distances from the full one's
-
-
-@dataclass
-class SceneBackbone:
-    """Curves of the modes that a scene asks for."""
-
-    scene: Scene
-    models: list[ModelBackbone] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    time: FloatArray  #: of the peak that a cycle begins with, s
+    amplitude: FloatArray  #: modal, mean over the cycle, m kg^1/2
+    frequency: FloatArray  #: without damping, Hz
+    damping_ratio: FloatArray  #: by the logarithmic decrement
+    energy: FloatArray  #: (periods + 1,) of all modes, at whole periods of the stuck one, J
+    friction_work: FloatArray  #: (periods + 1, joints) of each joint up to then, J
 
 
-def scene_backbone(scene: Scene, progress: Progress = lambda *_: None) -> SceneBackbone:
-    """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
+def ring_down(
+    system: System,
+    curve: Backbone,
+    cycles: int,
+    steps_per_cycle: int = 200,
+    scheme: Scheme | None = None,
+    start: tuple[FloatArray, FloatArray] | None = None,
+    progress: Callable[..., None] | None = None,
+) -> RingDown:
+    """Free vibration of a mode, released at rest from the highest level of its curve or as it is.
 
-    A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
-    called with (what is done, how much, of how much).
+    ``start`` is a displacement (m) and a velocity (m/s) to begin with, such as ``run.final`` of a
+    run whose pulse has ended; the loads act no more. The system's own law acts. Of modes that ring
+    together one is told by its modal displacement, phi^T M u; half of peak to peak has no part of
+    what joints come to rest at. What is left above twice the mode's frequency is filtered out,
+    forwards and backwards so that peaks stay where they are. ``progress`` is that of `integrate`.
 
     Raises
     ------
-    InputError, ConvergenceError
-        As :func:`backbone` and :func:`ring_down`.
+    InputError
+        If too few cycles are asked for.
+    ConvergenceError
+        If a step does not converge, or no cycle is left to measure.
     """
-    asked, system, structure = scene.backbone, scene.system(), scene.structure()
-    full = partial(progress, "full model")
-    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
-    found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
-    found.warnings += [warning for curve in curves for warning in curve.warnings]
-    start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
-    how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
-    for name in scene.models.run:
-        model = ModelBackbone(name, [], [], [])
-        for curve in curves:
-            one, own, begin = curve, system, start
-            if name != "full":
-                V, own = _smaller(name, scene, system, curve, found.warnings)
-                levels = asked.levels, asked.up_to
-                report = partial(progress, f"{name} model, mode {curve.mode}")
-                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report)
-                if start is not None:
-                    at_end = V.T @ (system.M @ np.array(start).T)
-                    begin = tuple(np.linalg.solve(own.M, at_end).T)
-                slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
-                one = replace(one, slip=slip)
-            model.curves.append(one)
-            both = (
-                (k, getattr(one, k) / getattr(curve, k)) for k in ("frequency", "damping_ratio")
-            )
-            model.errors.append({k: float(np.abs(ratio - 1.0).max()) for k, ratio in both})
-            if asked.ring_down:
-                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-                ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
-                model.ring_downs.append(ringing)
-        found.models.append(model)
-    return found
+    if cycles < 2 * ENDS:
+        raise InputError(f"ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
+    modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
+    alone = replace(system, loads=(), P=modal, points=("modal",))
+    step = 1.0 / curve.stuck_frequency / steps_per_cycle
+    run = integrate(
+        alone,
+        step=step,
+        n_steps=cycles * steps_per_cycle,
+        scheme=scheme,
+        save=Save(fields=True, fields_every=steps_per_cycle),
+        initial=(curve.states[-1], np.zeros(system.n)) if start is None else start,
+        progress=progress,
+    ).finished()
+    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
+    q = sosfiltfilt(low, run.point("modal"))
+    q *= np.sign(q[np.abs(q).argmax()])  # a mode has no sign of its own
+    tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
+    tops = tops[tops >= steps_per_cycle // 2]  # which the filter sees whole, as below
+    bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]
+    count = min(tops.size - 1, bottoms.size) - ENDS
+    if count < 1:
+        raise ConvergenceError("ring_down: no cycle is left to measure; ask for more")
+    (top, at), bottom = _extremes(q, tops), _extremes(q, bottoms)[0]
+    half = 0.5 * (0.5 * (top[:-1] + top[1:])[: count + 1] - bottom[: count + 1])
+    decrement = np.log(half[:-1] / half[1:])
+    whole = np.hypot(2.0 * np.pi, decrement)  # angle of a cycle, had it no damping
+    return RingDown(
+        time=at[:count] * step,
+        amplitude=np.sqrt(half[:-1] * half[1:]),
+        frequency=whole / (np.pi * (at[2:] - at[:-2])[:count] * step),
+        damping_ratio=decrement / whole,
+        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
+        friction_work=run.joint_work[::steps_per_cycle],
+    )
 
 
-def _smaller(
-    name: str,
-    scene: Scene,
-    system: System,
-    curve: Backbone,
-    warn: list[str],
-) -> tuple[FloatArray, System]:
-    """Basis and smaller system for a mode."""
-    options, number = options_of(scene), curve.mode
-    modes = MODES if isinstance(options.modes, str) else options.modes
-    beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
-    if not curve.share.any():
-        raise InputError(
-            f"backbone: mode {number}: nothing slips at any level, so that there is nothing to "
-            "reduce; set up_to higher, or run 'full' alone"
-        )
-    frequency = curve.stuck_frequency
-    if name == "condensed":
-        basis = condensed_basis(system, highest=frequency)
-        small = condensed_system(system, basis.V)
-    else:
-        stuck = stuck_modes(system, number + beside)[1]
-        basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-        small, _ = reduced_system(
-            system,
-            basis,
-            friction_points=options.friction_points,
-            beta=options.beta,
-            periodic=False,
-            warn=warn,
-        )
-    return basis.V, small
-
-
-def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:
-    """Displacement and velocity when the last load of a scene has ended."""
-    step, n_steps = scene.time_step, scene.n_steps
-    act = np.flatnonzero(system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0))
-    if act.size == 0 or act[-1] >= n_steps - 1:
-        raise InputError(
-            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
-            "the run does; choose others, a longer duration, or 'mode'"
-        )
-    scheme = generalized_alpha(scene.time.rho_infinity)
-    return integrate(system, step=step, n_steps=int(act[-1]) + 1, scheme=scheme).finished().final
+def _extremes(q: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Values and places (rows) of extremes, by parabolas through three samples."""
+    a, b, c = q[rows - 1], q[rows], q[rows + 1]
+    shift = 0.5 * (a - c) / (a - 2.0 * b + c)
+    return b - 0.25 * (a - c) * shift, rows + shift

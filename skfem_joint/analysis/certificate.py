@@ -10,6 +10,10 @@ law
     model's steepness is looked at with every run.
 full run
     A reduced model without the full one beside it: two cycles of both.
+
+A reference for other runs of a scene is its own mesh and friction law, integrated by the full model
+at small steps and extrapolated in the step. These errors, of its time step too, tell how well it is
+known.
 """
 
 from __future__ import annotations
@@ -19,19 +23,20 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import log2
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skfem_joint.analysis.asked import how_of
 from skfem_joint.analysis.estimate import Estimate, Parts, added, again
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.study import Model, Study
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
-
-if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Model, Study
-    from skfem_joint.progress import Progress
-    from skfem_joint.scene import Scene
-    from skfem_joint.system import System
+from skfem_joint.progress import Progress, Tally, silent
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.system import System
 
 #: Orders of convergence that an extrapolation may use.
 ORDERS = (0.5, 2.0)
@@ -39,18 +44,20 @@ ORDERS = (0.5, 2.0)
 HALVINGS = {1: 2, 2: 1, 3: 1}
 #: Cycles of a short full run.
 SHORT = 2
+#: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without any.
+PER_CYCLE, PER_RUN = 25, 100
+#: Steps of an interval of a reference's finest run: no more, in a quick report, and no fewer.
+FINEST, FINEST_QUICK, COARSEST = 2048, 256, 16
 
 
 @dataclass(frozen=True)
 class Source:
-    """Estimated relative errors from one source, by quantity.
-
-    ``order`` is the observed order of convergence of the displacement history, None where nothing
-    was halved twice; outside `ORDERS` the extrapolation is not to be trusted beyond its size.
-    """
+    """Estimated relative errors from one source, by quantity."""
 
     source: str
     errors: Parts
+    #: Observed order of convergence of the displacement history, None where nothing was halved
+    #: twice; outside `ORDERS` the extrapolation is not to be trusted beyond its size.
     order: float | None = None
 
 
@@ -95,10 +102,7 @@ def _results(how: dict[str, Any], system: System) -> Results:
 
 
 def looks(
-    scene: Scene,
-    base: Results,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
+    scene: Scene, base: Results, progress: Progress = silent, executor: Executor | None = None
 ) -> tuple[list[Source], Results]:
     """Errors of a full model from its mesh and its law, and its results on the finest mesh.
 
@@ -106,19 +110,17 @@ def looks(
     """
     steep = any(joint.law == "arctan" for joint in scene.joint)
     halvings = HALVINGS[scene.named_mesh.dim] if scene.matrices is None else 0
-    report = partial(progress or (lambda *_: None), "certifying the full model")
-    scenes: list[Scene] = []
-    runs = [base]
+    scenes, runs = [scene], [base]
     for _ in range(halvings):
-        mesh = refined(scenes[-1].named_mesh if scenes else scene.named_mesh)
         points: dict[str, Any] = {"points": scene.output_points}
-        scenes.append(scene.changed(mesh=mesh, output=points))
+        scenes.append(scene.changed(mesh=refined(scenes[-1].named_mesh), output=points))
     if steep:
         scenes.append(scene.changed(joint={"law": "coulomb"}))
-    report(0, len(scenes))
-    for found in (executor.map if executor else map)(full_results, scenes):
+    tally = Tally(partial(progress, "certifying the full model"), len(scenes) - 1)
+    tally.add(0)
+    for found in (executor.map if executor else map)(full_results, scenes[1:]):
         runs.append(found)
-        report(len(runs) - 1, len(scenes))
+        tally.add()
     sources = [halved("mesh", runs[: halvings + 1])] if halvings else []
     if steep:
         sources.append(Source("law", difference(base, runs[-1])))
@@ -126,10 +128,7 @@ def looks(
 
 
 def certify(
-    study: Study,
-    name: str,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
+    study: Study, name: str, progress: Progress = silent, executor: Executor | None = None
 ) -> Model:
     """One of a study's models, "full" or "reduced", with more of its errors estimated.
 
@@ -165,3 +164,84 @@ def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
         how["n_steps"] = min(how["n_steps"], SHORT * how["cycle_steps"])
     systems = study.system, model.run.system
     return difference(*(executor.map if executor else map)(partial(_results, how), systems))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Times at which runs are compared with a reference: ends of intervals of a whole run."""
+
+    duration: float  #: of all runs, s
+    cycles: int | None  #: None without a common period of the loads
+    rho: float  #: spectral radius of the scheme at infinite frequency
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals."""
+        return PER_RUN if self.cycles is None else PER_CYCLE * self.cycles
+
+    def integrate(self, system: System, parts: int, fields: int = 0) -> Run:
+        """Run of ``parts`` steps an interval, all unknowns stored ``fields`` times in each.
+
+        Half a run, which is worth nothing here, is a KeyboardInterrupt.
+        """
+        n_steps = parts * self.intervals
+        how = {
+            "step": self.duration / n_steps,
+            "n_steps": n_steps,
+            "scheme": generalized_alpha(self.rho),
+            "save": Save(every=parts),
+            "cycle_steps": None if self.cycles is None else parts * PER_CYCLE,
+        }
+        return again(system, how, fields=fields and max(1, parts // fields))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The discrete truth of a scene's full model, and its certificate."""
+
+    system: System
+    grid: Grid
+    parts: int  #: steps an interval of the finest run
+    order: float  #: that the results are extrapolated with
+    results: Results
+    fine_mesh: Results  #: on the finest mesh of the certificate
+    estimates: list[Source]  #: of a run of a quarter of the steps
+
+
+def make_reference(
+    scene: Scene, quick: bool = False, bound: float = 60.0, progress: Progress = silent
+) -> Reference:
+    """Reference of a scene with its certificate; its longest run takes about ``bound`` s or less.
+
+    InputError if the scene has no friction: there is nothing to choose between. ConvergenceError if
+    a run does not converge.
+    """
+    system, time = scene.system(), scene.time
+    if system.contact_points == 0:
+        raise InputError(
+            "error-time: nothing slips in this scene, every model is the same linear one; "
+            "give it a joint with friction and pressure"
+        )
+    grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
+    parts, most = COARSEST, FINEST_QUICK if quick else FINEST
+    longest = longest_step(system, grid.duration)
+    while grid.duration > longest * (parts // 4) * grid.intervals:
+        parts *= 2
+    seconds_a_part = grid.integrate(system, parts // 2).wall_s / (parts // 2)
+    while parts < most and 2 * parts * seconds_a_part <= bound:
+        parts *= 2
+    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * PER_CYCLE}
+    if time.cycles is None:
+        steps = {"step": grid.duration / (parts // 4 * grid.intervals)}
+    coarse = scene.changed(
+        time=steps, output={"every": parts // 4, "history": True}, models={"run": ("full",)}
+    )
+    base = full_results(coarse)
+    middle, finest = (full_results(coarse.finer(factor)) for factor in (2, 4))
+    in_time = halved("time step", [base, middle, finest])
+    others, fine_mesh = looks(coarse, base, progress)
+    order = kept(in_time.order)
+    truth = finest.plus(1.0 / (2.0**order - 1.0), finest, middle)
+    if scene.matrices is not None:  # of which there is no finer mesh
+        fine_mesh = truth
+    return Reference(system, grid, parts, order, truth, fine_mesh, [in_time, *others])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -22,14 +22,12 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import JointError
 from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
+from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 #: Frequencies that are shown; steps over which the stuck structure is followed.
 SHOWN, MOST_STEPS = 3, 5_000
@@ -57,7 +55,12 @@ def describe(scene: Scene) -> Description:
     structure, system = scene.structure(), scene.system()
     found = Description(list(_parts(structure)))
     if isinstance(structure, Structure):
-        _measured(structure, found)
+        size = np.ptp(structure.positions, axis=0)
+        density = structure.properties["density"] * structure.across
+        mass = float(structure.basis.dx.sum(axis=1) @ density)
+        found.values |= {"mass_kg": mass, "length_m": float(size.max())}
+        extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
+        found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     try:
         _moves(scene, structure, system, found)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -65,17 +68,6 @@ def describe(scene: Scene) -> Description:
             f"What the structure does under its loads at rest is not known: {error}"
         )
     return found
-
-
-def _measured(structure: Structure, found: Description) -> None:
-    """Add mass and extent."""
-    size = np.ptp(structure.positions, axis=0)
-    mass = float(
-        structure.basis.dx.sum(axis=1) @ (structure.properties["density"] * structure.across)
-    )
-    found.values |= {"mass_kg": mass, "length_m": float(size.max())}
-    extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-    found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
 
 
 def _parts(structure: AnyStructure) -> Iterator[str]:
@@ -278,7 +270,7 @@ def _forces(
     steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
     h = scene.time_step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
-    follow = np.stack([_solve(system, f, held) for f in F.T], axis=1) if F.size else F
+    follow = _solve(system, F, held) if F.size else F
     omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
     damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
     extra = [
@@ -308,9 +300,12 @@ def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatA
 
 
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
-    """Static displacement, (n,), m, with some unknowns held; rigid motions are held a little."""
+    """Static displacements, m, with some unknowns held; rigid motions are held a little.
+
+    Of a force (n,), N, or of each column of them.
+    """
     free = np.setdiff1d(np.arange(system.n), held)
-    u = np.zeros(system.n)
+    u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
         shift = _SHIFT * float(K.diagonal().sum() / M.diagonal().sum()) if not held.size else 0.0

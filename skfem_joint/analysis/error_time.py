@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import platform
 import statistics
@@ -12,22 +10,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf, isinf
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.certificate import Reference, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.reference import Reference, make_reference
 from skfem_joint.analysis.study import Study, reduction_of
 from skfem_joint.errors import InputError, JointError
-from skfem_joint.files import needed, replacing
-from skfem_joint.progress import Progress
+from skfem_joint.progress import Progress, silent
+from skfem_joint.scene import Scene
 from skfem_joint.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 #: Steps of an interval of a model's own reference, to tell its time-step error from the rest.
 OWN = 256
@@ -123,17 +117,16 @@ class Point:
 
 
 def measure(
-    jobs: Iterable[Job], reference: Reference, *, repeats: int, progress: Progress | None = None
+    jobs: Iterable[Job], reference: Reference, *, repeats: int, progress: Progress = silent
 ) -> list[Point]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
     Those shorter than `LONGEST_REPEATED` are run again in ``repeats`` rounds, each in the opposite
     order of the one before; their time is the median of these.
     """
-    jobs, report = list(jobs), progress or (lambda *_: None)
-    points: list[Point] = []
+    jobs, points = list(jobs), []
     for k, job in enumerate(jobs):
-        report("first runs", k, len(jobs))
+        progress("first runs", k, len(jobs))
         try:
             first = job.run()
         except JointError as error:  # does not converge, or the step is too long for the load
@@ -148,7 +141,7 @@ def measure(
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= LONGEST_REPEATED]
     walls: dict[int, list[float]] = {k: [] for k in short}
     for done in range(repeats):
-        report("timed rounds", done, repeats)
+        progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
             walls[k].append(jobs[k].run().wall_s)
     for k in short:
@@ -173,7 +166,7 @@ def other_jobs(
 ) -> Iterator[Job]:
     """Another full model at several steps an interval, with a reference of its own."""
     own = results(reference.grid.integrate(system, min(OWN, reference.parts)))
-    yield from at_steps(reference, parts, family, system, what, own=own)
+    return at_steps(reference, parts, family, system, what, own=own)
 
 
 def reduced_jobs(
@@ -304,13 +297,6 @@ class Report:
         columns = list(dict.fromkeys(name for row in sorted(rows, key=len)[::-1] for name in row))
         return columns, [[row.get(name) for name in columns] for row in rows]
 
-    def csv(self) -> str:
-        """All points with full precision."""
-        header, rows = self.table()
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([header, *rows])
-        return text.getvalue()
-
     def certificate(self) -> str:
         """How well the reference is known."""
         one = self.reference
@@ -341,39 +327,6 @@ class Report:
         ]
         return "\n\n".join(parts) + "\n"
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write `FILES`, a page, a table and two pictures, into a folder that exists."""
-        files = [folder / name for name in FILES]
-        for file, text in zip(files[:2], (self.markdown(), self.csv()), strict=True):
-            with replacing(file) as temporary:
-                temporary.write_text(text, encoding="utf-8")
-        self.draw(files[2])
-        self.draw(files[3], total=True)
-        return files
-
-    def draw(self, path: Path, total: bool = False) -> None:
-        """Draw error against run time with the fronts, in ``total`` with off-line time."""
-        library = needed("matplotlib.figure", "plot")
-        drawing = library.Figure(figsize=(13.0, 5.5), layout="constrained")
-        families = dict.fromkeys(p.job.family for p in self.points if p.counts)
-        for axes, name in zip(drawing.subplots(1, 2), (RMS, "friction_energy"), strict=True):
-            known = [p for p in self.points if p.counts and 0.0 < p.error(name) < inf]
-            for family, marker in zip(families, "oDs^vPx*h+1234" * len(families), strict=False):
-                some = [p for p in known if p.job.family == family]
-                places = [p.seconds(total) for p in some], [p.error(name) for p in some]
-                axes.plot(*places, marker, label=family, alpha=0.85)
-            ahead = front(known, name, total)
-            places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
-            axes.step(*places, "k-", where="post", linewidth=1.0)
-            shown = "off-line and run time (s)" if total else "run time (s)"
-            axes.set(xscale="log", yscale="log", xlabel=shown)
-            axes.set_ylabel(f"relative error: {name.replace('_', ' ')}")
-            axes.grid(alpha=0.3)
-        handles = drawing.axes[0].get_legend_handles_labels()
-        drawing.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
-        with replacing(path) as temporary:
-            drawing.savefig(temporary, format="png", dpi=150)
-
 
 def machine() -> str:
     """Name the machine, and whether its times are to be trusted."""
@@ -397,7 +350,7 @@ def error_time(
     quick: bool = False,
     wanted: Mapping[str, tuple[Any, ...]] | None = None,
     more: Callable[[Reference], Iterable[Job]] = lambda _: (),
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Report:
     """Run a scene of any dimension with many models, and with ``more`` jobs from the reference.
 

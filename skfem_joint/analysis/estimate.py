@@ -1,6 +1,7 @@
 """Estimated errors of results, by the source of error; none costs more than a run of its own kind.
 
-A reduced or condensed model is looked at four times, and no step of the full one is done:
+A reduced or condensed model is looked at four times, and no step of the full one is done (on short
+bars, where that would be cheaper, looks take tenths of a second, and say which source errs):
 
 basis
     The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
@@ -19,12 +20,7 @@ time step
 A condensed model has law and points of the full one: there its basis and time step alone err.
 Looks end with the cycle in which the reduced run has settled: a transient goes on to matter.
 Where contact points are very many they are merged in looks; what that leaves out is told by a
-shorter look at all of them. Fewer merged points are no bargain: with 40 instead of 150 stated
-errors were up to a hundred times the truth.
-
-On short bars in a chain, where a full step costs no more than a reduced one, a full run would be
-cheaper than the looks. It is not made: the looks take tenths of a second there, say which source
-the error has, and where a full run costs much they are the same. Who wants it asks for it.
+shorter look at all of them.
 
 The looks are steps of one way, from the model asked for to the best one: energies may go up and
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
@@ -60,8 +56,8 @@ from skfem_joint.system import System
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Relative change of cycles below which they are alike.
 SETTLED = 0.01
-#: Contact points from which on looks merge them to so many; fewest cycles of looks, and cycles of
-#: the look at all points.
+#: Contact points from which on looks merge them to so many (with 40, stated errors were up to a
+#: hundred times the truth); fewest cycles of looks, and cycles of the look at all points.
 MANY, FIRST, SHORT = 150, 4, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
@@ -128,32 +124,21 @@ def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: i
     ).finished()
 
 
+def of_run(system: System, basis: Basis | None, run: Run, how: Mapping[str, Any]) -> Estimate:
+    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's."""
+    if basis is None:
+        return of_full(system, run, how)
+    return of_reduced(system, basis, run.system, how, run)
+
+
 def of_reduced(
-    system: System,
-    basis: Basis,
-    reduced: System,
-    how: Mapping[str, Any],
-    run: Run | None = None,
+    system: System, basis: Basis, reduced: System, how: Mapping[str, Any], run: Run | None = None
 ) -> Estimate:
     """Errors of a reduced model.
 
-    Parameters
-    ----------
-    system, reduced : System
-        The full model, and the reduced one.
-    basis : Basis
-        That of the reduced one.
-    how : mapping
-        Steps, scheme, output and steps of a cycle, as `integrate` takes them.
-    run : Run, optional
-        Its whole run, made here if it is needed and not given.
-
-    Raises
-    ------
-    ConvergenceError
-        If a step of a look does not converge.
-    KeyboardInterrupt
-        If a look is interrupted.
+    ``how`` are steps, scheme, output and steps of a cycle, as `integrate` takes them; its whole
+    ``run`` is made here if it is needed and not given. ConvergenceError if a step of a look does
+    not converge, KeyboardInterrupt if one is interrupted.
     """
     steepest = float(reduced.beta.max())
     points = _Points(system, basis, picks_unknowns(reduced.B))
@@ -192,11 +177,15 @@ def of_reduced(
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
-    cycles = run.cycles
-    peak = cycles.peak.max(axis=1, initial=0.0)
-    series = np.stack([cycles.friction, cycles.input.sum(axis=1), peak])
+    series = np.stack(_by_cycle(run))
     changes = np.any(np.abs(series - series[:, -1:]) > SETTLED * np.abs(series[:, -1:]), axis=0)
     return max(FIRST, int(np.flatnonzero(changes).max(initial=-1)) + 2)
+
+
+def _by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Peak, friction energy and work of the loads of each cycle."""
+    cycles = run.cycles
+    return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
 
 
 def _twice(system: System, how: Mapping[str, Any]) -> bool:
@@ -317,12 +306,8 @@ def _slips(system: System, modes: FloatArray) -> bool:
 def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
     """Errors of a full model's run from its time step.
 
-    Raises
-    ------
-    ConvergenceError
-        If a step of the other run does not converge.
-    KeyboardInterrupt
-        If it is interrupted.
+    ConvergenceError if a step of the other run does not converge, KeyboardInterrupt if it is
+    interrupted.
     """
     duration = how["step"] * how["n_steps"]
     if _twice(system, how):
@@ -344,14 +329,7 @@ def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
     """
     found = difference(results(fine, every), results(coarse))
     last, motion = max(1, fine.cycles.friction.size // 4), found[QUANTITIES[0]]
-    for name, one, other in (
-        (
-            "peak_displacement",
-            *(run.cycles.peak.max(axis=1, initial=0.0) for run in (fine, coarse)),
-        ),
-        ("friction_energy", fine.cycles.friction, coarse.cycles.friction),
-        ("loop_energy", *(run.cycles.input.sum(axis=1) for run in (fine, coarse))),
-    ):
+    for name, one, other in zip(QUANTITIES[1:], _by_cycle(fine), _by_cycle(coarse), strict=True):
         error = found[name]
         if error is not None and one.size:
             mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2))) / abs(float(one[-1]))

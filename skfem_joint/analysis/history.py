@@ -47,16 +47,9 @@ def slip_state(
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
     regularised law every point creeps, and its friction may stay near the limit while it does, so
-    that the velocity decides.
-
-    Parameters
-    ----------
-    slip_velocity : ndarray, shape (frames, m)
-        Norm for each contact point (`System.slip_norm`), m/s.
-    beta : ndarray, shape (m,)
-        Scaling constant of the law of each point, s/m.
-    grey : float
-        Share of the largest velocity that a point must reach to slip at all.
+    that the velocity decides. ``slip_velocity`` (frames, m) is the norm of each contact point, m/s,
+    ``beta`` (m,) that of its law, s/m, ``grey`` the share of the largest velocity that a point must
+    reach to slip at all.
     """
     speed = np.abs(slip_velocity)
     own = speed.max(axis=0, initial=0.0)
@@ -67,14 +60,11 @@ def slip_state(
 
 @dataclass(frozen=True)
 class SteadyState:
-    """How much the last cycle differs from the one before, in work put in and in peaks, relative.
+    """How much the last cycle differs from the one before."""
 
-    ``reached`` tells whether both stay below the tolerance asked for.
-    """
-
-    reached: bool
-    energy_change: float
-    peak_change: float
+    reached: bool  #: both stay below the tolerance asked for
+    energy_change: float  #: of the work put in, relative
+    peak_change: float  #: relative
 
 
 def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
@@ -92,33 +82,18 @@ def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
 
 @dataclass(frozen=True)
 class Errors:
-    """Distance of a run from a reference run, relative to the reference.
+    """Distance of a run from a reference run, relative to the reference; energies and peak signed.
 
-    All but the first two are signed. None: there is nothing to compare with, no cycles or a zero.
-
-    Attributes
-    ----------
-    displacement_rms, displacement_max : float
-        Root mean square and largest difference of the histories over the reference's root mean
-        square and largest value; the named point that differs most counts.
-    by_point : dict
-        The same two for each named point; all components of a point are compared with the
-        largest of them.
-    peak_displacement : float or None
-        Of the named point that moves most, in the last cycle (or the whole run without cycles).
-    friction_energy_per_cycle, loop_energy_per_cycle : float or None
-        In the last cycle.
-    friction_energy : float or None
-        Over the whole run.
+    None: there is nothing to compare with, no cycles or a zero.
     """
 
-    displacement_rms: float
+    displacement_rms: float  #: of the named point that differs most, see `differences`
     displacement_max: float
-    by_point: dict[str, tuple[float, float]]
-    peak_displacement: float | None
-    friction_energy_per_cycle: float | None
-    loop_energy_per_cycle: float | None
-    friction_energy: float | None
+    by_point: dict[str, tuple[float, float]]  #: the same two for each named point
+    peak_displacement: float | None  #: see `peaks`, of the named point that moves most
+    friction_energy_per_cycle: float | None  #: in the last cycle
+    loop_energy_per_cycle: float | None  #: in the last cycle
+    friction_energy: float | None  #: over the whole run
 
 
 def peaks(run: Run) -> FloatArray:
@@ -134,12 +109,9 @@ def energies(run: Run) -> tuple[float, float]:
 
 
 def compare(reference: Run, other: Run) -> Errors:
-    """Errors of ``other`` against ``reference``; both must have stored the same times.
+    """Errors of ``other`` against ``reference``.
 
-    Raises
-    ------
-    InputError
-        If the stored times or the named points differ.
+    InputError if the stored times or the named points differ.
     """
     same_times = reference.times.shape == other.times.shape and np.allclose(
         reference.times, other.times, rtol=1e-9, atol=0.0
@@ -167,27 +139,22 @@ def differences(
 ) -> dict[str, tuple[float, float]]:
     """Root mean square and largest difference of each named point, relative; {} if none moves.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Named points; components of one point end in ``.x``, ``.y``, ``.z``.
-    reference, other : ndarray, shape (rows, points)
-        Histories, m.
+    Histories (rows, points), m, are compared with the root mean square and the largest value of the
+    reference: of the component of a point, ending in ``.x``, ``.y``, ``.z``, that has the largest.
     """
-    difference = other - reference
-    norm = np.linalg.norm(reference, axis=0)
-    most_of = np.abs(reference).max(axis=0, initial=0.0)
-    places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
-    if not np.any(most_of > 0.0):
+    if not np.any(reference):
         return {}
+    places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
+    both = [np.linalg.norm(x, axis=0) for x in (other - reference, reference)]
+    most = [np.abs(x).max(axis=0) for x in (other - reference, reference)]
     found = {}
-    least = AT_REST * norm.max(), AT_REST * most_of.max()
     for k, name in enumerate(names):
         same = [i for i, place in enumerate(places) if place == places[k]]
-        found[name] = (
-            float(np.linalg.norm(difference[:, k]) / max(norm[same].max(), least[0])),
-            float(np.abs(difference[:, k]).max() / max(most_of[same].max(), least[1])),
+        rms, largest = (
+            float(apart[k] / max(size[same].max(), AT_REST * size.max()))
+            for apart, size in (both, most)
         )
+        found[name] = rms, largest
     return found
 
 

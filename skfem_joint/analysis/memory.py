@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import TRAINING_CYCLES
 from skfem_joint.reduction.residual import INSTANTS
 from skfem_joint.reduction.zones import QUICK_CYCLES
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
+from skfem_joint.scene import Scene
 
 GIB = 2**30
 #: Share of the available memory that a run may take if nothing else is asked for.

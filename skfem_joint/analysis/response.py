@@ -7,11 +7,11 @@ the past, and is told as the offset.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -19,8 +19,8 @@ from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, common_period
-from skfem_joint.progress import Tally
+from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
+from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
@@ -30,9 +30,7 @@ from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
-if TYPE_CHECKING:
-    pass
-
+State = tuple[FloatArray, FloatArray]
 #: Harmonics of a response that are told.
 HARMONICS = 5
 #: Points that are added around a peak, and the distance to a known one, relative, from which on
@@ -57,7 +55,7 @@ class SteadyPoint:
     share: float  #: of the friction limits that slips, by a thousandth of the largest slip
     periods: int  #: that were gone through
     change: float  #: of the state over the last one, relative
-    state: tuple[FloatArray, FloatArray] | None = None  #: at the period's end
+    state: State | None = None  #: at the period's end
     course: FloatArray | None = None  #: (steps + 1, n) over the period, of a dense system, m
     step_error: float = np.nan  #: estimated, relative, of the largest amplitude by the time step
     failure: str | None = None
@@ -90,10 +88,7 @@ class Curve:
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
     """Same system with its loads at another frequency (Hz, of their common period) and level.
 
-    Raises
-    ------
-    InputError
-        If a load is not made of harmonics, or the frequency is not positive.
+    InputError if a load is not made of harmonics, or the frequency is not positive.
     """
     period = common_period(load.amplitude for load in system.loads)
     harmonic = all(load.amplitude.harmonics for load in system.loads)
@@ -101,20 +96,12 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
         raise InputError(
             f"response: found frequency {frequency}, must be > 0, of loads that are harmonic"
         )
-    loads = tuple(
-        replace(load, amplitude=_scaled(load.amplitude, frequency * period, level))
-        for load in system.loads
-    )
-    return replace(system, loads=loads)
-
-
-def _scaled(amplitude: Amplitude, faster: float, level: float) -> MultiHarmonic:
-    return MultiHarmonic(
-        tuple(
-            Harmonic(level * one.amplitude, faster * one.frequency, one.phase)
-            for one in amplitude.harmonics
-        )
-    )
+    faster, loads = frequency * period, []
+    for load in system.loads:
+        parts = load.amplitude.harmonics
+        scaled = (Harmonic(level * a.amplitude, faster * a.frequency, a.phase) for a in parts)
+        loads.append(replace(load, amplitude=MultiHarmonic(tuple(scaled))))
+    return replace(system, loads=tuple(loads))
 
 
 def response(
@@ -127,7 +114,7 @@ def response(
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
-    progress: Callable[..., None] | None = None,
+    progress: Progress = silent,
 ) -> list[Curve]:
     """Steady vibration over frequency, a curve for each level.
 
@@ -188,20 +175,16 @@ def _curve(
     tally: Tally | None = None,
 ) -> Curve:
     points: list[SteadyPoint] = []
-    tally = tally or Tally()
+    tally, state = tally or Tally(), None
 
-    def add(frequency: float, near: SteadyPoint | None) -> SteadyPoint:
-        start = None if near is None else near.state
+    def add(frequency: float, start: State | None) -> State | None:
         how = steps_per_cycle, scheme, start, tally.within
-        found = steady_point(system, frequency, level, *how)
-        points.append(found)
-        points.sort(key=lambda point: point.frequency)
+        points.append(steady_point(system, frequency, level, *how))
         tally.add()
-        return found
+        return points[-1].state
 
-    last = None
     for frequency in frequencies.tolist():
-        last = add(frequency, last)
+        state = add(frequency, state)
     if all(point.failure is not None for point in points):
         raise ConvergenceError(
             f"response: level {level:g}, at every frequency: {points[0].failure}"
@@ -212,7 +195,8 @@ def _curve(
             if wanted is None:
                 break
             tally.asked += 2 if estimated else 1
-            add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)))
+            add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)).state)
+            points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
     if not estimated or steps_per_cycle < 4:
         return curve
@@ -265,8 +249,8 @@ def steady_point(
     level: float = 1.0,
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
-    start: tuple[FloatArray, FloatArray] | None = None,
-    progress: Callable[..., None] | None = None,
+    start: State | None = None,
+    progress: Progress = silent,
 ) -> SteadyPoint:
     """Steady vibration at one frequency (Hz); one that is not found says so."""
     loaded = at_frequency(system, frequency, level)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,74 +16,47 @@ from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
-from skfem_joint.analysis.doubts import violated
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare
+from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.progress import Progress
+from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
 from skfem_joint.reduction.condensed import carrying, condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.steppers import CONDENSED
-from skfem_joint.structure import doubts
+from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
-    from skfem_joint.structure import AnyStructure
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Model:
-    """One model that was run.
-
-    Attributes
-    ----------
-    name, run
-    offline_s : float
-        Time for everything before the first step, s: modes, active length, projection, compilation.
-    active_length : dict
-        Of each joint whose axis is known, m.
-    active_area_fraction, slipping_fraction : dict
-        Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
-        beside a full one.
-    basis : Basis or None
-        What a reduced or condensed model is made of; None for the full model.
-    shares : sparse array, shape (points of the run's system, points of the full one), or None
-        Contact points of the full model that each friction point of a reduced one stands for.
-    errors : Errors or None
-        Against the full model, where both were run.
-    estimate : Estimate or None
-        Errors as estimated without it, None where they are not.
-    estimate_s : float
-        Time for that, s.
-    """
+    """One model that was run."""
 
     name: str
     run: Run
-    offline_s: float
-    active_length: dict[str, float]
+    offline_s: float  #: before the first step: modes, active length, projection, compilation, s
+    active_length: dict[str, float]  #: of each joint whose axis is known, m
+    #: Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
+    #: beside a full one.
     active_area_fraction: dict[str, float] = field(default_factory=dict)
     slipping_fraction: dict[str, float] = field(default_factory=dict)
-    basis: Basis | None = None
+    basis: Basis | None = None  #: what a reduced or condensed model is made of
+    #: What its contact points stand for, (its points, points of the full model), sparse.
     shares: Matrix | None = None
-    errors: Errors | None = None
-    estimate: Estimate | None = None
-    estimate_s: float = 0.0
-
-    @property
-    def is_condensed(self) -> bool:
-        """Whether all contact points that carry friction are those of the full model."""
-        return self.name == "condensed"
+    errors: Errors | None = None  #: against the full model, where both were run
+    estimate: Estimate | None = None  #: errors as estimated without it
+    estimate_s: float = 0.0  #: time for that, s
 
     @property
     def slip_peak(self) -> FloatArray:
@@ -118,7 +91,7 @@ class Model:
         """
         if self.basis is None:
             return self.run.sigma
-        if self.is_condensed:
+        if self.name == "condensed":
             sigma = np.zeros((len(self.run.sigma), system.B.shape[0]))
             sigma[:, np.flatnonzero(system.on_rows(system.w))] = self.run.sigma
             return sigma
@@ -128,22 +101,17 @@ class Model:
 
 @dataclass
 class Study:
-    """Results of a scene: the models that were run, and warnings as whole sentences.
-
-    ``system`` is that of the full model, ``description`` what the structure is, ``met`` a reduced
-    model that meets the accuracy asked for, found in ``met_s`` seconds. Where the study was
-    interrupted on purpose, the last model may hold a part of its run.
-    """
+    """Results of a scene."""
 
     scene: Scene
     structure: AnyStructure
-    system: System
+    system: System  #: of the full model
     models: dict[str, Model] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    interrupted: bool = False
-    met: accuracy.Met | None = None
-    met_s: float = 0.0
-    description: Description = field(default_factory=Description)
+    warnings: list[str] = field(default_factory=list)  #: whole sentences
+    interrupted: bool = False  #: the last model may hold a part of its run
+    met: accuracy.Met | None = None  #: reduced model that meets the accuracy asked for
+    met_s: float = 0.0  #: time to find it, s
+    description: Description = field(default_factory=Description)  #: what the structure is
 
     @property
     def period(self) -> float:
@@ -152,7 +120,7 @@ class Study:
 
 
 def run_scene(
-    scene: Scene, progress: Progress | None = None, checkpoints: Checkpoints | None = None
+    scene: Scene, progress: Progress = silent, checkpoints: Checkpoints | None = None
 ) -> Study:
     """Run the models that a scene asks for, and nothing else, and compare them.
 
@@ -174,10 +142,8 @@ def run_scene(
         The ``results`` of both are the study where other models were run before.
     """
     origin = "" if checkpoints is None else origin_of(scene)
-    study = Study(scene, scene.structure(), scene.system())
-    study.description = describe(scene)
-    study.warnings += doubts(study.structure, study.system)
-    study.warnings += study.description.doubts
+    study = Study(scene, scene.structure(), scene.system(), description=describe(scene))
+    study.warnings += [*doubts(study.structure, study.system), *study.description.doubts]
     if scene.accuracy.asked:
         study.scene = accuracy.followed(scene)
         if "reduced" in scene.models.run:  # tells the full one its step
@@ -186,11 +152,9 @@ def run_scene(
             with suppress(InputError):  # no reduced model: the full one's own estimate tells
                 study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
     for name in scene.models.run:
-        how: dict[str, Any] = {}
+        how: dict[str, Any] = {"progress": partial(progress, f"{name} model")}
         if checkpoints is not None:
             how["checkpoint"] = checkpoints.of(name, origin)
-        if progress is not None:
-            how["progress"] = partial(progress, f"{name} model")
         try:
             model = _MAKERS[name](study, how)
         except JointError as error:
@@ -211,7 +175,7 @@ def run_scene(
         if not model.run.interrupted:
             _estimate(study, model, progress)
             study.warnings += violated(study, study.models[name])
-        elif not study.interrupted:
+        else:
             study.interrupted = True
             study.warnings.append(
                 f"The run was interrupted in the {name} model at t = "
@@ -232,14 +196,13 @@ def origin_of(scene: Scene) -> str:
     )
 
 
-def _refine(study: Study, progress: Progress | None) -> None:
+def _refine(study: Study, progress: Progress) -> None:
     """Choose a reduced model, and a time step, for the accuracy that is asked for."""
     begin = time.perf_counter()
     scene = study.scene
     warn: list[str] = []
     basis = _basis(study, options_of(scene), warn, enriched=True)
-    report = None if progress is None else partial(progress, "choosing a reduced model")
-    study.met = accuracy.meet(scene, basis, report)
+    study.met = accuracy.meet(scene, basis, partial(progress, "choosing a reduced model"))
     if study.met.basis is basis:  # what an enriched one lacked at first is of no concern
         study.warnings += warn
     study.scene, system = study.met.scene, study.met.system
@@ -291,20 +254,14 @@ def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
         raise ConvergenceError(message, error.unknown) from error
 
 
-def _estimate(study: Study, model: Model, progress: Progress | None) -> None:
+def _estimate(study: Study, model: Model, progress: Progress) -> None:
     """Give a model its estimated errors; what ends that early does not cost the results."""
     scene, begin = study.scene, time.perf_counter()
     if model.estimate is not None or not scene.accuracy.estimate:
         return
-    how = how_of(scene)
-    if progress is not None:
-        how["progress"] = partial(progress, f"errors of the {model.name} model")
+    how = how_of(scene) | {"progress": partial(progress, f"errors of the {model.name} model")}
     try:
-        if model.basis is None:
-            found = estimate.of_full(study.system, model.run, how)
-        else:
-            run = model.run
-            found = estimate.of_reduced(study.system, model.basis, run.system, how, run)
+        found = estimate.of_run(study.system, model.basis, model.run, how)
     except JointError as error:
         study.warnings.append(f"The errors of the {model.name} model are not estimated: {error}")
         return
@@ -367,15 +324,8 @@ def reduction_of(
     """
     if basis is None:
         basis = _basis(study, options, study.warnings)
-    system, shares = reduced_system(
-        study.system,
-        basis,
-        friction_points=options.friction_points,
-        beta=options.beta,
-        periodic=study.scene.periodic,
-        warn=study.warnings,
-    )
-    return basis, system, shares
+    how: dict[str, Any] = {"periodic": study.scene.periodic, "warn": study.warnings}
+    return basis, *reduced_system(study.system, basis, **options.friction, **how)
 
 
 def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:

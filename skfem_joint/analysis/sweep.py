@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skfem_joint import __version__
 from skfem_joint.analysis import memory
@@ -24,10 +24,8 @@ from skfem_joint.analysis.study import origin_of, run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
+from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
-
-if TYPE_CHECKING:
-    from skfem_joint.scene import Scene
 
 Results = dict[str, Any]
 _KILLED = (
@@ -38,22 +36,13 @@ _KILLED = (
 
 @dataclass(frozen=True)
 class Row:
-    """What one scene of a sweep gave.
+    """What one scene of a sweep gave."""
 
-    Attributes
-    ----------
-    number : int
-        Which of the scenes, counted from 0.
-    results : dict
-        Numbers of ``summary.json`` in SI units by dotted names, such as
-        ``full.peak_displacement_m.free_end``, of the models that ran to their end.
-    failure : str
-        Why others did not; empty where all did.
-    """
-
-    number: int
+    number: int  #: which of the scenes, counted from 0
+    #: Numbers of ``summary.json`` in SI units by dotted names, such as
+    #: ``full.peak_displacement_m.free_end``, of the models that ran to their end.
     results: Results = field(default_factory=dict)
-    failure: str = ""
+    failure: str = ""  #: why others did not; empty where all did
 
 
 def sweep(
@@ -248,12 +237,8 @@ def executors(
     """What makes executors, of "processes", "dask" or "mpi", for as long as the block runs.
 
     ``address`` is that of the scheduler of a ``dask`` cluster, which has its own workers; one on
-    this machine is made if it is not given.
-
-    Raises
-    ------
-    InputError
-        If the options do not fit each other, or a library is missing.
+    this machine is made if it is not given. InputError if the options do not fit each other, or a
+    library is missing.
     """
     if workers is not None and workers < 1:
         raise InputError(f"--workers: found {workers}, must be >= 1")

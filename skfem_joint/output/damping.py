@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.response import HARMONICS
+from skfem_joint.analysis.response import HARMONICS, Curve
+from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.folder import write_summary
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.report import write_csv
 from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.structure import AnyStructure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from skfem_joint.analysis.backbone import ModelBackbone, SceneBackbone
-    from skfem_joint.analysis.response import Curve
-    from skfem_joint.analysis.scene_response import SceneResponse
-    from skfem_joint.structure import AnyStructure
 
 Rows = Sequence[Sequence[Any]]
 

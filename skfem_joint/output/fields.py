@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_state
-from skfem_joint.analysis.study import friction_work
+from skfem_joint.analysis.study import Model, Study, friction_work
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.structure import Structure
 from skfem_joint.unknowns import selection
-
-if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Model, Study
 
 States = NDArray[np.int8]
 

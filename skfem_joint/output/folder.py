@@ -13,18 +13,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from skfem_joint.analysis.error_time import FILES, Report
+from skfem_joint.analysis.study import Study
 from skfem_joint.errors import InputError
-from skfem_joint.files import holding, needed, safe_name
+from skfem_joint.files import holding, needed, replacing, safe_name
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
-
-if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Study
-    from skfem_joint.scene import Scene
+from skfem_joint.scene import Scene
 
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
@@ -56,23 +55,24 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
     if scene.output.plots or scene.output.vtk:
         needed("pyvista", "vtk")
     if scene.output.plots:
-        needed("matplotlib", "plot")
         needed("imageio", "gif")
         with pictures.offscreen():  # tells what is missing before the run
             pass
-    with kept(folder) as notes:
+    with kept(folder, scene.output.plots) as notes:
         yield notes
 
 
 @contextmanager
-def kept(folder: Path) -> Iterator[list[str]]:
-    """Keep a folder for the results of one command.
+def kept(folder: Path, drawn: bool = True) -> Iterator[list[str]]:
+    """Keep a folder for the results of one command, with pictures of curves if they are ``drawn``.
 
     What an earlier command wrote into it, as its summary lists it, is removed: if this one fails,
     no old results stand for its own. All else is left alone, of which the sentences tell that are
-    yielded. InputError if the folder cannot be written to, another command is writing to it, or it
-    has files of other origin under names that commands use.
+    yielded. InputError if the folder cannot be written to, another command is writing to it, it has
+    files of other origin under names that commands use, or matplotlib is missing.
     """
+    if drawn:
+        needed("matplotlib", "plot")
     with holding(folder):
         remove_old(folder)
         left = sorted(path.name for path in folder.iterdir() if not _PASSED.fullmatch(path.name))
@@ -117,6 +117,19 @@ def write_summary(folder: Path, content: Mapping[str, Any], names: Sequence[str]
     remove_old(folder)
     report.write_json(folder / SUMMARY, {**content, "files": list(names)})
     return folder / SUMMARY
+
+
+def write_error_time(folder: Path, found: Report, notes: Sequence[str] = ()) -> list[Path]:
+    """Write a report's page, table and pictures with a summary, into a folder that exists."""
+    files = [folder / name for name in FILES]
+    summary = write_summary(folder, {"title": found.title, "warnings": notes}, FILES)
+    with replacing(files[0]) as temporary:
+        temporary.write_text(found.markdown(), encoding="utf-8")
+    header, rows = found.table()
+    report.write_csv(files[1], [header, *rows])
+    for path, total in ((files[2], False), (files[3], True)):
+        plots.save_figure(path, plots.error_time_figure(found.points, total))
+    return [*files, summary]
 
 
 def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,7 @@ from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.plots import envelope, prefixed_unit
 from skfem_joint.output.series import Block, blocks_of, faces_of
-
-if TYPE_CHECKING:
-    from skfem_joint.structure import Structure
+from skfem_joint.structure import Structure
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
@@ -194,10 +192,6 @@ class _Body:
     surface: Any
     edges: Any
 
-    @property
-    def block(self) -> Block:
-        return self.part.block
-
 
 def _level(structure: Structure, block: Block) -> _Part | None:
     """The face of a joint, turned to lie level; None of what is not pressed, only against it."""
@@ -250,7 +244,7 @@ class _Picture:
                 x, y = (at + place - self.origin) / pixel
                 self._write(name, (x, y + 4.0), 10, f"{one.name} {name}")
             shift = np.array([place[0], place[1] / _PLANE[1, 1], 0.0])
-            for part in parts if k == 0 else self._parts()[0]:
+            for part in parts:
                 mapper = self._add_body(one, replace(part, shift=part.shift + shift))
         if not structure.patches:
             return
@@ -370,10 +364,8 @@ class _Picture:
         """Set everything to a frame; ``why`` says what is special about it."""
         for one in self.frames.fields:
             arrays = self.frames.arrays(one, frame)
-            for body in self.bodies:
-                if body.field is not one:
-                    continue
-                grid, surface = body.block.fill(arrays), body.surface
+            for body in (body for body in self.bodies if body.field is one):
+                grid, surface = body.part.block.fill(arrays), body.surface
                 moved = grid.points + self.factor * np.asarray(grid["displacement"])
                 points = body.part.placed(moved)
                 # Nearer to the eye, edges are not lost in the surface that they lie on.

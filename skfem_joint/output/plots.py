@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skfem_joint.analysis.error_time import RMS, Point, front
 from skfem_joint.analysis.history import hysteresis_loop, steady_state
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
+from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.reduction.reference import ReferenceModes
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import Structure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from skfem_joint.reduction.pod import ProperModes
-    from skfem_joint.reduction.reference import ReferenceModes
-    from skfem_joint.stepping.recording import Run
-    from skfem_joint.structure import Structure
 
 #: What is below this share of the largest beside it is not drawn.
 AT_REST = 1e-9
@@ -241,6 +241,29 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
+def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
+    """Error against run time with the fronts, in ``total`` with off-line time."""
+    figure, panels = _panels(6.5, 5.5, columns=2)
+    families = dict.fromkeys(p.job.family for p in points if p.counts)
+    shown = "off-line and run time (s)" if total else "run time (s)"
+    for panel, name in zip(panels, (RMS, "friction_energy"), strict=True):
+        known = [p for p in points if p.counts and 0.0 < p.error(name) < np.inf]
+        for family, marker in zip(families, cycle("oDs^vPx*h+1234"), strict=False):
+            some = [p for p in known if p.job.family == family]
+            places = [p.seconds(total) for p in some], [p.error(name) for p in some]
+            panel.plot(*places, marker, label=family, alpha=0.85)
+        ahead = front(known, name, total)
+        places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
+        panel.step(*places, "k-", where="post", linewidth=1.0)
+        if known:  # a logarithmic axis refuses to be empty
+            panel.set(xscale="log", yscale="log")
+        panel.set_xlabel(shown)
+        panel.set_ylabel(f"relative error: {name.replace('_', ' ')}")
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
+    return figure
+
+
 def sweep_curves_figure(
     xlabel: str,
     values: Sequence[Any],
@@ -255,8 +278,7 @@ def sweep_curves_figure(
     ``log`` sets the values in equal ratios; ``unit`` is that of the results, "%" of shares.
     """
     unit, scaled = _scaled(results, unit)
-    figure = new_figure(7.0, 4.2)
-    panel = figure.subplots()
+    figure, (panel,) = _panels(7.0, 4.2)
     numbers = all(isinstance(value, int | float) for value in values)
     places = np.array(values if numbers else [str(value) for value in values])
     order = places.argsort() if numbers else slice(None)
@@ -265,7 +287,6 @@ def sweep_curves_figure(
     panel.set(xlabel=xlabel, ylabel=f"{label}{unit}")
     if log:
         panel.set_xscale("log")
-    panel.grid(alpha=0.3)
     _legend_above(figure, panel)
     return figure
 

@@ -6,18 +6,16 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.analysis.estimate import SOURCES
 from skfem_joint.analysis.history import QUANTITIES
+from skfem_joint.analysis.study import Study
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.files import replacing
-
-if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Study
-    from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.recording import Run
 
 
 def write_json(path: Path, content: Any) -> None:

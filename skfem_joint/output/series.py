@@ -7,13 +7,12 @@ could not write, and it is 2 to 23 times slower.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +22,8 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, PRELOAD_ARRAYS, Frames
-
-if TYPE_CHECKING:
-    from skfem_joint.structure import Structure
+from skfem_joint.output.report import write_csv
+from skfem_joint.structure import Structure
 
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
 GAP = 0.5
@@ -326,7 +324,5 @@ def _write_index(
 def write_load(path: Path, frames: Frames) -> None:
     """Write columns "time, s" and "force on PLACE, N" beside a series, for its ParaView script."""
     columns = np.column_stack([frames.load_times, *frames.forces.values()])
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["time, s", *(f"force on {on}, N" for on in frames.forces)])
-        writer.writerows(columns.tolist())
+    names = ["time, s", *(f"force on {on}, N" for on in frames.forces)]
+    write_csv(path, [names, *columns.tolist()])

@@ -9,9 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.files import holding, needed, replacing, safe_name
+from skfem_joint.analysis.sweep import Row
+from skfem_joint.files import holding, replacing, safe_name
 from skfem_joint.output import plots
-from skfem_joint.output.folder import kept, write_summary
+from skfem_joint.output.folder import write_summary
 from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
@@ -20,23 +21,9 @@ from skfem_joint.scene.sweep_table import Range
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from skfem_joint.analysis.sweep import Row
-
 #: Rows as they finish, and all of them in order.
 JOURNAL, TABLE = "sweep_rows.jsonl", "sweep.csv"
 _WORDS = {"wall": "run time", "offline": "off-line time", "dofs": "unknowns"}
-
-
-def check(swept: Swept, folder: Path) -> list[str]:
-    """See that a sweep's files can be made before anything is run; sentences as `kept` gives.
-
-    Old results are removed, all but the rows that the sweep goes on from. InputError as `kept`, or
-    if matplotlib is missing.
-    """
-    if swept.scenes[0].output.plots:
-        needed("matplotlib", "plot")
-    with kept(folder) as notes:
-        return notes
 
 
 def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
@@ -63,10 +50,7 @@ def _is_chosen(name: str, results: Iterable[str]) -> bool:
 def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
     """Write the table of what has finished, as Parquet too where pyarrow is, and the pictures.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
+    InputError if a file cannot be written.
     """
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -95,6 +96,11 @@ class Options:
         """Number of joint modes: of each zone with the paper's modes, else of the run."""
         automatic = 5 if self.reference == "paper" else 12
         return automatic if isinstance(self.modes, str) else self.modes
+
+    @property
+    def friction(self) -> dict[str, Any]:
+        """Friction points and steepness, as `reduced_system` takes them."""
+        return {"friction_points": self.friction_points, "beta": self.beta}
 
     @property
     def product(self) -> str:

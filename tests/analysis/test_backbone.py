@@ -10,7 +10,8 @@ from stepping_systems import DENSITY, EA, MU, THICKNESS, WIDTH, arm, pressed
 from stepping_systems import plate as plate_of
 
 import skfem_joint as sj
-from skfem_joint.analysis.backbone import Backbone, backbone, scene_backbone, stuck_modes
+from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
+from skfem_joint.analysis.scene_vibration import scene_backbone
 from skfem_joint.reduction.basis import stuck_basis
 from skfem_joint.reduction.friction_points import reduced_system
 

@@ -9,10 +9,9 @@ from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_
 
 import skfem_joint as sj
 from skfem_joint.analysis.asked import how_of
-from skfem_joint.analysis.certificate import certify, extrapolated
+from skfem_joint.analysis.certificate import certify, extrapolated, make_reference
 from skfem_joint.analysis.estimate import Estimate, again
 from skfem_joint.analysis.history import difference, results
-from skfem_joint.analysis.reference import make_reference
 from skfem_joint.scene import Scene
 
 

@@ -15,8 +15,8 @@ from joint_scenes import lap_joint
 
 import skfem_joint as sj
 from skfem_joint.analysis import error_time as et
+from skfem_joint.analysis.certificate import make_reference
 from skfem_joint.analysis.history import difference, results
-from skfem_joint.analysis.reference import make_reference
 from skfem_joint.scene import Scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -146,7 +146,7 @@ def test_a_gif_has_the_frames_asked_for(tmp_path):
 def test_bodies_and_the_mark_on_the_load_move_with_the_frame(tmp_path, build):
     frames = pulled(build())
     with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
-        before = max(body.block.grid.bounds[1] for body in picture.bodies)
+        before = max(body.part.block.grid.bounds[1] for body in picture.bodies)
         ((mark, _),) = picture.marks
         for frame in (3, 2):
             picture.show(frame)

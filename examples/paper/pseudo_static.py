@@ -28,19 +28,10 @@ def loop_energy(force: float, EA: float, tau: float) -> float:
 
 
 def loop(force: float, EA: float, tau: float, phase: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Hysteresis loop under ``force * sin(phase)`` in steady state.
+    """Hysteresis loop, displacement (m) and force (N), under ``force * sin(phase)``, steady.
 
     On each branch the displacement departs from its turning point with the square of the change of
     force: du = (dF)^2 / (4 EA tau).
-
-    Parameters
-    ----------
-    phase : array_like
-        Phase of the load, rad.
-
-    Returns
-    -------
-    displacement (m), force (N) : ndarray
     """
     angle = np.asarray(phase, dtype=float)
     load = force * np.sin(angle)

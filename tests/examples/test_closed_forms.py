@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
+from paper import pseudo_static
 from scipy.integrate import quad
-
-from skfem_joint.analysis import pseudo_static
 
 #: Case I: 437.5 kN on 50 MPa over a width of 0.05 m with a friction coefficient of 0.7.
 FORCE, TAU, EA = 437.5e3, 0.7 * 50e6 * 0.05, 200e9 * 0.05 * 0.01

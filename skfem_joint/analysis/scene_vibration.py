@@ -1,0 +1,282 @@
+"""Steady vibration of a scene's models: what its tables [backbone] and [response] ask for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.backbone import Backbone, RingDown, backbone, ring_down, stuck_modes
+from skfem_joint.analysis.estimate import Estimate
+from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.progress import Progress, silent
+from skfem_joint.reduction.basis import Basis, make_basis, stuck_basis
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+#: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
+DOUBTFUL, WELL = 0.05, 0.01
+#: Modes of what slips that a reduced model has, and stuck ones beyond the mode's own.
+MODES, BESIDE = 24, 2
+
+
+@dataclass(frozen=True)
+class ModelResponse:
+    """Response of one model of a scene."""
+
+    name: str
+    curves: list[Curve]
+    offline_s: float  #: of modes, projection and friction points, s
+    wall_s: float
+    estimates: list[Estimate]  #: of each curve at its peak
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most, at the highest level."""
+        return self.curves[-1].largest
+
+
+@dataclass
+class SceneResponse:
+    """Response of a scene's models, with the linear limits, (frequencies, points), for level 1."""
+
+    scene: Scene
+    frequencies: FloatArray
+    stuck: FloatArray
+    free: FloatArray
+    models: list[ModelResponse] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def scene_response(
+    scene: Scene, executor: Executor | None = None, progress: Progress = silent
+) -> SceneResponse:
+    """Response of each model of a scene with a table ``[response]``, at its levels.
+
+    A reduced model is made for the highest level at the frequency at which the stuck structure
+    answers most, and its errors are estimated at the peak of each level. InputError if there is no
+    such table, or as :func:`response`.
+    """
+    asked = scene.response
+    if asked is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    system, between = scene.system(), asked.frequencies
+    frequencies = np.linspace(between.from_, between.to, between.points)
+    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
+    found = SceneResponse(scene, frequencies, stuck, free)
+    found.warnings += doubts(scene.structure(), system)
+    levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
+    for name in scene.models.run:
+        begin, model, basis, unit = time.perf_counter(), system, None, 1.0
+        if name != "full":
+            unit, top = levels[-1], between.to
+            if name == "reduced":
+                top = float(frequencies[stuck.max(axis=1).argmax()])
+            basis, model = _loaded(name, scene, top, unit, found.warnings)
+        offline, begin = time.perf_counter() - begin, time.perf_counter()
+        curves = response(
+            model,
+            frequencies,
+            [level / unit for level in levels],
+            steps_per_cycle=steps,
+            scheme=generalized_alpha(scene.time.rho_infinity),
+            estimated=scene.accuracy.estimate,
+            executor=executor,
+            progress=partial(progress, f"{name} model"),
+        )
+        wall = time.perf_counter() - begin
+        slips = None if basis is None else system.B @ basis.V
+        curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
+        found.models.append(ModelResponse(name, curves, offline, wall, []))
+        for curve in curves:
+            lost = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+            if lost:
+                found.warnings.append(
+                    f"The {name} model at level {curve.level:g} has no steady vibration at "
+                    f"{', '.join(lost)} Hz: these are no points of its curve."
+                )
+            if scene.accuracy.estimate:
+                report = partial(progress, f"errors of the {name} model")
+                parts = basis, model, unit, report
+                found.models[-1].estimates.append(_errors(scene, curve, *parts))
+                found.warnings += _too_long_steps(name, curve, steps)
+    return found
+
+
+def _too_long_steps(name: str, curve: Curve, steps: int) -> Iterator[str]:
+    """Sentence about where a curve errs much by its time step."""
+    known = np.isfinite(curve.column("step_error"))
+    failed = np.array([point.failure is not None for point in curve.points])
+    if not (known | failed).all():
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration with twice the "
+            "step at every frequency: where step_error is empty in response.csv the error of the "
+            "step is not known."
+        )
+    error = np.nan_to_num(curve.column("step_error"))
+    doubtful = curve.column("frequency")[error > DOUBTFUL]
+    if doubtful.size:
+        enough = 50 * np.ceil(steps * np.sqrt(error.max() / WELL) / 50)
+        yield (
+            f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
+            f"{100 * error.max():.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
+            f"{doubtful.size} frequencies from {doubtful[0]:.6g} to {doubtful[-1]:.6g} Hz, where "
+            "harmonics of friction meet higher modes; see column step_error of response.csv. Set "
+            f"time.steps_per_cycle = {enough:.0f}."
+        )
+
+
+def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
+    """Curve at a level of the scene, with the slip of all contact points of the full ``system``."""
+    points = tuple(
+        p
+        if p.course is None
+        else replace(p, slip=system.slip_norm(p.course @ slips.T).max(axis=0), course=None)
+        for p in curve.points
+    )
+    return Curve(level, points)
+
+
+def _steps(scene: Scene, frequency: float) -> dict[str, Any]:
+    """Steps of a period at a frequency (Hz), and their scheme."""
+    steps, scheme = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    step = 1.0 / frequency / steps
+    return {"step": step, "n_steps": steps, "cycle_steps": steps, "scheme": scheme}
+
+
+def _loaded(
+    name: str, scene: Scene, frequency: float, level: float, warn: list[str]
+) -> tuple[Basis, System]:
+    """Basis and smaller system for steady vibration under the loads at a frequency (Hz)."""
+    loaded, options = at_frequency(scene.system(), frequency, level), options_of(scene)
+    if name == "condensed":
+        basis = condensed_basis(loaded)
+        return basis, condensed_system(loaded, basis.V)
+    how = _steps(scene, frequency)
+    how["n_steps"] *= TO_STEADY
+    basis = make_basis(scene.structure(), loaded, options, **how, warn=warn)
+    return basis, reduced_system(loaded, basis, **options.friction, warn=warn)[0]
+
+
+def _errors(
+    scene: Scene, curve: Curve, basis: Basis | None, model: System, unit: float, report: Progress
+) -> Estimate:
+    """Estimated errors at the peak of a curve."""
+    at = curve.peak[0]
+    how = _steps(scene, at) | {"save": Save(), "until": "steady", "progress": report}
+    full = at_frequency(scene.system(), at, curve.level)
+    run = integrate(at_frequency(model, at, curve.level / unit), **how)
+    return estimate.of_run(full, basis, run, how)
+
+
+@dataclass(frozen=True)
+class ModelBackbone:
+    """Curves of one model of a scene, and what their modes ring down like where it asks."""
+
+    name: str
+    curves: list[Backbone]
+    ring_downs: list[RingDown]  #: of each curve; none where none is asked for
+    errors: list[dict[str, float]]  #: of each curve: largest relative distances from the full one's
+
+
+@dataclass
+class SceneBackbone:
+    """Curves of the modes that a scene asks for."""
+
+    scene: Scene
+    models: list[ModelBackbone] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
+    """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
+
+    A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
+    called with (what is done, how much, of how much). Errors as :func:`backbone` and
+    :func:`ring_down`.
+    """
+    asked, system, structure = scene.backbone, scene.system(), scene.structure()
+    full = partial(progress, "full model")
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
+    found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
+    found.warnings += [warning for curve in curves for warning in curve.warnings]
+    start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
+    how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    for name in scene.models.run:
+        model = ModelBackbone(name, [], [], [])
+        for curve in curves:
+            one, own, begin = curve, system, start
+            if name != "full":
+                V, own = _vibrating(name, scene, system, curve, found.warnings)
+                levels = asked.levels, asked.up_to
+                report = partial(progress, f"{name} model, mode {curve.mode}")
+                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report)
+                if start is not None:
+                    at_end = V.T @ (system.M @ np.array(start).T)
+                    begin = tuple(np.linalg.solve(own.M, at_end).T)
+                slip = system.slip_norm((system.B @ (V @ one.states.T)).T)
+                one = replace(one, slip=slip)
+            model.curves.append(one)
+            told = ("frequency", "damping_ratio")
+            ratios = {k: getattr(one, k) / getattr(curve, k) for k in told}
+            model.errors.append({k: float(np.abs(x - 1.0).max()) for k, x in ratios.items()})
+            if asked.ring_down:
+                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+                ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
+                model.ring_downs.append(ringing)
+        found.models.append(model)
+    return found
+
+
+def _vibrating(
+    name: str, scene: Scene, system: System, curve: Backbone, warn: list[str]
+) -> tuple[FloatArray, System]:
+    """Basis and smaller system for a mode."""
+    options, number = options_of(scene), curve.mode
+    modes = MODES if isinstance(options.modes, str) else options.modes
+    beside = BESIDE if isinstance(options.interface_modes, str) else options.interface_modes
+    if not curve.share.any():
+        raise InputError(
+            f"backbone: mode {number}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    frequency = curve.stuck_frequency
+    if name == "condensed":
+        basis = condensed_basis(system, highest=frequency)
+        small = condensed_system(system, basis.V)
+    else:
+        stuck = stuck_modes(system, number + beside)[1]
+        basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+        small, _ = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
+    return basis.V, small
+
+
+def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity when the last load of a scene has ended."""
+    step, n_steps = scene.time_step, scene.n_steps
+    act = np.flatnonzero(system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0))
+    if act.size == 0 or act[-1] >= n_steps - 1:
+        raise InputError(
+            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
+            "the run does; choose others, a longer duration, or 'mode'"
+        )
+    scheme = generalized_alpha(scene.time.rho_infinity)
+    return integrate(system, step=step, n_steps=int(act[-1]) + 1, scheme=scheme).finished().final
