@@ -13,10 +13,8 @@ second time that of the estimated errors too, which stand beside it.
 import os
 import sys
 import time
-from collections.abc import Callable
-from functools import partial
+import tomllib
 from pathlib import Path
-from typing import NamedTuple
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -46,20 +44,6 @@ LIMIT = 0.7 * 50e6 * 0.05 * 0.3
 IMPULSE = {"duration": 2e-3, "step": 1e-6}
 
 
-class Task(NamedTuple):
-    """A structure, how it is run, and what is asked of its reduced model, in percent."""
-
-    name: str
-    make: Callable
-    modes: int = 12
-    interface_modes: str | int = "auto"
-    unknowns: int = 1000
-    history: float = np.inf
-    peak: float = np.inf
-    friction: float = np.inf
-    large: bool = False
-
-
 def timed(its):
     """System of a scene and how it is run."""
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
@@ -77,7 +61,7 @@ def paper(name, pulse=""):
     return timed(cases.scene(case, load=load, time=IMPULSE if pulse else None))
 
 
-def harmonics(*parts, length=0.3, arm=0.4):
+def harmonics(length, arm, *parts):
     """Bar with a joint under harmonics: shares of the friction limit, frequencies, phases."""
     points = {"left": 0.0, "end": length + arm}
     structure = sj.Structure(
@@ -117,44 +101,21 @@ def bending():
     return system, {"step": 2e-5, "n_steps": 400, "cycle_steps": 100}
 
 
-def tasks():
-    harmonic, impulse = partial(scene, "structure_harmonic"), partial(scene, "structure_impulse")
-    close = {"unknowns": 16, "peak": 0.3, "friction": 1.0}
-    pulse_16 = {"modes": 15, "interface_modes": 0, **close, "history": 3.0}
-    more = {"modes": 32, "interface_modes": 3, "unknowns": 36, "history": 1.0}
-    pulses = {"unknowns": 16, "history": 3.0, "friction": 1.0}
-    minor = {"modes": 16, "unknowns": 20, "friction": 1.5}
-    three = (0.2, 200, 0), (0.2, 600, 0.3), (0.1, 1000, 2.0)
-    flat = {"history": 0.5, "friction": 2.0, "large": False}
-    big, fine = flat | {"large": True}, {"history": 0.2, "friction": 1.0, "large": True}
-    names = ("I", "II", "III", "IV", "V", "VI", "VII", "reference")
-    return [
-        Task("Fig. 18, harmonic", harmonic, unknowns=15, history=0.3, friction=0.7),
-        *(Task(f"Case {name}", partial(paper, name), **close) for name in names),
-        Task("structure, harmonic", harmonic, **close),
-        Task("structure, impulse", impulse, **pulse_16),
-        Task("structure, impulse, more modes", impulse, **more),
-        Task("joint, triangle", partial(paper, "I", "triangle"), **pulses),
-        Task("joint, ramp_and_hold", partial(paper, "I", "ramp_and_hold"), **pulses),
-        Task("two harmonics, 1 : 5", lambda: harmonics((0.3, 300, 0), (0.2, 1500, 0.7)), **minor),
-        Task("two harmonics, 1 : 3", lambda: harmonics((0.25, 400, 0), (0.25, 1200, 0.3)), **minor),
-        Task("three harmonics", lambda: harmonics(*three, length=0.1, arm=0.5), **minor),
-        Task("two plates, Fig. 18(a)", partial(scene, "two_plates"), 14, **flat),
-        Task("plate from the side, bending", bending, **flat),
-        Task("plate, 3,960, pressed evenly", lambda: plate(198, 9, 0.05, False), **flat),
-        Task("plate, 4,032, two bolts", lambda: plate(63, 31, 0.25, True), **flat),
-        Task("plate, 19,872, pressed evenly", lambda: plate(432, 22, 0.05, False), **fine),
-        Task("plate, 19,880, two bolts", lambda: plate(142, 69, 0.25, True), **big),
-    ]
+#: How structures are made; what is reduced, and what is asked of it.
+MAKERS = {one.__name__: one for one in (scene, paper, harmonics, plate, bending)}
+TASKS = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
+UNASKED = {"unknowns": 1000, "history": np.inf, "peak": np.inf, "friction": np.inf}
+CHOSEN = {"modes": 12, "interface_modes": "auto"}
 
 
 def measure(task):
     """Run the full model and the reduced one; cells of the table."""
-    system, how = task.make()
+    system, how = MAKERS[task["make"]](*task["of"])
+    modes, interface_modes = (task.get(name, value) for name, value in CHOSEN.items())
     full = sj.integrate(system, **how)
     begin = time.perf_counter()
-    path = slip_path(system, how["step"], how["n_steps"], modes=task.modes)
-    basis = static_basis(system, path, task.modes, task.interface_modes)
+    path = slip_path(system, how["step"], how["n_steps"], modes=modes)
+    basis = static_basis(system, path, modes, interface_modes)
     periodic = how["cycle_steps"] is not None
     small, _ = reduced_system(system, basis, periodic=periodic, warn=[])
     offline = time.perf_counter() - begin
@@ -169,10 +130,10 @@ def measure(task):
     friction = errors.friction_energy_per_cycle if cycles else errors.friction_energy
     shares = errors.displacement_rms, errors.peak_displacement or 0.0, friction or 0.0
     measured = [n, *(100.0 * abs(share) for share in shares)]
-    asked = task.unknowns, task.history, task.peak, task.friction
+    asked = [task.get(name, value) for name, value in UNASKED.items()]
     missed = any(value > limit for value, limit in zip(measured, asked, strict=True))
-    cells = [f"{task.name} (missed)" if missed else task.name]
-    cells.append(f"{n} ({task.unknowns})" if task.unknowns < 1000 else n)
+    cells = [task["name"] + (" (missed)" if missed else "")]
+    cells.append(f"{n} ({asked[0]})" if "unknowns" in task else n)
     for value, limit in zip(measured[1:], asked[1:], strict=True):
         cells.append(f"{value:.2f} ({limit:g})" if np.isfinite(limit) else f"{value:.2f}")
 
@@ -194,8 +155,9 @@ def main(arguments):
     names = [one for one in arguments if not one.startswith("-")] or [""]
     print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
     head(*HEADER)
-    for task in tasks():
-        if any(name in task.name for name in names) and not (task.large and "--quick" in arguments):
+    for task in TASKS:
+        large = task.get("large") and "--quick" in arguments
+        if any(name in task["name"] for name in names) and not large:
             row(*measure(task))
 
 

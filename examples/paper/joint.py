@@ -93,7 +93,7 @@ def fig3(item, quick):
         velocity = tan(0.5 * pi * 0.9) / beta
         shares = [100.0 * velocity / value for value in highest]
         if beta < inf:
-            item.say("fig3.velocity", name=_name(beta), velocity=velocity, shares=shares)
+            item.say("fig3.velocity", **locals(), name=_name(beta))
         column = f"force_over_limit_beta_{beta:.0e}".replace("e+0", "e")
         item.curves["fig3"][column] = friction_force(speeds, beta)
     item.say(highest=highest)
@@ -115,14 +115,13 @@ def fig4(item, quick):
             what = "5 Hz, β 1e7 → 1e5: largest change in a cycle, % of the peak"
             item.compare("change_at_5_hz_percent", largest, what=what)
         else:
-            near = abs(of_peak) < 1.0, largest < 1.0
-            item.say("fig4.fast", of_peak=of_peak, largest=largest, near=near)
+            item.say("fig4.fast", **locals(), near=(abs(of_peak) < 1.0, largest < 1.0))
         curve = item.curves[f"fig4{letter}"] = {"time_over_period": np.linspace(0.0, 1.0, 201)}
         for beta, found in runs.items():
             name = _name(beta)
             changes = [percent(of(found), of(runs[inf])) for of in (peak, loop_area, friction)]
             if beta < inf:
-                item.say("fig4.changes", frequency=frequency, name=name, changes=changes)
+                item.say("fig4.changes", **locals())
             curve[f"displacement_{name}_m".replace(" ", "")] = found.point("free_end")[-201:]
     weak = _changes({beta: reference_run(SLOW, beta, WEAK) for beta in (1e5, 1e7)})
     item.say(weak=weak, force=REFERENCE.force, lesser=WEAK.force)
@@ -162,8 +161,7 @@ def table1(item, quick):
     lengths = [np.sqrt(slow.active_length / fast.active_length) for fast, slow in pairs]
     for k, ratio in enumerate(curves[0][-1] / curves[1][-1]):
         off = percent(ratio, rule)
-        fields = {"ratio": ratio, "off": off, "near": abs(off) < 1.0, "rule": rule}
-        item.say("table1.amplitude", mode=k + 1, **fields)
+        item.say("table1.amplitude", **locals(), mode=k + 1, near=abs(off) < 1.0)
     mean = np.sqrt((curves[0] ** 2).mean(axis=0) / (curves[1] ** 2).mean(axis=0))
     ends, offs = (mean.min(), mean.max()), [percent(end, rule) for end in (mean.min(), mean.max())]
     by_rule, by_lengths = (np.abs(mean / value - 1.0).max() for value in (rule, lengths[0]))

@@ -150,10 +150,8 @@ def section7_3(item, quick):
             for choice in CHOICES:
                 errors = np.abs(difference(full[1e5].run, reduced[choice, 1e5].run, point))
                 worst, most = errors.max(), errors[rows].max()
-                off = most - limit_of(says)
-                where = f"{name}, {part}, {choice}"
-                fields = {"says": says, "most": most, "off": off, "near": off < 0.0}
-                item.say("section7.3.difference", where=where, needed=needed, **fields)
+                off, where = most - limit_of(says), f"{name}, {part}, {choice}"
+                item.say("section7.3.difference", **locals(), near=off < 0.0)
     finest, probed = tried[-1], ours.active_length["joint"]
     fine = cases.friction(harmonic(inf, time=TIME | {"steps_per_cycle": 800}).run)
     added = percent(cases.friction(full[1e5].run), cases.friction(full[inf].run))
@@ -180,8 +178,8 @@ def _energy_rows(item, full, reduced, ends):
     stated = item.printed["friction_energy_error_percent"]
     for (choice, beta), model in reduced.items():
         error = percent(cases.friction(model.run), cases.friction(full[beta].run))
-        fields = {"what": f"{FRICTION_LAWS[beta]}, {choice}", "better": abs(error) < stated}
-        item.say("section7.3.energy", stated=stated, error=error, off=error - stated, **fields)
+        what, off, better = f"{FRICTION_LAWS[beta]}, {choice}", error - stated, abs(error) < stated
+        item.say("section7.3.energy", **locals())
     values = [item.printed[f"friction_energy_{key}"] for key in ("reduced", "full")]
     error, off = percent(*values), percent(*values) - stated
     item.say("section7.3.printed", **locals(), near=abs(off) <= 0.5)
@@ -213,8 +211,7 @@ def section7_4(item, quick):
     for shape, damping in [(shape, 1e-5) for shape in PULSES[1:]] + [("triangle", 1e-6)]:
         for choice in CHOICES:
             changed = shape.replace("_", " ") if shape != "triangle" else f"C = {damping:g} s · K"
-            values = most(shape, choice, damping)
-            item.say("section7.4.others", changed=changed, choice=choice, values=values)
+            item.say("section7.4.others", **locals(), values=most(shape, choice, damping))
     text = []
     for shape in PULSES:
         active, found = impulse(shape).active_length["joint"] / CASE.length, impulse(shape).run

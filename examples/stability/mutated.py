@@ -39,7 +39,7 @@ PATIENCE, MOST_WORK = 300.0, 500_000
 SAME = 1e-6
 #: What a damaged value may become.
 TOKENS = ("nan", "inf", "-1", "0", "1e308", "true", "[]", "{}", "''", "[[joint]]", "=", "é", "\x00")
-_BODIES = {"bar": 1, "bars": 2, "plate": 1, "side": 1, "plates": 2}
+KINDS = ["bar", "bars", "plate", "side", "plates"]
 
 
 # Valid scenes
@@ -47,32 +47,32 @@ _BODIES = {"bar": 1, "bars": 2, "plate": 1, "side": 1, "plates": 2}
 
 def drawn(rng):
     """Tables of a valid scene of any size, and the meshes of its bodies."""
-    kind = rng.choice(list(_BODIES))
+    kind = rng.choice(KINDS)
+    bars, two, side = "bar" in kind, kind.endswith("s"), kind == "side"
     length, joint = 10.0 ** rng.uniform(-2.0, 1.0), rng.uniform(0.2, 0.8)
     width, thickness = length * rng.uniform(0.05, 0.3), length * rng.uniform(0.01, 0.1)
-    bodies = _bodies(rng, kind, length, joint, width)
+    bodies = _bodies(rng, bars, two, side, length, joint, width)
     E, density = 10.0 ** rng.uniform(9.0, 12.0), 10.0 ** rng.uniform(3.0, 4.2)
-    depth = thickness if kind == "side" else width  # of the contact across the length
-    height = width if kind == "side" else thickness
+    # Of the contact across the length, and across that.
+    depth, height = (thickness, width) if side else (width, thickness)
     friction, strain = rng.uniform(0.05, 1.0), 10.0 ** rng.uniform(-7.0, -4.0)
     limit = strain * E * depth * height  # N, so that strains stay small
     pressure = limit / (friction * depth * joint * length)
-    if rng.random() < 0.3 and _BODIES[kind] == 1:
+    if rng.random() < 0.3 and not two:
         at = [0.0, *sorted(rng.uniform(0.0, joint * length) for _ in range(3)), joint * length]
         pressure = {"positions": at, "values": [pressure * rng.uniform(0.0, 2.0) for _ in at]}
     frequency = sqrt(E / density) / (4.0 * length) * rng.uniform(0.1, 2.0)
-    joined = {"on": "joint", "pressure": pressure, "friction": friction}
-    joined["law"] = rng.choice(["arctan", "coulomb"])
-    if joined["law"] == "arctan":
+    law = rng.choice(["arctan", "coulomb"])
+    joined = {"on": "joint", "pressure": pressure, "friction": friction, "law": law}
+    if law == "arctan":
         joined["beta"] = 10.0 ** rng.uniform(0.0, 3.0) / (strain * length * frequency)
     joined["normal_force"] = rng.choice(["equal", "consistent"])
-    if _BODIES[kind] == 2:
-        joined["against"] = "lower"
-    section = {"thickness": thickness} | ({"width": width} if "bar" in kind else {})
-    masses = ["consistent", "lumped"][: 2 if "bar" in kind else 1]
+    joined |= {"against": "lower"} if two else {}
+    section = {"thickness": thickness} | ({"width": width} if bars else {})
+    masses = ["consistent", "lumped"][: 2 if bars else 1]
     material = {"E": E, "density": density, "mass_matrix": rng.choice(masses)}
     load = {"on": "free_end"}
-    if "bar" not in kind:
+    if not bars:
         material["poisson"] = rng.uniform(0.0, 0.4)
         section["plane"] = rng.choice(["stress", "strain"])
         load["direction"] = [1.0, rng.choice([0.0, 0.2])]
@@ -90,15 +90,14 @@ def drawn(rng):
         "models": {"run": ["full"]},
         "output": {"every": rng.choice([1, 3]), "points": ["free_end"], "frames": 5},
     }
-    if rng.random() < 0.1 and joined["law"] == "arctan":
+    if rng.random() < 0.1 and law == "arctan":
         tables["models"] = {"run": ["full", "reduced"]}
         tables["reduction"] = {"friction_points": rng.choice(["auto", "all"])}
     return tables, bodies
 
 
-def _bodies(rng, kind, length, share, width):
+def _bodies(rng, bars, two, side, length, share, width):
     """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
-    bars, two = "bar" in kind, _BODIES[kind] == 2
     counts = [rng.randint(1, 30 if bars else 6) for _ in range(3)]
     across = width, rng.randint(1, 3)
     shape = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
@@ -111,11 +110,11 @@ def _bodies(rng, kind, length, share, width):
             points |= {"free_end": strips[0][1] + strips[1][1]} if free else {}
             return build_bar(strips, points, origin=(start, 0.0, 0.0))
         edges = ({"fixed": "left"} if fixed else {}) | ({"free_end": "right"} if free else {})
-        edges |= {"joint": ("bottom", "pressed")} if kind == "side" else {}
+        edges |= {"joint": ("bottom", "pressed")} if side else {}
         return build_plate(strips, *across, boundaries=edges, origin=(start, 0.0), **shape)
 
     if not two:
-        return [body([("pressed" if kind == "side" else "joint", pressed, counts[0]), rest])]
+        return [body([("pressed" if side else "joint", pressed, counts[0]), rest])]
     lower = ("lower", pressed, counts[0 if bars else 2])  # nodes of bars must match
     return [
         body([("held", *rest[1:]), ("joint", pressed, counts[0])], free=False),
