@@ -27,37 +27,35 @@ All sizes are in metres.
 """
 
 import sys
-from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import skfem
 
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named, write_mesh
+from skfem_joint.mesh import build_bar, build_plate, merged, named, write_mesh
 
 WIDTH = 0.05
 
 
-def lap_joint(length: float) -> NamedMesh:
+def lap_joint(length):
     """Lap joint of 100 equal elements; length in m."""
     return build_bar([("joint", length, 100)], {"fixed": 0.0, "free_end": length})
 
 
-def structure() -> NamedMesh:
+def structure():
     """Structure of Fig. 18(b): joint of 0.1 m, linear region of 0.5 m."""
     points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
     return build_bar([("joint", 0.1, 100), ("linear", 0.5, 100)], points)
 
 
-def plate_reference() -> NamedMesh:
+def plate_reference():
     """Reference system of section 2.1 as a plate on a rigid base."""
     sides = {"fixed": "left", "free_end": "right", "bottom": "bottom", "top": "top"}
     return build_plate([("joint", 0.25, 100)], WIDTH, 10, boundaries=sides)
 
 
-def plate_bolts() -> NamedMesh:
+def plate_bolts():
     """Plate with two bolt holes in its joint, its blocks joined where their vertices meet."""
     across, hole_radius = 8, 0.0055
     bolts = {"hole_1": 0.05, "hole_2": 0.15}
@@ -80,8 +78,7 @@ def plate_bolts() -> NamedMesh:
         triangles.append(np.where(even, [a, c, d], [b, c, d]).reshape(3, -1))
         positions.append(grid.reshape(2, -1))
         count += grid[0].size
-    p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
-    t = number.ravel()[np.hstack(triangles)]
+    p, t = _joined(positions, triangles)
     t = t[:, np.argsort(p[0, t].mean(axis=0), kind="stable")]
 
     joint = p[0, t].max(axis=0) <= 0.2
@@ -93,11 +90,9 @@ def plate_bolts() -> NamedMesh:
     return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
 
 
-def two_plates(side: bool = False) -> NamedMesh:
+def two_plates(side=False):
     """Fig. 18(a) in plan view, or from the side: elements of 5 mm above and 4 mm below then."""
-    arms, laps, size = (
-        ((100, 125), (40, 50), (0.01, 4)) if side else ((50, 50), (40, 40), (WIDTH, 8))
-    )
+    size, arms, laps = (WIDTH, 8), (50, 50), (40, 40)
     upper, lower = {"upper_end": "left"}, {"lower_end": "right"}
     if side:
         size, arms, laps = (0.01, 4), (100, 125), (40, 50)
@@ -105,18 +100,17 @@ def two_plates(side: bool = False) -> NamedMesh:
         lower["lower_contact"] = "top", "lower_joint"
     strips = [("upper_linear", 0.5, arms[0]), ("upper_joint", 0.2, laps[0])]
     others = [("lower_joint", 0.2, laps[1]), ("lower_linear", 0.5, arms[1])]
-    start = 0.0, 0.01 * side
-    above = build_plate(strips, *size, origin=start, boundaries=upper)
+    above = build_plate(strips, *size, origin=(0.0, 0.01 * side), boundaries=upper)
     return merged([above, build_plate(others, *size, origin=(0.5, 0.0), boundaries=lower)])
 
 
-def solid_lap_joint() -> NamedMesh:
+def solid_lap_joint():
     """Two solid plates lapped and bolted, one element thick; their faces match."""
     thick, across, washer, bolts = 0.01, 4, 0.008, (0.125, 0.175)
     curves = [*(_circle(across, r) for r in (0.0045, 0.006, washer, 0.014))]
     rings = _rings([*curves, _square(across, 0.5 * WIDTH)], bolts)
 
-    def plate(name: str, clamped: str, end: float, low: float) -> NamedMesh:
+    def plate(name, clamped, end, low):
         """One plate; its end stands at ``end``, its overlap between 0.1 m and 0.2 m."""
         tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, 5)
         grids = [np.array(np.meshgrid(*tail, indexing="ij")), *rings]
@@ -139,7 +133,7 @@ INCH = 0.0254
 BOLTS = (-0.03, 0.0, 0.03)
 
 
-def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
+def brake_reuss(across=2, along=8):
     """Brake-Reuss beam; ``across`` elements on each quarter of a bolt, ``along`` a full part.
 
     Sizes of the beam, washers, bolts: the model of the tutorial of Abaqus4Joints (N. Balaji). Heads
@@ -168,7 +162,7 @@ def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
             parts += [(ring, z) for ring in _rings(pair, [x], 0.0)]
     p, t = _stacked([(np.asarray(grid), z) for grid, z in parts])
 
-    def part(name: str, turn: float) -> NamedMesh:
+    def part(name, turn):
         """One half; the other one is turned about y."""
         boundaries = {
             f"{name}_end": lambda x: np.isclose(abs(x[0]), 0.36),
@@ -186,33 +180,33 @@ def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
     return merged([part("upper", 1.0), part("lower", -1.0)])
 
 
-def _solid(name: str, p: np.ndarray, t: np.ndarray, boundaries: Any) -> NamedMesh:
+def _solid(name, p, t, boundaries):
     """Second-order hexahedra, all one region of that name."""
     mesh = skfem.MeshHex1(p, t, sort_t=False).with_boundaries(boundaries)
     return named(mesh.with_subdomains({name: np.arange(t.shape[1])}), order=2)
 
 
-def _rings(curves: Any, bolts: Iterable[float], y: float = 0.5 * WIDTH) -> list[np.ndarray]:
+def _rings(curves, bolts, y=0.5 * WIDTH):
     """Grids (2, curves, around) between closed curves, around each bolt at (x, y)."""
     rings = np.stack([*curves], axis=1)
     rings = np.concatenate([rings, rings[..., :1]], axis=2)
     return [rings + np.array([[[x]], [[y]]]) for x in bolts]
 
 
-def _square(across: int, x: float, y: float | None = None) -> np.ndarray:
+def _square(across, x, y=None):
     """Positions (2, 4 across) around a rectangle of half sizes x and y."""
     side, one = np.linspace(-1.0, 1.0, across + 1)[:-1], np.ones(across)
     square = np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
     return square * [[x], [x if y is None else y]]
 
 
-def _circle(across: int, radius: float) -> np.ndarray:
+def _circle(across, radius):
     """Positions (2, 4 across) around a circle."""
     angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
     return radius * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def _stacked(parts):
     """Vertices (3, n) and hexahedra (8, m) of plane grids (2, i, j) drawn through heights."""
     positions, cells, count = [], [], 0
     for grid, heights in parts:
@@ -225,6 +219,11 @@ def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np
             cells.append(np.stack(pairs)[[0, 1, 2, 4, 3, 5, 6, 7]])
         positions += [np.vstack([grid.reshape(2, -1), np.full(n, z)]) for z in heights]
         count += n * len(heights)
+    return _joined(positions, cells)
+
+
+def _joined(positions, cells):
+    """Vertices, each once, and cells of them."""
     p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
     return p, np.ascontiguousarray(number.ravel()[np.hstack(cells)])
 
@@ -243,7 +242,7 @@ MESHES = {
 }
 
 
-def main(folder: Path) -> None:
+def main(folder):
     """Write all mesh files into a folder."""
     for name, make in MESHES.items():
         write_mesh(make(), folder / f"{name}.msh")
