@@ -121,7 +121,7 @@ def _fields(row):
         elif key == "elements" and not isinstance(value[0], list):
             yield key, tuple(value)
         else:
-            yield key, LISTS.get(value, value) if isinstance(value, str) else value
+            yield key, LISTS[value] if isinstance(value, str) and value.isupper() else value
 
 
 def _varied(base, row):
