@@ -12,15 +12,12 @@ import argparse
 import runpy
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from skfem_joint import load_scene, run_scene
-from skfem_joint.analysis.study import Study
 from skfem_joint.files import replacing
 from skfem_joint.output import folder, pictures, plots, series
 from skfem_joint.output.fields import frames_of
@@ -50,51 +47,48 @@ LONG = {
 }
 
 
-def lap_joint(found: dict[str, Any]) -> Any:
-    return plots.proper_values_figure(found["proper"], "the lap joint's three periods")
+def active_region(found):
+    structure, system, peak = found["structure"], found["system"], found["run"].slip_peak
+    active, points = slips(structure, system, peak, 1.0 / 500.0), structure.patches[0].points
+    return plots.active_region_figure(structure, 0, peak[points], active[points])
 
 
-def reduced_structure(found: dict[str, Any]) -> Any:
-    runs = {"full": found["full"], "reduced": found["reduced"]}
-    return plots.hysteresis_figure(runs, "free_end", 0, found["timing"]["steps_per_cycle"])
-
-
-def own_basis(found: dict[str, Any]) -> Any:
+def tips(found):
     runs = {f"friction limit {limit:g} N": run for limit, run in found["runs"].items()}
     return plots.histories_figure(runs, ["tip"])
 
 
-def bolted_plates(found: dict[str, Any]) -> Any:
-    structure, system, peak = found["structure"], found["system"], found["run"].slip_peak
-    active = slips(structure, system, peak, period=1.0 / 500.0)
-    points = structure.patches[0].points
-    return plots.active_region_figure(structure, 0, peak[points], active[points])
+def loops(found):
+    runs = {name: found[name] for name in ("full", "reduced")}
+    return plots.hysteresis_figure(runs, "free_end", 0, found["timing"]["steps_per_cycle"])
 
 
 #: Pictures of the literate examples of the same name, from what is found in them.
-FIGURES: dict[str, Callable[[dict[str, Any]], Any]] = {
-    one.__name__: one for one in (lap_joint, reduced_structure, own_basis, bolted_plates)
+FIGURES = dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda found: found["figure"])
+FIGURES |= {
+    "lap_joint": lambda found: plots.proper_values_figure(
+        found["proper"], "the lap joint's three periods"
+    ),
+    "reduced_structure": loops,
+    "own_basis": tips,
+    "bolted_plates": active_region,
 }
-FIGURES |= dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda found: found["figure"])
 
 
 # %% How
 @cache
-def study(scene: str) -> Study:
+def study(scene):
     """Results of a scene, without estimated errors."""
     return run_scene(load_scene(HERE / f"{scene}.toml").changed(accuracy={"estimate": False}))
 
 
-def command(*words: str | Path) -> None:
-    subprocess.run([str(word) for word in words], check=True)
-
-
-def drawn(name: str, out: Path) -> Path:
+def drawn(name, out):
     """Draw a picture; returns its file below ``out``."""
     picture = out / f"{name}.png"
     if name in LONG:
         (script, *arguments), file = LONG[name]
-        command(sys.executable, HERE / script, *arguments, "--out", out / name)
+        command = sys.executable, HERE / script, *arguments, "--out", out / name
+        subprocess.run(command, check=True)
         return out / name / f"{file}.png"
     if name in SCENES:
         scene, file = SCENES[name]
@@ -108,8 +102,9 @@ def drawn(name: str, out: Path) -> Path:
         frames, index = frames_of(study("plate_bolts")), out / "fields.pvd"
         series.write_series(index, frames)
         series.write_load(out / "fields_load.csv", frames)
-        server = ("xvfb-run", "-a", "-s", "-noreset", "pvpython")
-        command(*server, HERE / "paraview_joint.py", index, picture, "--time", "4.5e-3")
+        server = "xvfb-run", "-a", "-s", "-noreset", "pvpython"
+        command = *server, HERE / "paraview_joint.py", index, picture, "--time", "4.5e-3"
+        subprocess.run(command, check=True)
     else:
         run_name = "__main__" if name == "sweep" else "example"
         with chdir(out):  # it writes its picture where it is called
@@ -121,10 +116,10 @@ def drawn(name: str, out: Path) -> Path:
 SHORT = (*SCENES, *FIGURES, "two_plates", "paraview")
 
 
-def main(arguments: list[str]) -> None:
+def main(arguments):
     from PIL import Image
 
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*SHORT, *LONG]))
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
     given = parser.parse_args(arguments)

@@ -32,6 +32,7 @@ STATES = (
     ("0", "stick", (0.18, 0.43, 0.70)),
     ("1", "slip", (0.94, 0.54, 0.14)),
 )
+BLACK = (0.0, 0.0, 0.0)
 SIZE = (1400, 900)  # pixels
 TOP = 0.62  # share of the height for the joint
 SHARE = 0.05  # largest displacement in the picture over the length
@@ -67,6 +68,13 @@ for k in range(1, rows.shape[1]):
     force = numpy.interp(now, rows[:, 0], rows[:, k]) / {unit!r}
     output.RowData.append(numpy.full(2, force), "now %d" % k)
 """
+
+
+def styled(shown, **properties):
+    """Set properties of what is shown."""
+    for name, value in properties.items():
+        setattr(shown, name, value)
+    return shown
 
 
 def blocks_by_model(reader):
@@ -144,19 +152,16 @@ def show_model(reader, name, paths, view, factor, shift):
         edges = simple.FeatureEdges(Input=simple.ExtractSurface(Input=source))
         line = simple.Show(edges, view)
         simple.ColorBy(line, None)
-        line.AmbientColor = line.DiffuseColor = colour
-        line.LineWidth = width
+        styled(line, AmbientColor=colour, DiffuseColor=colour, LineWidth=width)
 
 
 def write(view, text, place=None, corner=None, size=20):
     """Write a text at a place in space or a corner of the view."""
-    shown = simple.Show(simple.Text(Text=text), view)
-    shown.Color, shown.FontSize = (0.0, 0.0, 0.0), size
+    shown = styled(simple.Show(simple.Text(Text=text), view), Color=BLACK, FontSize=size)
     if place is None:
         shown.WindowLocation = corner
     else:
-        shown.TextPropMode = "Billboard 3D Text"
-        shown.BillboardPosition = place
+        styled(shown, TextPropMode="Billboard 3D Text", BillboardPosition=place)
 
 
 def colour_by_state(view):
@@ -165,14 +170,10 @@ def colour_by_state(view):
     table.InterpretValuesAsCategories = 1
     table.Annotations = [word for state in STATES for word in state[:2]]
     table.IndexedColors = [part for state in STATES for part in state[2]]
-    bar = simple.GetScalarBar(table, view)
-    bar.Title, bar.ComponentTitle = "contact", ""
-    bar.TitleColor = bar.LabelColor = (0.0, 0.0, 0.0)
-    bar.TitleFontSize = bar.LabelFontSize = 18
-    bar.WindowLocation = "Any Location"
-    bar.Orientation = "Horizontal"
-    bar.Position, bar.ScalarBarLength = [0.64, 0.1], 0.3
-    bar.Visibility = 1
+    bar = styled(simple.GetScalarBar(table, view), Title="contact", ComponentTitle="")
+    styled(bar, TitleColor=BLACK, LabelColor=BLACK, TitleFontSize=18, LabelFontSize=18)
+    styled(bar, WindowLocation="Any Location", Orientation="Horizontal")
+    styled(bar, Position=[0.64, 0.1], ScalarBarLength=0.3, Visibility=1)
 
 
 def laid_out(low, high, count, pixels):
@@ -206,11 +207,9 @@ def aim(view, middle, pixel, pixels):
     across, up = middle
     centre = [across, up * RISE, -up * BACK]
     far = 10.0 * pixel * sum(pixels)
-    view.CameraParallelProjection = 1
-    view.CameraFocalPoint = centre
-    view.CameraPosition = [across, centre[1] + far * BACK, centre[2] + far * RISE]
-    view.CameraViewUp = [0.0, RISE, -BACK]
-    view.CameraParallelScale = 0.5 * pixels[1] * pixel
+    eye = [across, centre[1] + far * BACK, centre[2] + far * RISE]
+    styled(view, CameraParallelProjection=1, CameraFocalPoint=centre, CameraPosition=eye)
+    styled(view, CameraViewUp=[0.0, RISE, -BACK], CameraParallelScale=0.5 * pixels[1] * pixel)
 
 
 def table(script):
@@ -228,43 +227,37 @@ def show_load(path, times, view):
     largest = max((abs(float(word)) for row in rows for word in row[1:]), default=0.0)
     unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
     names = [name.removesuffix("N") + short for name in columns[1:]]
-    curve = simple.Show(table(CURVE.format(path=path, names=names, unit=unit)), view)
-    curve.UseIndexForXAxis, curve.XArrayName = 0, "time, ms"
-    curve.SeriesVisibility = names
-    curve.SeriesLabel = [word for name in names for word in (name, name)]
-    curve.SeriesColor = [
-        word for k, name in enumerate(names) for word in (name, *(3 * [str(0.1 + 0.3 * k)]))
-    ]
-    curve.SeriesLineThickness = [word for name in names for word in (name, "2")]
-
-    source = table(MARK.format(path=path, unit=unit))
-    source.ScriptRequestInformation = TIME_STEPS.format(times=times)
-    mark = simple.Show(source, view)
     marks = [f"now {k}" for k in range(1, len(columns))]
-    mark.UseIndexForXAxis, mark.XArrayName = 0, "time, ms"
-    mark.SeriesVisibility = marks
-    mark.SeriesLabel = [word for name in marks for word in (name, "now")]
-    mark.SeriesColor = [word for name in marks for word in (name, "0.82", "0.12", "0.12")]
-    mark.SeriesLineStyle = [word for name in marks for word in (name, "0")]
-    mark.SeriesMarkerStyle = [word for name in marks for word in (name, "4")]  # a circle
-    mark.SeriesMarkerSize = [word for name in marks for word in (name, "14")]
+    curve = table(CURVE.format(path=path, names=names, unit=unit))
+    mark = table(MARK.format(path=path, unit=unit))
+    mark.ScriptRequestInformation = TIME_STEPS.format(times=times)
+    greys = [3 * [str(0.1 + 0.3 * k)] for k in range(len(names))]
+    red, circle = len(marks) * [["0.82", "0.12", "0.12"]], {"LineStyle": "0", "MarkerStyle": "4"}
+    for source, series, labels, colours, style in (
+        (curve, names, names, greys, {"LineThickness": "2"}),
+        (mark, marks, len(marks) * ["now"], red, circle | {"MarkerSize": "14"}),
+    ):
+        shown = styled(simple.Show(source, view), UseIndexForXAxis=0, XArrayName="time, ms")
+        shown.SeriesVisibility = series
+        shown.SeriesLabel = [word for pair in zip(series, labels, strict=True) for word in pair]
+        pairs = zip(series, colours, strict=True)
+        shown.SeriesColor = [word for name, colour in pairs for word in (name, *colour)]
+        for key, value in style.items():
+            setattr(shown, f"Series{key}", [word for name in series for word in (name, value)])
 
-    view.HideTimeMarker = 1
-    view.BottomAxisTitle = "time, ms"
-    view.LeftAxisTitle, view.ChartTitleAlignment = "", "Left"
-    view.ChartTitle = names[0] if len(names) == 1 else f"force, {short}"
-    view.ChartTitleFontFamily, view.ChartTitleFontSize = "Courier", 18
-    view.ShowLegend = int(len(names) > 1)
+    title = names[0] if len(names) == 1 else f"force, {short}"
+    styled(view, HideTimeMarker=1, BottomAxisTitle="time, ms", LeftAxisTitle="")
+    styled(view, ChartTitle=title, ChartTitleAlignment="Left", ChartTitleFontSize=18)
+    styled(view, ChartTitleFontFamily="Courier", ShowLegend=int(len(names) > 1))
     if largest > 0.0:
-        view.LeftAxisUseCustomRange = 1
-        view.LeftAxisRangeMinimum = -1.15 * largest / unit
-        view.LeftAxisRangeMaximum = 1.15 * largest / unit
+        reach = 1.15 * largest / unit
+        styled(view, LeftAxisUseCustomRange=1, LeftAxisRangeMinimum=-reach)
+        view.LeftAxisRangeMaximum = reach
     for axis in ("Bottom", "Left"):
-        # In Arial, VTK repeats the first row and the last column of a text at its other end.
-        setattr(view, f"{axis}AxisTitleFontFamily", "Courier")
-        setattr(view, f"{axis}AxisLabelFontFamily", "Courier")
-        setattr(view, f"{axis}AxisTitleFontSize", 18)
-        setattr(view, f"{axis}AxisLabelFontSize", 16)
+        for part, size in (("Title", 18), ("Label", 16)):
+            # In Arial, VTK repeats the first row and the last column of a text at its other end.
+            setattr(view, f"{axis}Axis{part}FontFamily", "Courier")
+            setattr(view, f"{axis}Axis{part}FontSize", size)
 
 
 def joint(reader, time=None, factor=None):
@@ -291,8 +284,7 @@ def joint(reader, time=None, factor=None):
         layout.SplitVertical(0, TOP)
         simple.AssignViewToLayout(view=chart, layout=layout, hint=2)
     layout.SetSize(*SIZE)
-    view.UseColorPaletteForBackground = 0
-    view.Background = [1.0, 1.0, 1.0]
+    styled(view, UseColorPaletteForBackground=0, Background=[1.0, 1.0, 1.0])
     view.OrientationAxesVisibility = 0
 
     models = blocks_by_model(reader)
@@ -315,12 +307,9 @@ def joint(reader, time=None, factor=None):
             write(view, name, place=place, size=18)
     colour_by_state(view)
     write(view, f"displacement x {factor:g}", corner="Upper Right Corner")
-    shown = simple.Show(
-        simple.AnnotateTimeFilter(Input=reader, Format="t = {time:.3f} ms", Scale=1e3), view
-    )
-    shown.WindowLocation, shown.Color = "Upper Left Corner", (0.0, 0.0, 0.0)
-    shown.FontSize = 20
-
+    clock = simple.AnnotateTimeFilter(Input=reader, Format="t = {time:.3f} ms", Scale=1e3)
+    shown = styled(simple.Show(clock, view), WindowLocation="Upper Left Corner")
+    styled(shown, Color=BLACK, FontSize=20)
     aim(view, middle, pixel, pixels)
     if has_load:
         show_load(load, times, chart)

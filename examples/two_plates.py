@@ -19,7 +19,7 @@ Units: SI. Source: Journal of Sound and Vibration (2010), sections 7.3 and 7.4.
 # %% Models
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from scipy.sparse.linalg import eigsh
 
 from skfem_joint import Joint, Load, Material, Save, Structure, System, integrate
 from skfem_joint.loads import Harmonic, Triangle
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, load_meshes, merged
+from skfem_joint.mesh import build_bar, build_plate, load_meshes, merged
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import Contact
@@ -41,8 +41,7 @@ ARM, HALF = 0.5, 0.1  # length beside the joint and half of the overlap, m
 EA, TAU = STEEL.E * WIDTH * THICKNESS, FRICTION * PRESSURE * WIDTH
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(NamedTuple):
     """A model of the whole structure or of one half; the first point of its system is loaded."""
 
     name: str
@@ -52,17 +51,17 @@ class Model:
     middle: str = ""  # point in the middle of the joint, if that can move
     structure: Any = None
 
-    def end(self, run: Run) -> np.ndarray:
+    def end(self, run):
         """Displacement of the loaded end against the middle of the joint, m."""
         return run.point_u[:, 0] - (run.point(self.middle) if self.middle else 0.0)
 
-    def lost(self, run: Run) -> float:
+    def lost(self, run):
         """Friction energy of one half of the joint, in the last period or in all, J."""
         periods = run.cycles.friction
-        return float(periods[-1] if periods.size else run.friction_work.sum()) / self.halves
+        return (periods[-1] if periods.size else run.friction_work.sum()) / self.halves
 
 
-def model(name: str, mesh: NamedMesh, joint: Joint, edge: float, pulls: dict, **ways: Any) -> Model:
+def model(name, mesh, joint, edge, pulls, **ways):
     """Model whose ends are pulled along x; the joint ends at ``edge`` on the loaded side."""
     middle, points = ways.pop("middle", ""), ways.pop("points", [])
     section = {"width": WIDTH, "thickness": THICKNESS} if mesh.dim == 1 else {}
@@ -74,7 +73,7 @@ def model(name: str, mesh: NamedMesh, joint: Joint, edge: float, pulls: dict, **
     return Model(name, structure.system(loads, points), distance, halves, middle, structure)
 
 
-def strut_b(elements: int = 50, arm: int = 50) -> Model:
+def strut_b(elements=50, arm=50):
     """Fig. 18(b): held at the cut, pressed on a rigid base."""
     points = {"cut": 0.0, "edge": HALF, "end": HALF + ARM}
     mesh = build_bar([("joint", HALF, elements), ("arm", ARM, arm)], points)
@@ -82,7 +81,7 @@ def strut_b(elements: int = 50, arm: int = 50) -> Model:
     return model("(b) strut", mesh, joint, HALF, {"end": 1}, fixed=["cut"], points=["edge"])
 
 
-def strut_a(elements: int = 50, arm: int = 50, held: bool = False) -> Model:
+def strut_a(elements=50, arm=50, held=False):
     """Fig. 18(a): both ends pulled, or one held and one pulled."""
     parts = [("upper_arm", ARM, arm), ("upper_joint", 2 * HALF, 2 * elements)]
     upper = build_bar(parts, {"upper_end": 0.0}, origin=(-ARM, 0.0, 0.0))
@@ -91,39 +90,36 @@ def strut_a(elements: int = 50, arm: int = 50, held: bool = False) -> Model:
     joint = Joint("upper_joint", PRESSURE, FRICTION, against="lower_joint")
     name, mesh = "(a) struts, one end held" if held else "(a) struts", merged([upper, lower])
     pulls = {"end": 1} if held else {"end": 1, "upper_end": -1}
-    ways: Any = {"fixed": ["upper_end"], "middle": "middle"} if held else {"free": True}
+    ways = {"fixed": ["upper_end"], "middle": "middle"} if held else {"free": True}
     return model(name, mesh, joint, 2 * HALF, pulls, points=["edge", "middle"], **ways)
 
 
-def strut_in_series(elements: int = 50, arm: int = 50) -> Model:
+def strut_in_series(elements=50, arm=50):
     """One half of (a), exactly: bars with and without friction in series, by their matrices."""
 
-    def bar(length: float, n: int, section: float) -> tuple[Any, Any]:
-        ends, beside, h = np.r_[1.0, np.full(n - 1, 2.0), 1.0], np.ones(n), length / n
-        M = sparse.diags_array([beside, 2.0 * ends, beside], offsets=[-1, 0, 1])
-        K = sparse.diags_array([-beside, ends, -beside], offsets=[-1, 0, 1])
-        return STEEL.density * section * h / 6.0 * M, STEEL.E * section / h * K
+    def bar(length, n, double):
+        size = {"width": (1 + double) * WIDTH, "thickness": THICKNESS, "free": True}
+        return Structure(build_bar([("bar", length, n)], {}), STEEL, **size).matrices()
 
     n, k = arm, elements + 1  # unknowns: of the arm but its end, of the slip, of the mean
-    size, area = n + 2 * k, WIDTH * THICKNESS
-    parts = bar(ARM, arm, area), bar(HALF, elements, 2 * area), bar(HALF, elements, 2 * area)
+    size = n + 2 * k
+    parts = bar(ARM, arm, False), *2 * [bar(HALF, elements, True)]
     edge = sparse.csr_array((np.ones(2), ([0, 0], [n, n + k])), shape=(1, size))
     G = sparse.vstack([sparse.eye_array(n, size), edge, sparse.eye_array(2 * k, size, k=n)])
     M, K = (G.T @ sparse.block_diag(matrices) @ G for matrices in zip(*parts, strict=True))
     limits = TAU * HALF / elements * np.r_[1.0, np.full(elements - 1, 2.0), 1.0]
     slips, none = sparse.eye_array(k, size, k=n, format="csr"), sparse.csr_array((0, size))
-    contact = Contact(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)
-    system = System.from_matrices(
-        M, K, fixed=[size - 1], contact=contact, stiffness_damping=DAMPING,
-        loads={"end": (0, Harmonic(FORCE, FREQUENCY))}, points={"edge": edge.toarray()[0]},
-    )  # fmt: skip
+    ways = {"contact": Contact(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)}
+    ways |= {"loads": {"end": (0, Harmonic(FORCE, FREQUENCY))}, "stiffness_damping": DAMPING}
+    points = {"edge": edge.toarray()[0]}
+    system = System.from_matrices(M, K, fixed=[size - 1], points=points, **ways)
     return Model("(a) one half, in series", system, np.linspace(0.0, HALF, k))
 
 
-def plate_b(side: bool = False) -> Model:
+def plate_b(side=False):
     """Fig. 18(b) in plan view, or from the side."""
     strips = [("foot" if side else "joint", HALF, 40), ("arm", ARM, 50)]
-    edges: Any = {"cut": "left", "end": "right"} | ({"joint": ("bottom", "foot")} if side else {})
+    edges = {"cut": "left", "end": "right"} | ({"joint": ("bottom", "foot")} if side else {})
     height, thickness = (THICKNESS, WIDTH) if side else (WIDTH, THICKNESS)
     centre = {"centre": (0.0, 0.5 * height)}
     mesh = build_plate(strips, height, 8, boundaries=edges, points=centre)
@@ -132,7 +128,7 @@ def plate_b(side: bool = False) -> Model:
     return model(name, mesh, joint, HALF, {"end": 1}, **ways)
 
 
-def plate_a(side: bool = False) -> Model:
+def plate_a(side=False):
     """Fig. 18(a) in plan view, or from the side, pulled at both ends.
 
     The pulls are in balance: what holds the structure takes no force but, from the side, that of
@@ -141,12 +137,10 @@ def plate_a(side: bool = False) -> Model:
     file = f"two_plates{'_side' if side else ''}.msh"
     mesh, middle = load_meshes([Path(__file__).parents[1] / "meshes" / file]), ARM + HALF
     places = {"middle": (middle, THICKNESS if side else 0.5 * WIDTH), "far": (2 * middle, 0.025)}
-    at = {
-        name: np.linalg.norm(mesh.mesh.p.T - x, axis=1).argsort()[:2] for name, x in places.items()
-    }
-    mesh = replace(mesh, points={name: int(near.max()) for name, near in at.items()})
+    near = {n: np.linalg.norm(mesh.mesh.p.T - x, axis=1).argsort() for n, x in places.items()}
+    mesh = replace(mesh, points={name: int(at[:2].max()) for name, at in near.items()})
     part = "contact" if side else "joint"
-    ways: dict[str, Any] = {"fixed": ["middle"], "fixed_y": ["far"], "thickness": THICKNESS}
+    ways = {"fixed": ["middle"], "fixed_y": ["far"], "thickness": THICKNESS}
     if side:
         ways = {"fixed_x": ["middle"], "fixed_y": ["upper_end", "lower_end"], "thickness": WIDTH}
     joint = Joint(f"upper_{part}", PRESSURE, FRICTION, against=f"lower_{part}")
@@ -155,14 +149,14 @@ def plate_a(side: bool = False) -> Model:
 
 
 # %% What is measured
-def active_lengths(model: Model, run: Run) -> tuple[float, float]:
+def active_lengths(model, run):
     """Lengths that slip, from the joint's loaded edge inwards and from its other edge, m."""
     x, slip = slip_along(model, run)
     length = x[-1] + x[0]
     return measured(x, slip), measured(length - x[::-1], slip[::-1]) if model.halves == 2 else 0.0
 
 
-def slip_along(model: Model, run: Run) -> tuple[np.ndarray, np.ndarray]:
+def slip_along(model, run):
     """Distances from the joint's loaded edge (m), and the largest slip there (m)."""
     x, place = np.unique(np.round(model.distance, 9), return_inverse=True)
     slip = np.zeros(x.size)
@@ -170,7 +164,7 @@ def slip_along(model: Model, run: Run) -> tuple[np.ndarray, np.ndarray]:
     return x, slip
 
 
-def resonance(model: Model, run: Run | None = None) -> float:
+def resonance(model, run=None):
     """Frequency of the linear mode that does most for the static response to the load, Hz.
 
     What slips in the run moves freely, the rest of the joint is held, as in the paper's "length of
@@ -186,7 +180,7 @@ def resonance(model: Model, run: Run | None = None) -> float:
     load = system.load_vectors() @ [np.sign(load.amplitude.amplitude) for load in system.loads]
     # Free bars have a rigid motion of frequency zero, which these loads leave alone.
     share = np.where(squares > 1.0, (modes.T @ load[free]) ** 2 / squares, 0.0)
-    return float(np.sqrt(squares[np.argmax(share)]) / (2 * np.pi))
+    return np.sqrt(squares[np.argmax(share)]) / (2 * np.pi)
 
 
 class Result(NamedTuple):
@@ -198,18 +192,18 @@ class Result(NamedTuple):
     pulse: Run
 
     @property
-    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+    def ends(self):
         """Displacement of the loaded end in the last period, and after the impulse, m."""
         return self.model.end(self.harmonic)[-STEPS - 1 :], self.model.end(self.pulse)
 
 
-def loaded(system: System, kind: Any, *timing: float) -> System:
+def loaded(system, kind, *timing):
     """The same system under loads of another kind, of the same largest force."""
     loads = [replace(a, amplitude=kind(a.amplitude.amplitude, *timing)) for a in system.loads]
     return replace(system, loads=tuple(loads))
 
 
-def run_all(model: Model, cycles: int = 4, save: Save | None = None) -> Result:
+def run_all(model, cycles=4, save=None):
     """Run a model from rest; an impulse that rises in 40 us to the force of the harmonic load."""
     timing = {"step": 1.0 / FREQUENCY / STEPS, "n_steps": cycles * STEPS, "cycle_steps": STEPS}
     harmonic = integrate(model.system, save=save, **timing)
@@ -218,13 +212,13 @@ def run_all(model: Model, cycles: int = 4, save: Save | None = None) -> Result:
     return Result(model, harmonic, coulomb, pulse)
 
 
-def slow(model: Model) -> Run:
+def slow(model):
     """Two periods at 5 Hz with Coulomb friction: no inertia."""
     system = loaded(model.system, Harmonic, 5.0).with_beta(np.inf)
     return integrate(system, step=1e-3, n_steps=400, cycle_steps=200)
 
 
-def opening(model: Model, run: Run) -> tuple[float, np.ndarray]:
+def opening(model, run):
     """Largest displacement across (m), and pull on each contact node beside the clamping (Pa).
 
     The pull is what holds the contact closed: elastic, damping and inertia forces across it. Nodes
@@ -235,11 +229,11 @@ def opening(model: Model, run: Run) -> tuple[float, np.ndarray]:
     forces = (K @ (u + DAMPING * v).T + M @ np.gradient(v, run.field_times, axis=0).T).T
     pull = -forces[:, 2 * patch.nodes + 1] / patch.area
     order = np.argsort(model.structure.nodes[patch.nodes, 0])
-    return float(np.abs(u[:, 1::2]).max()), pull.max(axis=0)[order]
+    return np.abs(u[:, 1::2]).max(), pull.max(axis=0)[order]
 
 
 # %% Tables and pictures
-def print_slow(runs: dict[str, tuple[Model, Run]]) -> None:
+def print_slow(runs):
     print(f"Slow load of {FORCE / 1e3:g} kN (5 Hz), Coulomb: computed | closed form")
     print(f"{'':24}{'end, um':>19}{'edge, um':>19}{'J per half':>19}{'active, mm':>19}")
     for name, (model, run) in runs.items():
@@ -253,12 +247,10 @@ def print_slow(runs: dict[str, tuple[Model, Run]]) -> None:
         print(f"{name:24}" + "".join(f"{x:9.2f} |{y:8.2f}" for x, y in pairs))
 
 
-def print_dynamic(results: dict[str, Result]) -> None:
+def print_dynamic(results):
+    head = "unknowns stuck, Hz    Hz end, um J per half Coulomb active, mm  history | end, um "
     print(f"\n{FORCE / 1e3:g} kN at {FREQUENCY:g} Hz, last period; impulse, 2 ms")
-    print(
-        f"{'':27}unknowns stuck, Hz    Hz end, um J per half Coulomb active, mm  history | end, um "
-        "J per half  history"
-    )
+    print(f"{'':27}{head}J per half  history")
     for name, (model, harmonic, coulomb, pulse) in results.items():
         ends, others = results[name].ends, results["(a) struts"].ends
         a, b = (np.abs(x - y).max() / np.abs(y).max() for x, y in zip(ends, others, strict=True))
@@ -271,16 +263,18 @@ def print_dynamic(results: dict[str, Result]) -> None:
         )
 
 
-def draw(path: Path, slow_runs: dict[str, tuple[Model, Run]], results: dict[str, Result]) -> None:
+def draw(path, slow_runs, results):
     """Histories, the loop of the joint, and slip along it."""
     from matplotlib.figure import Figure
 
     panels = (figure := Figure(figsize=(11.0, 8.0), layout="constrained")).subplots(2, 2).ravel()
-    struts, plates = ["(b) strut", "(a) struts", "(a) one half, in series"], ["plan", "side"]
-    names = [*struts, *(f"(a) plates, {view}" for view in plates)]
-    colours = ("#9c1c00", "#7fb2e5", "#1a1a1a", "#1f3d7a", "#2e7d32")
-    looks = zip(names, colours, ("--", "-", ":", "-.", "-"), (1.5, 4.0, 1.5, 1.5, 1.2), strict=True)
-    for name, colour, line, width in looks:
+    for name, colour, line, width in (
+        ("(b) strut", "#9c1c00", "--", 1.5),
+        ("(a) struts", "#7fb2e5", "-", 4.0),
+        ("(a) one half, in series", "#1a1a1a", ":", 1.5),
+        ("(a) plates, plan", "#1f3d7a", "-.", 1.5),
+        ("(a) plates, side", "#2e7d32", "-", 1.2),
+    ):
         style = {"color": colour, "linestyle": line, "linewidth": width}
         model, harmonic, coulomb, pulse = results[name]
         for panel, run in zip(panels, (harmonic, pulse), strict=False):
@@ -304,7 +298,7 @@ def draw(path: Path, slow_runs: dict[str, tuple[Model, Run]], results: dict[str,
     figure.savefig(path, dpi=120)
 
 
-def main(folder: Path) -> None:
+def main(folder):
     from skfem_joint.analysis import study
     from skfem_joint.output.fields import frames_of
     from skfem_joint.output.series import write_load, write_series
@@ -315,7 +309,7 @@ def main(folder: Path) -> None:
     slow_runs = {model.name: (model, slow(model)) for model in struts}
     print_slow(slow_runs)
     double = loaded(struts[1].system, lambda force: Harmonic(2.0 * force, FREQUENCY))
-    twice, held = run_all(replace(struts[1], system=double)), strut_a(held=True)
+    twice, held = run_all(struts[1]._replace(system=double)), strut_a(held=True)
     results = {model.name: run_all(model) for model in struts}
     results[held.name] = run_all(held, cycles=12)
     for model in (plate_b(), plate_a(), plate_b(side=True), plate_a(side=True)):

@@ -26,59 +26,51 @@ Solids, with x along their length and z upwards:
 All sizes are in metres.
 """
 
-from __future__ import annotations
-
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import skfem
 
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named, write_mesh
+from skfem_joint.mesh import build_bar, build_plate, merged, named, write_mesh
 
 WIDTH = 0.05
 
 
-def lap_joint(length: float) -> NamedMesh:
+def lap_joint(length):
     """Lap joint of 100 equal elements; length in m."""
     return build_bar([("joint", length, 100)], {"fixed": 0.0, "free_end": length})
 
 
-def structure() -> NamedMesh:
+def structure():
     """Structure of Fig. 18(b): joint of 0.1 m, linear region of 0.5 m."""
-    return build_bar(
-        [("joint", 0.1, 100), ("linear", 0.5, 100)],
-        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
-    )
+    points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
+    return build_bar([("joint", 0.1, 100), ("linear", 0.5, 100)], points)
 
 
-def plate_reference() -> NamedMesh:
+def plate_reference():
     """Reference system of section 2.1 as a plate on a rigid base."""
-    return build_plate(
-        [("joint", 0.25, 100)],
-        WIDTH,
-        10,
-        boundaries={"fixed": "left", "free_end": "right", "bottom": "bottom", "top": "top"},
-    )
+    sides = {"fixed": "left", "free_end": "right", "bottom": "bottom", "top": "top"}
+    return build_plate([("joint", 0.25, 100)], WIDTH, 10, boundaries=sides)
 
 
-def plate_bolts() -> NamedMesh:
+def plate_bolts():
     """Plate with two bolt holes in its joint, its blocks joined where their vertices meet."""
     across, hole_radius = 8, 0.0055
     bolts = {"hole_1": 0.05, "hole_2": 0.15}
     y = np.linspace(0.0, WIDTH, across + 1)
-    grids = [
-        np.meshgrid(np.linspace(start, stop, count + 1), y, indexing="ij")
-        for start, stop, count in [
-            *((0.0, 0.025, 4), (0.075, 0.125, 8), (0.175, 0.2, 4), (0.2, 0.5, 30))
-        ]
-    ]
-    rings = rings_around_hole(hole_radius, across, 7)
-    centres = [np.array([x, 0.5 * WIDTH])[:, np.newaxis, np.newaxis] for x in bolts.values()]
-    grids += [rings + centre for centre in centres]
+    parts = (0.0, 0.025, 4), (0.075, 0.125, 8), (0.175, 0.2, 4), (0.2, 0.5, 30)
+    lines = [np.linspace(start, stop, count + 1) for start, stop, count in parts]
+    grids = [np.array(np.meshgrid(x, y, indexing="ij")) for x in lines]
+    # Layers from each hole to the square of the plate's width.
+    share = np.concatenate([[0.0], np.cumsum(1.4 ** np.arange(7))])
+    share = (share / share[-1])[:, None, None]
+    hole, square = _circle(across, hole_radius), _square(across, 0.5 * WIDTH)
+    grids += _rings([(1.0 - s) * hole + s * square for s in share], bolts.values())
 
     positions, triangles, count = [], [], 0
-    for grid in map(np.asarray, grids):
+    for grid in grids:
         node = count + np.arange(grid[0].size).reshape(grid[0].shape)
         a, b, c, d = node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]
         even = np.indices(a.shape).sum(axis=0) % 2 == 0
@@ -86,8 +78,7 @@ def plate_bolts() -> NamedMesh:
         triangles.append(np.where(even, [a, c, d], [b, c, d]).reshape(3, -1))
         positions.append(grid.reshape(2, -1))
         count += grid[0].size
-    p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
-    t = number.ravel()[np.hstack(triangles)]
+    p, t = _joined(positions, triangles)
     t = t[:, np.argsort(p[0, t].mean(axis=0), kind="stable")]
 
     joint = p[0, t].max(axis=0) <= 0.2
@@ -99,68 +90,32 @@ def plate_bolts() -> NamedMesh:
     return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
 
 
-def rings_around_hole(radius: float, across: int, layers: int) -> np.ndarray:
-    """Vertices (2, layers + 1, around) from a circle to the square of the plate's width, closed."""
-    square, circle = _square(across, 0.5 * WIDTH), _circle(across, radius)
-    share = np.concatenate([[0.0], np.cumsum(1.4 ** np.arange(layers))])
-    share = (share / share[-1])[:, np.newaxis, np.newaxis]
-    rings = np.moveaxis((1.0 - share) * circle + share * square, 1, 0)
-    return np.concatenate([rings, rings[..., :1]], axis=2)
+def two_plates(side=False):
+    """Fig. 18(a) in plan view, or from the side: elements of 5 mm above and 4 mm below then."""
+    size, arms, laps = (WIDTH, 8), (50, 50), (40, 40)
+    upper, lower = {"upper_end": "left"}, {"lower_end": "right"}
+    if side:
+        size, arms, laps = (0.01, 4), (100, 125), (40, 50)
+        upper["upper_contact"] = "bottom", "upper_joint"
+        lower["lower_contact"] = "top", "lower_joint"
+    strips = [("upper_linear", 0.5, arms[0]), ("upper_joint", 0.2, laps[0])]
+    others = [("lower_joint", 0.2, laps[1]), ("lower_linear", 0.5, arms[1])]
+    above = build_plate(strips, *size, origin=(0.0, 0.01 * side), boundaries=upper)
+    return merged([above, build_plate(others, *size, origin=(0.5, 0.0), boundaries=lower)])
 
 
-def two_plates() -> NamedMesh:
-    """Fig. 18(a) in plan view."""
-    upper = build_plate(
-        [("upper_linear", 0.5, 50), ("upper_joint", 0.2, 40)],
-        WIDTH,
-        8,
-        boundaries={"upper_end": "left"},
-    )
-    lower = build_plate(
-        [("lower_joint", 0.2, 40), ("lower_linear", 0.5, 50)],
-        WIDTH,
-        8,
-        origin=(0.5, 0.0),
-        boundaries={"lower_end": "right"},
-    )
-    return merged([upper, lower])
-
-
-def two_plates_side() -> NamedMesh:
-    """Fig. 18(a) from the side; elements along the contact of 5 mm above and 4 mm below."""
-    upper = build_plate(
-        [("upper_linear", 0.5, 100), ("upper_joint", 0.2, 40)],
-        0.01,
-        4,
-        origin=(0.0, 0.01),
-        boundaries={"upper_end": "left", "upper_contact": ("bottom", "upper_joint")},
-    )
-    lower = build_plate(
-        [("lower_joint", 0.2, 50), ("lower_linear", 0.5, 125)],
-        0.01,
-        4,
-        origin=(0.5, 0.0),
-        boundaries={"lower_end": "right", "lower_contact": ("top", "lower_joint")},
-    )
-    return merged([upper, lower])
-
-
-def solid_lap_joint() -> NamedMesh:
+def solid_lap_joint():
     """Two solid plates lapped and bolted, one element thick; their faces match."""
     thick, across, washer, bolts = 0.01, 4, 0.008, (0.125, 0.175)
     curves = [*(_circle(across, r) for r in (0.0045, 0.006, washer, 0.014))]
-    curves.append(_square(across, 0.5 * WIDTH))
-    rings = np.stack(curves, axis=1)
-    rings = np.concatenate([rings, rings[..., :1]], axis=2)
+    rings = _rings([*curves, _square(across, 0.5 * WIDTH)], bolts)
 
-    def plate(name: str, clamped: str, end: float, low: float) -> NamedMesh:
+    def plate(name, clamped, end, low):
         """One plate; its end stands at ``end``, its overlap between 0.1 m and 0.2 m."""
         tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, 5)
-        grids = [np.array(np.meshgrid(*tail, indexing="ij"))]
-        grids += [rings + np.array([x, 0.5 * WIDTH])[:, None, None] for x in bolts]
+        grids = [np.array(np.meshgrid(*tail, indexing="ij")), *rings]
         p, t = _stacked([(grid, np.array([low, low + thick])) for grid in grids])
-        face = low + thick * (name == "lower")
-        back = low + thick * (name == "upper")
+        face, back = low + thick * (name == "lower"), low + thick * (name == "upper")
         boundaries = {
             f"{name}_end": lambda x: x[0] == end,
             f"{name}_contact": lambda x: (x[2] == face) & (x[0] > 0.1) & (x[0] < 0.2),
@@ -169,9 +124,7 @@ def solid_lap_joint() -> NamedMesh:
             boundaries[f"{clamped}_{number}"] = lambda x, at=at: (
                 (x[2] == back) & (np.hypot(x[0] - at, x[1] - 0.5 * WIDTH) < washer)
             )
-        regions = {name: np.arange(t.shape[1])}
-        mesh = skfem.MeshHex1(p, t, sort_t=False)
-        return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
+        return _solid(name, p, t, boundaries)
 
     return merged([plate("upper", "head", 0.0, thick), plate("lower", "nut", 0.3, 0.0)])
 
@@ -180,7 +133,7 @@ INCH = 0.0254
 BOLTS = (-0.03, 0.0, 0.03)
 
 
-def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
+def brake_reuss(across=2, along=8):
     """Brake-Reuss beam; ``across`` elements on each quarter of a bolt, ``along`` a full part.
 
     Sizes of the beam, washers, bolts: the model of the tutorial of Abaqus4Joints (N. Balaji). Heads
@@ -204,14 +157,12 @@ def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
     curves += [_circle(across, washer), _square(across, 0.015, half)]
     heights = whole, above[1:], whole, whole[:3], face
     for x in BOLTS:
-        at = np.array([x, 0.0])[:, np.newaxis, np.newaxis]
-        parts.append((core + at, whole))
-        for inner, outer, z in zip(curves[:-1], curves[1:], heights, strict=True):
-            ring = np.stack([inner, outer], axis=1)
-            parts.append((np.concatenate([ring, ring[..., :1]], axis=2) + at, z))
+        parts.append((core + np.array([[[x]], [[0.0]]]), whole))
+        for pair, z in zip(pairwise(curves), heights, strict=True):
+            parts += [(ring, z) for ring in _rings(pair, [x], 0.0)]
     p, t = _stacked([(np.asarray(grid), z) for grid, z in parts])
 
-    def part(name: str, turn: float) -> NamedMesh:
+    def part(name, turn):
         """One half; the other one is turned about y."""
         boundaries = {
             f"{name}_end": lambda x: np.isclose(abs(x[0]), 0.36),
@@ -224,27 +175,38 @@ def brake_reuss(across: int = 2, along: int = 8) -> NamedMesh:
             boundaries[f"{name}_cut_{number}"] = lambda x, at=at: (
                 np.isclose(x[2], 0.0, atol=1e-9) & (np.hypot(x[0] - at, x[1]) < shank)
             )
-        mesh = skfem.MeshHex1(p * [[turn], [1.0], [turn]], t, sort_t=False)
-        regions = {name: np.arange(t.shape[1])}
-        return named(mesh.with_boundaries(boundaries).with_subdomains(regions), order=2)
+        return _solid(name, p * [[turn], [1.0], [turn]], t, boundaries)
 
     return merged([part("upper", 1.0), part("lower", -1.0)])
 
 
-def _square(across: int, x: float, y: float | None = None) -> np.ndarray:
+def _solid(name, p, t, boundaries):
+    """Second-order hexahedra, all one region of that name."""
+    mesh = skfem.MeshHex1(p, t, sort_t=False).with_boundaries(boundaries)
+    return named(mesh.with_subdomains({name: np.arange(t.shape[1])}), order=2)
+
+
+def _rings(curves, bolts, y=0.5 * WIDTH):
+    """Grids (2, curves, around) between closed curves, around each bolt at (x, y)."""
+    rings = np.stack([*curves], axis=1)
+    rings = np.concatenate([rings, rings[..., :1]], axis=2)
+    return [rings + np.array([[[x]], [[y]]]) for x in bolts]
+
+
+def _square(across, x, y=None):
     """Positions (2, 4 across) around a rectangle of half sizes x and y."""
     side, one = np.linspace(-1.0, 1.0, across + 1)[:-1], np.ones(across)
     square = np.hstack([[side, -one], [one, side], [-side, one], [-one, -side]])
     return square * [[x], [x if y is None else y]]
 
 
-def _circle(across: int, radius: float) -> np.ndarray:
+def _circle(across, radius):
     """Positions (2, 4 across) around a circle."""
     angle = np.linspace(-0.75, 1.25, 4 * across + 1)[:-1] * np.pi
     return radius * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def _stacked(parts):
     """Vertices (3, n) and hexahedra (8, m) of plane grids (2, i, j) drawn through heights."""
     positions, cells, count = [], [], 0
     for grid, heights in parts:
@@ -257,21 +219,33 @@ def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np
             cells.append(np.stack(pairs)[[0, 1, 2, 4, 3, 5, 6, 7]])
         positions += [np.vstack([grid.reshape(2, -1), np.full(n, z)]) for z in heights]
         count += n * len(heights)
+    return _joined(positions, cells)
+
+
+def _joined(positions, cells):
+    """Vertices, each once, and cells of them."""
     p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
     return p, np.ascontiguousarray(number.ravel()[np.hstack(cells)])
 
 
-def main(folder: Path) -> None:
+#: By file name.
+MESHES = {
+    "lap_joint_250mm": lambda: lap_joint(0.25),
+    "lap_joint_500mm": lambda: lap_joint(0.5),
+    "structure": structure,
+    "plate_reference": plate_reference,
+    "plate_bolts": plate_bolts,
+    "two_plates": two_plates,
+    "two_plates_side": lambda: two_plates(side=True),
+    "solid_lap_joint": solid_lap_joint,
+    "brake_reuss": brake_reuss,
+}
+
+
+def main(folder):
     """Write all mesh files into a folder."""
-    write_mesh(lap_joint(0.25), folder / "lap_joint_250mm.msh")
-    write_mesh(lap_joint(0.5), folder / "lap_joint_500mm.msh")
-    write_mesh(structure(), folder / "structure.msh")
-    write_mesh(plate_reference(), folder / "plate_reference.msh")
-    write_mesh(plate_bolts(), folder / "plate_bolts.msh")
-    write_mesh(two_plates(), folder / "two_plates.msh")
-    write_mesh(two_plates_side(), folder / "two_plates_side.msh")
-    write_mesh(solid_lap_joint(), folder / "solid_lap_joint.msh")
-    write_mesh(brake_reuss(), folder / "brake_reuss.msh")
+    for name, make in MESHES.items():
+        write_mesh(make(), folder / f"{name}.msh")
 
 
 if __name__ == "__main__":

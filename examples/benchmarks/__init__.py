@@ -1,1 +1,18 @@
 """What a step costs, and the same problem in the hands of ready-made integrators."""
+
+from pathlib import Path
+
+EXAMPLES = Path(__file__).resolve().parents[1]
+#: Of what an extra brings.
+NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
+
+
+def head(*cells):
+    """Print the head of a table in Markdown."""
+    row(*cells)
+    row(*len(cells) * ["---"])
+
+
+def row(*cells):
+    """Print a row of it."""
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)

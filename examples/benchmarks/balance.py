@@ -10,7 +10,6 @@ import math
 import os
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -21,9 +20,7 @@ os.environ.setdefault("PYHARM_CONTEXT_FILE", str(Path.home() / ".pyHarm" / "cont
 import pyHarm
 from pyHarm.Elements.ABCElement import ABCElement
 
-from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.system import System
 
 #: Times of a period; residual over the load and change (m) at which Newton's method ends.
 SAMPLES, RESIDUAL, CHANGE = 128, 1e-6, 1e-9
@@ -34,37 +31,36 @@ class Arctan(ABCElement):
 
     factory_keyword = "arctan"
 
-    def __init_data__(self, name: str, data: dict[str, Any], CS: Any) -> None:
+    def __init_data__(self, name, data, CS):
         self.name, self.nodes = name, data["nodes"]
         self.w, self.beta = data["w"][:, np.newaxis], data["beta"][:, np.newaxis]
 
-    def __flag_update__(self) -> None:
+    def __flag_update__(self):
         self.flag_nonlinear = self.flag_AFT = True
 
-    def __str__(self) -> str:
+    def __str__(self):
         return str(self.name)
 
-    def adim(self, lc: float, wc: float) -> None:
+    def adim(self, lc, wc):
         """Other units of length and angular frequency."""
         self.beta = self.beta * lc * wc
 
-    def generateIndices(self, expl_dofs: Any) -> None:
+    def generateIndices(self, expl_dofs):
         """Find the unknowns of each node: cosine and sine of each harmonic."""
-        self.indices = np.concatenate(
-            [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
-        )
+        found = [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
+        self.indices = np.concatenate(found)
 
-    def _rate(self, x: FloatArray) -> FloatArray:
+    def _rate(self, x):
         """Velocity over angular frequency, (nodes, times)."""
         q = x[self.indices].reshape(len(self.nodes), -1)
         return np.asarray(q @ self.nabla.T @ self.D["ft"])
 
-    def evalResidual(self, x: FloatArray, om: float) -> FloatArray:
+    def evalResidual(self, x, om):
         """Harmonics of the friction."""
         force = self.w * (2.0 / math.pi) * np.arctan(self.beta * om * self._rate(x))
         return np.asarray(force @ self.D["tf"]).ravel()
 
-    def evalJacobian(self, x: FloatArray, om: float) -> tuple[FloatArray, FloatArray]:
+    def evalJacobian(self, x, om):
         """Their derivatives by the unknowns and by angular frequency."""
         rate = self._rate(x)
         slope = self.w * self.beta * (2.0 / math.pi) / (1.0 + (self.beta * om * rate) ** 2)
@@ -76,15 +72,11 @@ class Arctan(ABCElement):
 pyHarm.pyHarm_plugin(Arctan)
 
 
-def balanced(system: System, harmonics: list[int]) -> float:
+def balanced(system, harmonics):
     """Amplitude (m) of the first harmonic at the node that a sine pulls.
 
-    ``system`` is one whose slip rows pick one unknown each.
-
-    Raises
-    ------
-    ConvergenceError
-        If Newton's method does not converge.
+    ``system`` is one whose slip rows pick one unknown each. `ConvergenceError`: Newton's method
+    does not converge.
     """
     (load,) = system.loads
     force, omega = load.amplitude.amplitude, 2.0 * math.pi * load.amplitude.frequency
@@ -92,21 +84,15 @@ def balanced(system: System, harmonics: list[int]) -> float:
     nodes = sparse.csr_array(system.B).indices
     newton = {"tol_residual": RESIDUAL * force, "tol_delta_x": CHANGE, "max_iter": 100}
     pull = {"type": "SinusForcing", "connect": {"bar": [end]}, "dirs": [0], "amp": force}
+    study = {"study": "frf", "solver": "NewtonRaphson", "solver_options": newton}
+    study |= {"puls_inf": omega, "puls_sup": omega}
     law = {"type": "arctan", "nodes": nodes, "w": system.w, "beta": system.beta}
     matrices = {name: getattr(system, name).toarray() for name in "MCK"}
     task = {
         "system": {"type": "Base", "nh": harmonics, "nti": SAMPLES},
         "substructures": {"bar": {"ndofs": 1, "matrix": matrices}},
         "connectors": {"pull": pull, "friction": law},
-        "analysis": {
-            "one": {
-                "study": "frf",
-                "solver": "NewtonRaphson",
-                "solver_options": newton,
-                "puls_inf": omega,
-                "puls_sup": omega,
-            }
-        },
+        "analysis": {"one": study},
     }
     logging.disable(logging.INFO)
     try:

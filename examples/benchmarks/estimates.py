@@ -12,47 +12,44 @@ truth is the full model at an eighth of the step, of plates at a quarter.
 import os
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import get_args
 
-os.environ.update(
-    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import numpy as np
 from scipy import linalg
 
+from skfem_joint import build_bar, build_plate, run_scene
 from skfem_joint.analysis.asked import how_of
 from skfem_joint.analysis.estimate import again
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.study import run_scene
+from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.errors import JointError
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate
-from skfem_joint.scene import Scene, scene_from, tables
+from skfem_joint.scene import scene_from, tables
 
 #: Errors below this are not judged; of large ones no less than a part may be stated.
 JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
 WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
 REFERENCES = get_args(tables.Reduction.model_fields["reference"].annotation)
 ACCURACY = {"displacement": 0.01, "energy": 0.02}
+#: Steps in a period or rise of full models.
+STEPS = (8, 12, 20, 40, 80, 150, 400)
 
 
-def _bar(rng: np.random.Generator) -> tuple[NamedMesh, list[str], list[str]]:
+def _bar(rng):
     """Bar of one to three joints with plain parts between, its joints and points to load."""
-    regions, points, joints, x = [], {"fixed": 0.0}, [], 0.0
-    for k in range(int(rng.integers(1, 4))):
+    regions, ends, joints, x = [], {}, [], 0.0
+    for k in range(rng.integers(1, 4)):
         beside = rng.choice([0.0, 1.0], p=(0.3, 0.7))
         for name in (f"joint_{k}", f"plain_{k}") if beside else (f"joint_{k}",):
             length = round(float(rng.uniform(0.05, 0.25)), 3)
             regions.append((name, length, int(rng.integers(10, 31))))
-            x += length
-            points[f"end_{name}"] = x
+            ends[f"end_{name}"] = x = x + length
         joints.append(f"joint_{k}")
-    return build_bar(regions, points), joints, [name for name in points if name != "fixed"]
+    return build_bar(regions, {"fixed": 0.0} | ends), joints, list(ends)
 
 
-def _shape(rng: np.random.Generator, force: float, natural: float, steps: int | None) -> Any:
+def _shape(rng, force, natural, steps):
     """Load and time of a scene whose first natural frequency is known, Hz."""
     ratios = [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)]
     base = float(rng.choice(ratios, p=(0.6, 0.2, 0.2))) * natural
@@ -63,21 +60,22 @@ def _shape(rng: np.random.Generator, force: float, natural: float, steps: int | 
         return {"kind": kind, "amplitude": force, "frequency": base}, cycles
     if kind == "multi_harmonic":
         parts = [(1, 0.7), (int(rng.integers(2, 5)), 0.4)]
-        waves = ((a * force, n * base / 2.0, float(rng.uniform(0, 6.28))) for n, a in parts)
-        keys = "amplitude", "frequency", "phase"
-        component = [dict(zip(keys, wave, strict=True)) for wave in waves]
+        component = [
+            {"amplitude": a * force, "frequency": n * base / 2.0, "phase": rng.uniform(0, 6.28)}
+            for n, a in parts
+        ]
         if steps:
             cycles["steps_per_cycle"] = steps * parts[1][0]
         return {"kind": kind, "components": component}, cycles
-    rise = float(rng.uniform(0.05, 0.6)) / natural
+    rise = rng.uniform(0.05, 0.6) / natural
     start = float(rng.choice([0.0, 3.0], p=(0.7, 0.3))) / natural
-    step = rise / (steps or int(rng.integers(10, 41)))
+    step = rise / (steps or rng.integers(10, 41))
     shape = str(rng.choice(["triangle", "half_sine", "versine"]))
     load = {"kind": shape, "peak": force, "rise_time": rise, "start": start}
-    return load, {"duration": start + float(rng.uniform(3.0, 8.0)) / natural, "step": step}
+    return load, {"duration": start + rng.uniform(3.0, 8.0) / natural, "step": float(step)}
 
 
-def natural_frequency(scene: Scene) -> float:
+def natural_frequency(scene):
     """Lowest with the contact held, Hz."""
     system = scene.system()
     held = np.unique(system.B.indices) if system.B.nnz else []
@@ -88,7 +86,7 @@ def natural_frequency(scene: Scene) -> float:
     return float(np.sqrt(linalg.eigh(K, M, eigvals_only=True, subset_by_index=[0, 0])[0]) / 6.2832)
 
 
-def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene]:
+def scenes(seed, count, steps=()):
     """Scenes drawn at random; ``steps`` in a period or rise are drawn of, if given."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -96,49 +94,40 @@ def scenes(seed: int, count: int, steps: tuple[int, ...] = ()) -> Iterator[Scene
         if flat:
             long, wide = int(rng.integers(8, 17)), int(rng.integers(2, 4))
             strips = [("joint", 0.2, long // 2), ("linear", 0.2, long // 2)]
-            mesh: NamedMesh = build_plate(strips, WIDTH, wide)
-            joints, places, fixed = ["joint"], ["right"], "left"
+            mesh, joints, places = build_plate(strips, WIDTH, wide), ["joint"], ["right"]
         else:
-            (mesh, joints, places), fixed = _bar(rng), "fixed"
-        pressure = float(rng.uniform(2e6, 2e7))
-        law: dict[str, Any] = {"law": "coulomb"}
-        if rng.random() >= 0.15:
-            law = {"beta": float(10 ** rng.uniform(3.5, 6))}
-        pressed = {"pressure": pressure, "friction": FRICTION} | law
+            mesh, joints, places = _bar(rng)
+        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": FRICTION}
+        arctan = rng.random() >= 0.15
+        pressed |= {"beta": 10 ** rng.uniform(3.5, 6)} if arctan else {"law": "coulomb"}
         pull = {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
-        values: dict[str, Any] = {
+        values = {
             "mesh": {"file": "none"},
             "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
             "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
-            "support": {"fixed": [fixed]},
+            "support": {"fixed": ["left" if flat else "fixed"]},
             "joint": [{"on": on} | pressed for on in joints],
-            "damping": {"stiffness": float(10 ** rng.uniform(-6.5, -5))},
+            "damping": {"stiffness": 10 ** rng.uniform(-6.5, -5)},
             "load": [pull | ({"direction": [1.0, 0.0]} if flat else {})],
             "time": {"cycles": 1},
         }
         plain = scene_from(values, mesh)
         place = str(rng.choice(places[-2:] if rng.random() < 0.7 else places))
         direction = {"direction": [1.0, float(rng.choice([0.0, 0.3]))]} if flat else {}
-        level = float(rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9))
+        level = rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9)
         limit = float(plain.system().w.sum()) * (1.0 if flat else 1.0 / len(joints))
-        count = int(rng.choice(steps)) if steps else None
-        load, times = _shape(rng, level * limit, natural_frequency(plain), count)
+        per_cycle = int(rng.choice(steps)) if steps else None
+        load, times = _shape(rng, level * limit, natural_frequency(plain), per_cycle)
         modes = int(rng.integers(1, 21))
         apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
         reference = str(rng.choice([one for one in REFERENCES if one != "paper" or apart]))
         most = 12 if reference == "paper" else 20
-        reduction: dict[str, Any] = {"reference": reference, "modes": min(modes, most)}
+        reduction = {"reference": reference, "modes": min(modes, most)}
         reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
         reduction |= {"friction_points": "all"} if rng.random() < 0.3 else {}
         values |= {"load": [{"on": place} | direction | load], "time": times}
         values |= {"reduction": reduction, "models": {"run": ["full" if steps else "reduced"]}}
         yield scene_from(values, mesh)
-
-
-def truth_of(scene: Scene) -> Results:
-    """Results of the full model with far smaller steps."""
-    factor = 8 if scene.named_mesh.dim == 1 else 4
-    return results(again(scene.system(), how_of(scene), factor))
 
 
 @dataclass(frozen=True)
@@ -150,19 +139,16 @@ class Judged:
     true: dict[str, float | None]
     refused: str = ""
 
-    def ratios(self) -> Iterator[tuple[float, float]]:
+    def ratios(self):
         """Stated over true error, and the true one, where that is worth a judgement."""
-        for name in QUANTITIES:
-            stated, true = self.stated.get(name), self.true.get(name)
-            if stated is not None and true is not None and true > JUDGED:
-                yield stated / true, true
+        pairs = ((self.stated.get(name), self.true.get(name)) for name in QUANTITIES)
+        return [(a / b, b) for a, b in pairs if None not in (a, b) and b > JUDGED]
 
 
-def judged(scene: Scene) -> Judged:
-    """Run the only model of a scene, and the truth."""
-    load, (name,) = scene.load[0], scene.models.run
-    reduction = scene.reduction
-    what = f"{load.kind:14s} {scene.system().n:4d} unknowns {scene.n_steps:5d} steps"
+def judged(scene):
+    """Run the only model of a scene, and the truth: the full model with far smaller steps."""
+    (name,), reduction = scene.models.run, scene.reduction
+    what = f"{scene.load[0].kind:14s} {scene.system().n:4d} unknowns {scene.n_steps:5d} steps"
     if name == "reduced":
         what += f" {reduction.reference:5s} {reduction.modes!s:>4s} + "
         what += f"{reduction.interface_modes!s:4s} modes"
@@ -170,65 +156,54 @@ def judged(scene: Scene) -> Judged:
         study = run_scene(scene)
     except JointError as error:
         return Judged(what, {}, {}, str(error))
-    model = study.models[name]
-    true = difference(truth_of(study.scene), results(model.run))
-    estimate = model.estimate
-    return Judged(
-        what, {q: None if estimate is None else estimate.of("total", q) for q in QUANTITIES}, true
-    )
+    model, asked = study.models[name], study.scene
+    finer = 8 if asked.named_mesh.dim == 1 else 4
+    truth = results(again(asked.system(), how_of(asked), finer))
+    said = {q: model.estimate and model.estimate.of("total", q) for q in QUANTITIES}
+    return Judged(what, said, difference(truth, results(model.run)))
 
 
-def report(all_judged: list[Judged]) -> list[str]:
+def report(all_judged):
     """Shares of scenes by how well they are judged; the worst ratio of a scene counts."""
-    pairs = [list(one.ratios()) for one in all_judged]
-    some = [ratios for ratios in pairs if ratios]
+    some = [ratios for one in all_judged if (ratios := one.ratios())]
     flat = [pair for ratios in some for pair in ratios]
-    lines = [
-        f"{len(all_judged)} scenes, {sum(bool(one.refused) for one in all_judged)} refused, "
-        f"{len(some)} with an error above {JUDGED:.1%}"
-    ]
+    refused = sum(bool(one.refused) for one in all_judged)
+    said = f"{len(all_judged)} scenes, {refused} refused, {len(some)} with an error above"
+    lines = [f"{said} {JUDGED:.1%}"]
     if flat:
         found = np.array([ratio for ratio, _ in flat])
         large = [ratio for ratio, true in flat if true > LARGE]
+        huge = [ratio * true for ratio, true in flat if true > HUGE]
         inside = np.mean([(found >= 0.5) & (found <= 3.0)])
         whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
-        lines.append(
+        lines += [
             f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
-            "all of them"
-        )
-        lines.append(
+            "all of them",
             f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, "
-            f"largest {found.max():.2f}"
-        )
-        lines.append(f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}")
-        said = [ratio * true for ratio, true in flat if true > HUGE]
-        lines.append(f"least said where the truth exceeds {HUGE:.0%}: {min(said, default=1.0):.0%}")
+            f"largest {found.max():.2f}",
+            f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}",
+            f"least said where the truth exceeds {HUGE:.0%}: {min(huge, default=1.0):.0%}",
+        ]
     return lines
 
 
-def _percent(value: float | None) -> str:
+def _percent(value):
     return "      -" if value is None else f"{100 * value:7.2f}"
 
 
-def main(arguments: list[str]) -> int:
-    """Print each scene and the shares."""
-    seed, count = int(arguments[0]), int(arguments[1])
-    kind = arguments[2] if len(arguments) > 2 else "reduced"
+def main(arguments):
+    seed, count, kind = int(arguments[0]), int(arguments[1]), "".join(arguments[2:3])
     found, begin = [], time.perf_counter()
-    for scene in scenes(seed, count, (8, 12, 20, 40, 80, 150, 400) if kind == "full" else ()):
+    for scene in scenes(seed, count, STEPS if kind == "full" else ()):
         if kind == "accuracy":
-            scene = scene_from(
-                scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}, scene.named_mesh
-            )
-        one = judged(scene)
-        found.append(one)
-        cells = "  ".join(
-            f"{_percent(one.stated.get(q))} /{_percent(one.true.get(q))}" for q in QUANTITIES
-        )
+            keys = scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}
+            scene = scene_from(keys, scene.named_mesh)
+        found.append(one := judged(scene))
+        pairs = ((one.stated.get(q), one.true.get(q)) for q in QUANTITIES)
+        cells = "  ".join(f"{_percent(a)} /{_percent(b)}" for a, b in pairs)
         print(f"{one.what:62s} {one.refused[:90] or cells}", flush=True)
-    print("\n".join([*report(found), f"{time.perf_counter() - begin:.0f} s"]))
-    return 0
+    print(*report(found), f"{time.perf_counter() - begin:.0f} s", sep="\n")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

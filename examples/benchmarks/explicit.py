@@ -6,59 +6,30 @@ law's slope over the nodal mass and not by the mesh. The step is checked before 
 
 import math
 import time
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised
-from skfem_joint.stepping.recording import Recorder, Run, Save
+from skfem_joint.stepping.recording import Recorder, Save
 from skfem_joint.stepping.schemes import State
-from skfem_joint.system import System
 
 #: Velocity beyond which a run counts as unstable, m/s.
 UNBOUNDED = 1e100
 #: Unknowns up to which all eigenvalues are computed.
 DENSE_LIMIT = 500
-#: Steps for which the loads are evaluated together.
-BLOCK = 10_000
 
 
-def _with_friction(system: System, slope: FloatArray) -> Any:
-    """Damping (N s/m) with that of friction of a given slope (s/m) at each contact point."""
-    B = sparse.csr_array(system.B)
-    added = B.T @ sparse.diags_array(system.on_rows(system.w * slope)) @ B
-    return system.C + (added.toarray() if system.is_dense else added)
-
-
-def state_matrix(system: System, slope: FloatArray | None = None) -> FloatArray:
-    """First-order matrix A of Eq. (13), shape (2 n, 2 n), 1/s.
-
-    ``slope`` (m,), s/m, is that of the normalised friction force at each contact point, added to
-    the damping (linearisation of Eq. (14)); none if not given.
-    """
-    C = _with_friction(system, np.zeros_like(system.w) if slope is None else slope)
-    M, C, K = (A if system.is_dense else A.toarray() for A in (system.M, C, system.K))
-    n = system.n
-    return np.block([[np.zeros((n, n)), np.eye(n)], [-linalg.solve(M, K), -linalg.solve(M, C)]])
-
-
-def stable_step(system: System) -> float:
+def stable_step(system):
     """Largest stable step of the classical Runge-Kutta method, s.
 
     Every eigenvalue of the system, linearised about stick where the friction slope is largest and
     about free slip where it vanishes, must stay in the method's stability region. Large sparse
-    systems use bounds from their extreme eigenvalues instead.
-
-    Raises
-    ------
-    InputError
-        For set-valued Coulomb friction, whose slope is infinite.
+    systems use bounds from their extreme eigenvalues instead. `InputError`: set-valued Coulomb
+    friction, whose slope is infinite.
     """
     slope = np.where(system.w > 0.0, friction.slope(0.0, system.beta), 0.0)
     if np.any(np.isinf(slope)):
@@ -66,24 +37,31 @@ def stable_step(system: System) -> float:
             "explicit integration: set-valued Coulomb friction has no stable step; use the "
             "implicit integrator, or a finite beta"
         )
+    B = sparse.csr_array(system.B)
+    sticks = sparse.csc_array(B.T @ sparse.diags_array(system.on_rows(system.w * slope)) @ B)
+    M, C, K = (sparse.csc_array(A) for A in (system.M, system.C, system.K))
     if system.n <= DENSE_LIMIT:
-        parts = (slope, np.zeros_like(slope))
-        return min(_largest_step(linalg.eigvals(state_matrix(system, part))) for part in parts)
-    M, C, K = (sparse.csc_array(A) for A in (system.M, _with_friction(system, slope), system.K))
+        M, K, n = M.toarray(), K.toarray(), system.n
+        steps = []
+        for damping in (C + sticks, C):  # of the first-order matrix of Eq. (13)
+            rates = -linalg.solve(M, np.hstack([K, damping.toarray()]))
+            matrix = np.vstack([np.eye(n, 2 * n, k=n), rates])
+            steps.append(_largest_step(linalg.eigvals(matrix)))
+        return min(steps)
     options = {"k": 1, "which": "LM", "return_eigenvectors": False, "v0": np.ones(system.n)}
-    rate, square = (float(eigsh(A, M=M, **options)[0]) for A in (C, K))
+    rate, square = (eigsh(A, M=M, **options)[0] for A in (C + sticks, K))
     # The region holds the disc segment |z| <= 2.6 of the left half plane.
-    return 2.6 / max(rate, math.sqrt(square))
+    return float(2.6 / max(rate, math.sqrt(square)))
 
 
-def _largest_step(eigenvalues: NDArray[np.complex128]) -> float:
+def _largest_step(eigenvalues):
     """Step up to which ``|1 + z + z^2/2 + z^3/6 + z^4/24| <= 1`` at every eigenvalue times it."""
     values = eigenvalues[np.abs(eigenvalues) > 0.0]
     if values.size == 0:
         return math.inf
     # Rounding may put undamped eigenvalues a hair to the right of the imaginary axis.
     values = np.minimum(values.real, 0.0) + 1j * values.imag
-    low, high = 0.0, 4.0 / float(np.abs(values).max())
+    low, high = 0.0, float(4.0 / np.abs(values).max())
     for _ in range(60):
         middle = 0.5 * (low + high)
         z = middle * values
@@ -92,30 +70,12 @@ def _largest_step(eigenvalues: NDArray[np.complex128]) -> float:
     return low
 
 
-def runge_kutta(
-    system: System,
-    *,
-    step: float,
-    n_steps: int,
-    save: Save | None = None,
-    cycle_steps: int | None = None,
-    check: bool = True,
-) -> Run:
-    """Integrate by the classical Runge-Kutta method from rest, Eqs. (10)-(16).
+def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=True):
+    """Integrate by the classical Runge-Kutta method from rest, Eqs. (10)-(16), as `integrate` does.
 
-    Parameters
-    ----------
-    step, n_steps, save, cycle_steps
-        As in :func:`skfem_joint.stepping.integrate.integrate`.
-    check : bool
-        Refuse a step beyond the stable one. Turn off only to find the edge by experiment.
-
-    Raises
-    ------
-    InputError
-        If the step is beyond the stable one; the message says which step would do.
-    ConvergenceError
-        If the solution grows without bound.
+    A step beyond the stable one is refused (`InputError`, which says which step would do) unless
+    ``check`` is off, to find the edge by experiment. `ConvergenceError`: the solution grows without
+    bound.
     """
     if not (step > 0.0 and math.isfinite(step)) or n_steps < 1:
         raise InputError("explicit integration: step and n_steps must be > 0")
@@ -130,23 +90,21 @@ def runge_kutta(
     solve, rubs = factorised(system.M), bool(system.contact_points)
     w = system.on_rows(system.w)
 
-    def law(v: FloatArray) -> FloatArray:
+    def law(v):
         return friction.force_vectors(system.B @ v, system.beta, system.directions)
 
-    def acceleration(u: FloatArray, v: FloatArray, amplitudes: FloatArray) -> FloatArray:
+    def acceleration(u, v, amplitudes):
         right = recorder.vectors @ amplitudes - system.K @ u - system.C @ v
-        return np.asarray(solve(right - system.B.T @ (w * law(v)) if rubs else right))
+        return solve(right - system.B.T @ (w * law(v)) if rubs else right)
 
     begin = time.perf_counter()
+    loads = system.load_amplitudes(0.5 * step * np.arange(2 * n_steps + 1))  # of half steps
     u, v = np.zeros((2, system.n))
-    a = acceleration(u, v, system.load_amplitudes(np.zeros(1))[:, 0])
+    a = acceleration(u, v, loads[:, 0])
     now = State(u, v, a, a, law(v))
     recorder.store(0, now)
     for k in range(n_steps):
-        if k % BLOCK == 0:
-            halves = 0.5 * np.arange(2 * min(BLOCK, n_steps - k) + 1, dtype=np.float64)
-            loads = system.load_amplitudes(step * (k + halves))
-        f0, f1, f2 = loads[:, 2 * (k % BLOCK) : 2 * (k % BLOCK) + 3].T
+        f0, f1, f2 = loads[:, 2 * k : 2 * k + 3].T
         u, v1, a1 = now[:3]
         v2 = v1 + 0.5 * step * a1
         a2 = acceleration(u + 0.5 * step * v1, v2, f1)

@@ -11,28 +11,22 @@ alone: the inverse of the consistent one is full, which makes their Jacobian ful
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from typing import Any
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from skfem_joint import friction
-from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
-from skfem_joint.system import System
 
 #: Bands of the Jacobians below and above the diagonal.
 LOWER, UPPER = 3, 2
 
 
-def _equations(
-    G: Any, A: Any, scale: Any, w: Any, beta: Any, loads: Any, now: Any, y: Any, rate: Any, out: Any
-) -> None:
+def _equations(G, A, scale, w, beta, loads, now, y, rate, out):
     """``scale`` times loads minus friction, G y and A y'; bands as :func:`packed` gives them."""
     for i in range(w.size):
         force = -w[i] * (2.0 / math.pi) * math.atan(beta[i] * y[2 * i + 1])
@@ -50,7 +44,7 @@ def _equations(
         out[i] *= scale[i]
 
 
-def _jacobian(G: Any, A: Any, c: float, w: Any, beta: Any, y: Any, square: bool, out: Any) -> None:
+def _jacobian(G, A, c, w, beta, y, square, out):
     """Minus G + c A and the slope of the friction, into a square matrix or its bands."""
     for k in range(LOWER + UPPER + 1):
         shift = k - UPPER
@@ -65,7 +59,7 @@ def _jacobian(G: Any, A: Any, c: float, w: Any, beta: Any, y: Any, square: bool,
 
 
 @cache
-def _compiled() -> tuple[Any, Any]:
+def _compiled():
     """Compile the loops: what a user in a hurry would do as well."""
     from numba import njit
 
@@ -73,13 +67,13 @@ def _compiled() -> tuple[Any, Any]:
     return compiler(_equations), compiler(_jacobian)
 
 
-def lumped(system: System) -> System:
+def lumped(system):
     """Same system with the row sums of its mass matrix on the diagonal."""
     mass = np.asarray(system.M.sum(axis=1)).ravel()
     return replace(system, M=sparse.csr_array(sparse.diags_array(mass)))
 
 
-def _scalar(load: Any) -> Callable[[float], float]:
+def _scalar(load):
     """Amplitude at one time; without numpy's overhead where it is a sine."""
     if isinstance(load, Harmonic):
         amplitude, omega, phase = load.amplitude, 2.0 * math.pi * load.frequency, load.phase
@@ -87,102 +81,75 @@ def _scalar(load: Any) -> Callable[[float], float]:
     return lambda t: float(load(t))
 
 
-@dataclass(frozen=True)
 class FirstOrder:
     """First-order form of a tridiagonal system of the arctan law, one unknown in a slip row."""
 
-    system: System
-
-    def __post_init__(self) -> None:
-        s = self.system
-        if s.is_dense or np.any(np.diff(sparse.csr_array(s.B).indptr) != 1):
+    def __init__(self, system):
+        if system.is_dense or np.any(np.diff(sparse.csr_array(system.B).indptr) != 1):
             raise InputError("first-order form: must be given a bar, one unknown in each slip row")
-        if np.abs(np.subtract(*s.K.nonzero())).max() > 1:
+        if np.abs(np.subtract(*system.K.nonzero())).max() > 1:
             raise InputError("first-order form: must be given nodes numbered along the bar")
-        if np.any(np.isinf(s.beta[s.w > 0.0])):
+        if np.any(np.isinf(system.beta[system.w > 0.0])):
             raise InputError("first-order form: set-valued Coulomb friction has no Jacobian")
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns, displacements and velocities."""
-        return 2 * self.system.n
-
-    @cached_property
-    def _friction(self) -> tuple[FloatArray, FloatArray]:
-        """Limits and steepness of all unknowns."""
-        contact = sparse.csr_array(self.system.B).indices
-        w, beta = np.zeros(self.system.n), np.ones(self.system.n)
-        w[contact], beta[contact] = self.system.w, self.system.beta
-        return w, np.where(w > 0.0, beta, 1.0)
-
-    @cached_property
-    def _matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """A and G."""
-        s, one = self.system, sparse.eye_array(self.system.n)
+        self.system, self.size = system, 2 * system.n
+        contact, one = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
+        self.w, self.beta = np.zeros(system.n), np.ones(system.n)
+        self.w[contact] = system.w
+        self.beta[contact] = np.where(system.w > 0.0, system.beta, 1.0)
         order = np.arange(self.size).reshape(2, -1).T.ravel()
-        A = sparse.block_diag([one, s.M], format="csr")
-        G = sparse.block_array([[None, -one], [s.K, s.C]], format="csr")
-        return tuple(sparse.csr_array(X[order][:, order]) for X in (A, G))
+        A = sparse.block_diag([one, system.M], format="csr")
+        G = sparse.block_array([[None, -one], [system.K, system.C]], format="csr")
+        self.A, self.G = (sparse.csr_array(X[order][:, order]) for X in (A, G))
+        self.none = np.zeros((0, self.size))
 
-    def _filled(self, A: FloatArray, scale: FloatArray) -> Callable[..., None]:
+    def _filled(self, A, scale):
         """``fill(t, y, rate, out)`` with the compiled equations."""
-        compiled, (w, beta), G = _compiled()[0], self._friction, packed(self._matrices[1])
+        compiled, w, beta, G = _compiled()[0], self.w, self.beta, packed(self.G)
         loads = [_scalar(load.amplitude) for load in self.system.loads]
         vectors = np.ascontiguousarray(self.system.load_vectors().T)
         now = np.zeros(len(loads))
 
-        def fill(t: float, y: FloatArray, rate: FloatArray, out: FloatArray) -> None:
+        def fill(t, y, rate, out):
             for k, load in enumerate(loads):
                 now[k] = load(t)
             compiled(G, A, scale, w, beta, vectors, now, y, rate, out)
 
         return fill
 
-    def residual(self) -> Callable[[float, FloatArray, FloatArray, FloatArray], None]:
+    def residual(self):
         """``residual(t, y, rate, out)``, its sign turned."""
-        return self._filled(packed(self._matrices[0]), np.ones(self.size))
+        return self._filled(packed(self.A), np.ones(self.size))
 
-    def rates(self) -> Callable[[float, FloatArray, FloatArray], None]:
+    def rates(self):
         """``rates(t, y, out)`` with a lumped mass."""
-        fill = self._filled(np.zeros((0, self.size)), 1.0 / self._matrices[0].diagonal())
+        fill = self._filled(self.none, 1.0 / self.A.diagonal())
         return lambda t, y, out: fill(t, y, y, out)
 
-    def initial_rate(self, y: FloatArray) -> FloatArray:
+    def initial_rate(self, y):
         """Rates at the start, from y, with any mass."""
         force, rest = np.zeros((2, self.size))
         self.residual()(0.0, y, rest, force)
-        return np.asarray(spsolve(self._matrices[0].tocsc(), force))
+        return spsolve(self.A.tocsc(), force)
 
-    def residual_jacobian(self) -> Callable[[FloatArray, float, FloatArray], None]:
+    def residual_jacobian(self):
         """``jacobian(y, c, out)``: in y plus c times that in the rates, square, sign turned."""
-        (A, G), compiled, friction = map(packed, self._matrices), _compiled()[1], self._friction
-        return lambda y, c, out: compiled(G, A, c, *friction, y, True, out)
+        A, G, w, beta, compiled = packed(self.A), packed(self.G), self.w, self.beta, _compiled()[1]
+        return lambda y, c, out: compiled(G, A, c, w, beta, y, True, out)
 
-    def rate_jacobian(self, square: bool) -> Callable[[FloatArray, FloatArray], None]:
+    def rate_jacobian(self, square):
         """``jacobian(y, out)`` of the rates with a lumped mass, square or packed."""
-        scale, compiled = 1.0 / self._matrices[0].diagonal(), _compiled()[1]
-        w, beta = self._friction
-        G, none = packed(sparse.diags_array(scale) @ self._matrices[1]), np.zeros((0, self.size))
-        w = w * scale[1::2]
+        scale, none, beta, compiled = 1.0 / self.A.diagonal(), self.none, self.beta, _compiled()[1]
+        G, w = packed(sparse.diags_array(scale) @ self.G), self.w * scale[1::2]
         return lambda y, out: compiled(G, none, 0.0, w, beta, y, square, out)
 
 
-def slip_work(system: System, u: FloatArray, v: FloatArray) -> float:
+def slip_work(system, u, v):
     """Friction energy (J) between samples of all unknowns, (samples, n), trapezoidal rule."""
     force, slip = (system.w * friction.force((system.B @ v.T).T, system.beta)), system.B @ u.T
     return float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(slip.T, axis=0)))
 
 
-def band_entries(size: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the entries between the bands, by columns."""
-    offset = np.arange(-UPPER, LOWER + 1)
-    row = (np.arange(size)[:, np.newaxis] + offset).ravel()
-    column = np.repeat(np.arange(size), offset.size)
-    inside = (row >= 0) & (row < size)
-    return row[inside], column[inside]
-
-
-def packed(A: Any) -> FloatArray:
+def packed(A):
     """Bands of a matrix, entry (i, j) in ``[UPPER + i - j, j]``."""
     entries = sparse.coo_array(A)
     bands = np.zeros((LOWER + UPPER + 1, entries.shape[1]))

@@ -11,21 +11,18 @@ model's own.
 
 import time
 import warnings
-from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy import integrate, sparse
 
-from benchmarks.first_order import LOWER, UPPER, FirstOrder, band_entries
-from skfem_joint.arrays import FloatArray
+from benchmarks.first_order import LOWER, UPPER, FirstOrder
 
 #: Steps that no integrator may need between two samples.
 MOST_STEPS = 10**8
 
 
-@dataclass(frozen=True)
-class Form:
+class Form(NamedTuple):
     """An integrator (IDA, CVODE, LSODA, BDF or Radau) and its relative tolerances as tried."""
 
     name: str
@@ -33,8 +30,7 @@ class Form:
     unfinished: int = 1  # after so many runs beyond the bound the others are not tried
 
     @property
-    def is_lumped(self) -> bool:
-        """Whether it needs a lumped mass."""
+    def is_lumped(self):
         return self.name != "IDA"
 
 
@@ -52,46 +48,42 @@ class OutOfTimeError(Exception):
     """The bound on a run's time was reached."""
 
 
-@dataclass
-class _Clock:
-    """Raises inside a right-hand side once the bound (s) is over."""
+class Clock:
+    """Counts calls of a right-hand side, and raises in it once the bound (s) is over."""
 
-    bound: float
-    begin: float = field(default_factory=time.perf_counter)
-    calls: int = 0
+    def __init__(self, bound):
+        self.bound, self.begin, self.calls = bound, time.perf_counter(), 0
 
-    def tick(self) -> None:
+    def tick(self):
         self.calls += 1
         if time.perf_counter() > self.begin + self.bound:
             raise OutOfTimeError
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Samples of y, shape (times, 2 n), and the work they took."""
 
-    y: FloatArray
+    y: np.ndarray
     wall_s: float
     work: dict[str, int]
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """What an integrator is to do."""
 
     form: Form
     model: FirstOrder  # with the mass that the form asks for
-    times: FloatArray  # of the samples
+    times: np.ndarray  # of the samples
     tolerance: float
-    absolute: FloatArray  # tolerances of y, m and m/s
+    absolute: np.ndarray  # tolerances of y, m and m/s
     bound: float  # longest run, s
-    start: FloatArray  # y at the first time
+    start: np.ndarray  # y at the first time
     order: int = 5  # highest of SUNDIALS's
 
 
-def solve(task: Task) -> Solution | str:
+def solve(task):
     """Integrate and sample the solution; why it did not finish if it did not."""
-    clock = _Clock(task.bound)
+    clock = Clock(task.bound)
     act = {"IDA": _ida, "CVODE": _cvode}.get(task.form.name, _scipy)
     try:
         with warnings.catch_warnings():
@@ -102,87 +94,79 @@ def solve(task: Task) -> Solution | str:
     except ArithmeticError as error:
         return f"failed: {error}"
     wall = time.perf_counter() - clock.begin
-    return Solution(np.asarray(y), wall, {**work, "friction evaluations": clock.calls})
+    return Solution(y, wall, {**work, "friction evaluations": clock.calls})
 
 
-def _options(task: Task) -> dict[str, Any]:
-    band = {"linsolver": "band", "lband": LOWER, "uband": UPPER}
-    most = {"max_num_steps": MOST_STEPS, "max_order": task.order}
-    return {"rtol": task.tolerance, "atol": task.absolute, **most, **band}
+def _sundials(solver, task, equations, matrix, *start):
+    """Samples of one of SUNDIALS's integrators and their work."""
+    band = {"linsolver": "band", "lband": LOWER, "uband": UPPER, "max_order": task.order}
+    limits = {"rtol": task.tolerance, "atol": task.absolute, "max_num_steps": MOST_STEPS}
+    found = solver(equations, jacfn=matrix, **limits, **band).solve(task.times, task.start, *start)
+    return _checked(found), {"Jacobians": int(found.njev)}
 
 
-def _checked(found: Any) -> Any:
+def _checked(found):
     """Samples of an integrator that came to the end."""
     if not found.success:
         raise ArithmeticError(found.message)
     return found.y
 
 
-def _ida(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
+def _ida(task, clock):
     from sksundae.ida import IDA
 
-    model = task.model
-    residual, jacobian = model.residual(), model.residual_jacobian()
+    residual, jacobian = task.model.residual(), task.model.residual_jacobian()
 
-    def equations(t: float, y: Any, rate: Any, out: Any) -> None:
+    def equations(t, y, rate, out):
         clock.tick()
         residual(t, y, rate, out)
 
-    def matrix(t: float, y: Any, rate: Any, out: Any, c: float, J: Any) -> None:
+    def matrix(t, y, rate, out, c, J):
         jacobian(y, c, J)
 
-    solver = IDA(equations, jacfn=matrix, **_options(task))
-    found = solver.solve(task.times, task.start, model.initial_rate(task.start))
-    return _checked(found), {"Jacobians": int(found.njev)}
+    return _sundials(IDA, task, equations, matrix, task.model.initial_rate(task.start))
 
 
-def _cvode(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
+def _cvode(task, clock):
     from sksundae.cvode import CVODE
 
     rates, jacobian = task.model.rates(), task.model.rate_jacobian(square=True)
 
-    def equations(t: float, y: Any, out: Any) -> None:
+    def equations(t, y, out):
         clock.tick()
         rates(t, y, out)
 
-    def matrix(t: float, y: Any, rate: Any, J: Any) -> None:
+    def matrix(t, y, rate, J):
         jacobian(y, J)
 
-    solver = CVODE(equations, jacfn=matrix, **_options(task))
-    found = solver.solve(task.times, task.start)
-    return _checked(found), {"Jacobians": int(found.njev)}
+    return _sundials(CVODE, task, equations, matrix)
 
 
-def _scipy(task: Task, clock: _Clock) -> tuple[Any, dict[str, int]]:
-    model, rates, jacobian = task.model, task.model.rates(), task.model.rate_jacobian(square=False)
+def _scipy(task, clock):
+    model, start, times = task.model, task.start, task.times
+    rates, jacobian = model.rates(), model.rate_jacobian(square=False)
     tolerances = {"rtol": task.tolerance, "atol": task.absolute}
-    row, column = band_entries(model.size)
-    start = np.searchsorted(column, np.arange(model.size + 1))
+    offsets = UPPER - np.arange(LOWER + UPPER + 1)
 
-    def equations(t: float, y: FloatArray) -> FloatArray:
+    def equations(t, y):
         clock.tick()
-        out = np.empty_like(y)
-        rates(t, y, out)
+        rates(t, y, out := np.empty_like(y))
         return out
 
-    def bands(t: float, y: FloatArray) -> FloatArray:
-        out = np.zeros((LOWER + UPPER + 1, y.size))
-        jacobian(y, out)
+    def bands(t, y):
+        jacobian(y, out := np.zeros((offsets.size, y.size)))
         return out
 
-    def matrix(t: float, y: FloatArray) -> Any:
-        entries = bands(t, y)[UPPER + row - column, column]
-        return sparse.csc_array((entries, row, start), shape=(model.size,) * 2)
+    def matrix(t, y):
+        return sparse.dia_array((bands(t, y), offsets), shape=(y.size, y.size)).tocsc()
 
     if task.form.name == "LSODA":
-        form: Any = {"Dfun": bands, "ml": LOWER, "mu": UPPER, "tfirst": True}
-        form |= {"mxstep": MOST_STEPS, "full_output": True}
-        y, work = integrate.odeint(equations, task.start, task.times, **tolerances, **form)
+        form = {"Dfun": bands, "ml": LOWER, "mu": UPPER, "tfirst": True, "full_output": True}
+        form |= {"mxstep": MOST_STEPS} | tolerances
+        y, work = integrate.odeint(equations, start, times, **form)
         if "successful" not in work["message"]:
             raise ArithmeticError(work["message"])
         return y, {"steps": int(work["nst"][-1]), "Jacobians": int(work["nje"][-1])}
-    span, times, name = (task.times[0], task.times[-1]), task.times, task.form.name
-    found = integrate.solve_ivp(
-        equations, span, task.start, method=name, t_eval=times, jac=matrix, **tolerances
-    )
+    form = {"method": task.form.name, "t_eval": times, "jac": matrix} | tolerances
+    found = integrate.solve_ivp(equations, (times[0], times[-1]), start, **form)
     return _checked(found).T, {"Jacobians": int(found.nlu)}

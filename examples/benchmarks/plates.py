@@ -19,16 +19,13 @@ from functools import partial
 from statistics import median
 from unittest.mock import patch
 
-os.environ.update(
-    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import numpy as np
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import compare
 from skfem_joint.stepping import contact_problem, steppers
-from skfem_joint.stepping.recording import Run
 
 FREQUENCY, STEPS, CYCLES, REPEATS = 500.0, 200, 2, 3
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -37,15 +34,12 @@ SIZES = (((63, 31, 0.25), (198, 9, 0.05)), ((142, 69, 0.25), (432, 22, 0.05)))
 QUICK = (((24, 12, 0.25), (60, 4, 0.05)),)
 
 
-def system_of(along: int, across: int, width: float, bolted: bool) -> sj.System:
-    """One of the plates."""
+def system_of(along, across, width, bolted):
     pressed = round(0.4 * along)
-    mesh = sj.build_plate(
-        [("joint", 0.2, pressed), ("linear", 0.3, along - pressed)], width, across
-    )
+    strips = [("joint", 0.2, pressed), ("linear", 0.3, along - pressed)]
     bolts = tuple(sj.Bolt((x, 0.5 * width), BOLT_FORCE, 0.009, 0.0055) for x in (0.05, 0.15))
     structure = sj.Structure(
-        mesh,
+        sj.build_plate(strips, width, across),
         sj.Material(E=200e9, density=8000.0, poisson=0.3),
         thickness=0.01,
         fixed=["left"],
@@ -56,12 +50,11 @@ def system_of(along: int, across: int, width: float, bolted: bool) -> sj.System:
     return structure.system([sj.Load("right", sj.Harmonic(0.5 * limit, FREQUENCY), (1.0, 0.0))], [])
 
 
-def run(system: sj.System, n_steps: int = CYCLES * STEPS) -> Run:
-    """Run from rest."""
+def run(system, n_steps=CYCLES * STEPS):
     return sj.integrate(system, step=1.0 / FREQUENCY / STEPS, n_steps=n_steps, cycle_steps=STEPS)
 
 
-def line(name: str, base: float, runs: list[Run], offline: float = 0.0, errors: str = "") -> None:
+def line(name, base, runs, offline=0.0, errors=""):
     """Print runs of a model beside one that takes ``base`` seconds a step."""
     counters, seconds = runs[0].counters, median(one.wall_s for one in runs)
     step, offline = seconds / counters.steps, offline + runs[0].preparation_s
@@ -71,8 +64,7 @@ def line(name: str, base: float, runs: list[Run], offline: float = 0.0, errors: 
     )
 
 
-def report(along: int, across: int, width: float, bolted: bool) -> None:
-    """Print the table of one plate."""
+def report(along, across, width, bolted):
     system = system_of(along, across, width, bolted)
     print(
         f"\n{'two bolts' if bolted else 'pressed evenly'}: {system.n} unknowns, "
@@ -100,14 +92,12 @@ def report(along: int, across: int, width: float, bolted: bool) -> None:
         line(name, base, runs, offline, f"  {off:15.3f}  {energy:+18.3f}")
 
 
-def main(arguments: list[str]) -> int:
-    """Print the tables."""
+def main(arguments):
     print(f"numpy {np.__version__}, one BLAS thread")
     for pair in QUICK if "--quick" in arguments else SIZES:
         for size, bolted in zip(pair, (True, False), strict=True):
             report(*size, bolted)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

@@ -10,33 +10,27 @@ import importlib.util
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from math import exp, inf, log
 from pathlib import Path
 
-os.environ.update(
-    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
+from benchmarks import NOT_INSTALLED
 from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
-from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Task, solve
+from benchmarks.integrators import FORMS, QUICK_FORMS, Task, solve
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import PER_CYCLE, Reference
-from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome, Point
+from skfem_joint.analysis.certificate import PER_CYCLE
+from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome
 from skfem_joint.analysis.history import Results, results
-from skfem_joint.arrays import FloatArray
 from skfem_joint.files import holding
-from skfem_joint.mesh import NamedMesh
 from skfem_joint.output.folder import write_error_time
-from skfem_joint.scene import Scene, load_scene
+from skfem_joint.scene import load_scene
 from skfem_joint.stepping.recording import Save
-from skfem_joint.system import System
 
 #: Samples of an interval from which energies of ready-made integrators are summed.
 SAMPLES = 8
@@ -51,36 +45,29 @@ SAFETY, PIECE, LONGEST = 0.95, 400, 5.0
 QUICK_BOUND = 1.0
 
 
-def sampled(reference: Reference, u: FloatArray, v: FloatArray) -> Results:
+def sampled(reference, u, v):
     """Results from samples of all unknowns, shape (samples, n), by the trapezoidal rule."""
     cycles, system = reference.grid.cycles, reference.system
     first = 0 if cycles is None else (cycles - 1) * PER_CYCLE * SAMPLES
-    du = np.diff(u[first:], axis=0)
+    point_u, u, v = (system.P @ u.T).T, u[first:], v[first:]
     load = system.load_amplitudes(sample_times(reference)[first:])
-    point_u = np.asarray((system.P @ u.T).T)
-    return Results(
-        system.points,
-        point_u[::SAMPLES],
-        float(np.abs(point_u[first:]).max(initial=0.0)),
-        slip_work(system, u[first:], v[first:]),
-        float(np.sum(0.5 * (load[:, 1:] + load[:, :-1]) * (system.load_vectors().T @ du.T))),
-    )
+    way = system.load_vectors().T @ np.diff(u, axis=0).T
+    work = float(np.sum(0.5 * (load[:, 1:] + load[:, :-1]) * way))
+    peak, lost = float(np.abs(point_u[first:]).max(initial=0.0)), slip_work(system, u, v)
+    return Results(system.points, point_u[::SAMPLES], peak, lost, work)
 
 
-def sample_times(reference: Reference) -> FloatArray:
-    """Times of the samples, s."""
+def sample_times(reference):
     grid = reference.grid
     return np.linspace(0.0, grid.duration, SAMPLES * grid.intervals + 1)
 
 
-def has_arctan_law(system: System) -> bool:
+def has_arctan_law(system):
     """Whether no point has set-valued Coulomb friction."""
-    return bool(np.all(np.isfinite(system.beta[system.w > 0.0])))
+    return np.all(np.isfinite(system.beta[system.w > 0.0]))
 
 
-def ready_made_jobs(
-    reference: Reference, bound: float, forms: Sequence[Form] = FORMS
-) -> Iterator[Job]:
+def ready_made_jobs(reference, bound, forms=FORMS):
     """Every integrator in every form at its tolerances; none under set-valued Coulomb friction."""
     if not has_arctan_law(reference.system):
         return
@@ -90,24 +77,24 @@ def ready_made_jobs(
     finest = reference.grid.integrate(reference.system, reference.parts, fields=SAMPLES)
     truth, times = sampled(reference, finest.u, finest.v), sample_times(reference)
     largest = np.tile([np.abs(finest.u).max(), np.abs(finest.v).max()], reference.system.n)
-    offline = _compile(models[0])
+    begin = time.perf_counter()
+    models[0].residual()(0.0, *np.zeros((3, models[0].size)))  # compiles
+    offline = time.perf_counter() - begin
     installed = importlib.util.find_spec("sksundae") is not None
     for form in forms:
-        tries: dict[float, bool] = {}
+        tries = {}
         for tolerance in form.tolerances:
             absolute = ABSOLUTE * tolerance * largest
             rest = np.zeros_like(absolute)
             task = Task(form, models[form.is_lumped], times, tolerance, absolute, bound, rest)
             run = partial(_attempt, task, reference, tries)
             if form.name in ("IDA", "CVODE") and not installed:
-                missing = "not installed: pip install 'skfem-joint[bench]'"
-                run = partial(Outcome, None, status=missing)
+                run = partial(Outcome, None, status=NOT_INSTALLED)
             what = {"mass": "lumped" if form.is_lumped else "consistent", "tolerance": tolerance}
-            family = f"{READY_MADE} {form.name}"
-            yield Job(family, what, run, offline, own[form.is_lumped], truth)
+            yield Job(f"{READY_MADE} {form.name}", what, run, offline, own[form.is_lumped], truth)
 
 
-def _attempt(task: Task, reference: Reference, tries: dict[float, bool]) -> Outcome:
+def _attempt(task, reference, tries):
     """Run of an integrator, unless too many others of its form did not finish."""
     failures = list(tries.values()).count(False)
     if failures >= task.form.unfinished and not tries.get(task.tolerance):
@@ -120,14 +107,7 @@ def _attempt(task: Task, reference: Reference, tries: dict[float, bool]) -> Outc
     return Outcome(one, found.wall_s, found.work)
 
 
-def _compile(model: FirstOrder) -> float:
-    """Seconds that the first calls of the compiled loops take."""
-    begin = time.perf_counter()
-    model.residual()(0.0, *np.zeros((3, model.size)))
-    return time.perf_counter() - begin
-
-
-def explicit_jobs(reference: Reference, longest: float = LONGEST) -> Iterator[Job]:
+def explicit_jobs(reference, longest=LONGEST):
     """The paper's way: the classical Runge-Kutta method at its stable step."""
     grid, system = reference.grid, reference.system
     if not has_arctan_law(system):
@@ -139,12 +119,10 @@ def explicit_jobs(reference: Reference, longest: float = LONGEST) -> Iterator[Jo
     yield Job(EXPLICIT, what, partial(_explicit, reference, parts, longest), offline)
 
 
-def _explicit(reference: Reference, parts: int, longest: float) -> Outcome:
+def _explicit(reference, parts, longest):
     """Explicit run, whole if it is short enough, else the time of a piece of it in proportion."""
-    grid = reference.grid
-    n_steps = parts * grid.intervals
-    step = grid.duration / n_steps
-    run = partial(runge_kutta, reference.system, step=step, check=False)
+    grid, n_steps = reference.grid, parts * reference.grid.intervals
+    run = partial(runge_kutta, reference.system, step=grid.duration / n_steps, check=False)
     piece = min(PIECE, n_steps)
     begin = time.perf_counter()
     run(n_steps=piece, save=Save(points=False))
@@ -157,16 +135,7 @@ def _explicit(reference: Reference, parts: int, longest: float) -> Outcome:
     return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})
 
 
-def coarser_jobs(
-    scene: Scene, reference: Reference, parts: Sequence[int], elements: int
-) -> Iterator[Job]:
-    """Full model on a coarser mesh at several steps an interval."""
-    bar, points = coarsened(scene.named_mesh, elements), scene.output_points
-    system = scene.changed(mesh=bar, output={"points": points}).system()
-    yield from et.other_jobs(reference, parts, MESH, system, {"mesh": f"{elements} elements"})
-
-
-def coarsened(bar: NamedMesh, elements: int) -> NamedMesh:
+def coarsened(bar, elements):
     """Bar of about ``elements`` elements on vertices of a finer one; keeps regions and points."""
     s = bar.mesh.p[0]
     ends = [
@@ -187,28 +156,24 @@ def coarsened(bar: NamedMesh, elements: int) -> NamedMesh:
     )
 
 
-def time_at(points: Sequence[Point], level: float, error: str = RMS) -> float | None:
+def time_at(points, level, error=RMS):
     """Run time for an error, interpolated on the logarithms along the front, s.
 
     None where no point is that accurate; the fastest point's time where even it is.
     """
-    curve = [(p.wall_s, p.error(error)) for p in et.front(points, error)]
-    if not curve or curve[-1][1] > level:
+    curve = [(p.error(error), p.wall_s) for p in et.front(points, error)]
+    if not curve or curve[-1][0] > level:
         return None
-    after = next(k for k, (_, found) in enumerate(curve) if found <= level)
-    wall, found = curve[after]
-    if after == 0 or found <= 0.0:
-        return wall
-    slower, larger = curve[after - 1]
-    return exp(log(slower) + log(larger / level) / log(larger / found) * log(wall / slower))
+    errors, walls = np.log(np.maximum(curve[::-1], 1e-300)).T
+    return float(np.exp(np.interp(np.log(level), errors, walls)))
 
 
-def ratios(points: Sequence[Point]) -> list[tuple[str, float | None, float | None, float | None]]:
+def ratios(points):
     """Rows of the table of speed ratios: what, ours (s), theirs (s), times faster."""
-    families = {p.job.family for p in points}
-    curves = {name: [p for p in points if p.job.family == name] for name in families}
+    rows, curves = [], {}
+    for point in points:
+        curves.setdefault(point.job.family, []).append(point)
     made = [curve for name, curve in curves.items() if name.startswith(READY_MADE)]
-    rows = []
     for family, error, words in (
         (et.FULL, RMS, "full, arctan / ready-made, error"),
         (et.COULOMB, RMS, "full, Coulomb / ready-made, error"),
@@ -216,14 +181,14 @@ def ratios(points: Sequence[Point]) -> list[tuple[str, float | None, float | Non
     ):
         for level in et.LEVELS:
             ours = time_at(curves.get(family, []), level, error)
-            theirs = min((time_at(one, level, TIME_ERROR) or inf for one in made), default=inf)
-            known = ours is not None and theirs < inf
-            ratio = theirs / ours if known and ours else None
-            rows.append((f"{words} {level:.0e}", ours, theirs if theirs < inf else None, ratio))
+            found = [time for one in made if (time := time_at(one, level, TIME_ERROR))]
+            theirs = min(found, default=None)
+            ratio = theirs / ours if ours and theirs else None
+            rows.append((f"{words} {level:.0e}", ours, theirs, ratio))
     return rows
 
 
-def section(points: Sequence[Point], bound: float) -> str:
+def section(points, bound):
     """What the page says of the competitors, in Markdown."""
     return (
         "## Speed ratios of this run\n\n"
@@ -239,9 +204,8 @@ def section(points: Sequence[Point], bound: float) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the report of a scene and print its ratios."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path)
     parser.add_argument("--out", type=Path, required=True, help="folder for the report")
     parser.add_argument("--bound", type=float, default=60.0, help="longest run of one of them, s")
@@ -253,9 +217,11 @@ def main(arguments: list[str] | None = None) -> int:
     parts = (et.QUICK if quick else et.RANGE)["parts"]
     counts = [n for n in COARSE[:: 3 if quick else 1] if n < scene.named_mesh.n_elements]
 
-    def others(reference: Reference) -> Iterator[Job]:
-        for count in counts:
-            yield from coarser_jobs(scene, reference, parts, count)
+    def others(reference):
+        for n in counts:
+            bar, points = coarsened(scene.named_mesh, n), {"points": scene.output_points}
+            coarse, mesh = scene.changed(mesh=bar, output=points), {"mesh": f"{n} elements"}
+            yield from et.other_jobs(reference, parts, MESH, coarse.system(), mesh)
         yield from explicit_jobs(reference)
         yield from made(reference)
 
@@ -263,9 +229,8 @@ def main(arguments: list[str] | None = None) -> int:
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = write_error_time(options.out, report)
-    print(
-        "\n\n".join([*(et.advice(report.points, level) for level in et.LEVELS), *report.sections])
-    )
+    advice = (et.advice(report.points, level) for level in et.LEVELS)
+    print(*advice, *report.sections, sep="\n\n")
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return 0
 

@@ -11,31 +11,29 @@ condensed model. BLAS threads are pinned. Errors, in percent, are against the fu
 measured and as stated without it; off-line is all before the first step.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
 import tomllib
 from pathlib import Path
 
-os.environ.update(
-    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from collections.abc import Sequence
 from resource import RUSAGE_SELF, getrusage
-from typing import Any
 
+from benchmarks import EXAMPLES, head, row
 from skfem_joint import backbone, build_box, merged, run_scene
 from skfem_joint.analysis import memory
-from skfem_joint.scene import Scene, scene_from
+from skfem_joint.scene import scene_from
 
-SCENE = Path(__file__).resolve().parents[1] / "solid_lap_joint.toml"
 WIDTH, LEVELS = 0.04, 20
 BOLT = {"force": 20e3, "head_radius": 0.0075, "hole_radius": 0.0045}
 ESTIMATED = "displacement_rms", "friction_energy"
+HEADER = (
+    *("model", "unknowns", "off-line, s", "ms a step", "times faster", "history, %"),
+    *("friction, %", "stated history, %", "friction, %", "estimate, s"),
+)
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness;
 #: periods, and steps of each.
 SIZES = {
@@ -45,58 +43,50 @@ SIZES = {
 }
 
 
-def plates(elements: Sequence[int], cycles: int, steps: int) -> Scene:
-    """Scene of the two plates."""
+def plates(elements, cycles, steps):
     lap, rest, across, deep = elements
     strips = ("upper_rest", 0.1, rest), ("upper_lap", 0.1, lap)
     others = ("lower_lap", 0.1, lap), ("lower_rest", 0.1, rest)
     size, count = (WIDTH, 0.01), (across, deep)
     upper = {"upper_end": "left", "upper_contact": ("front", "upper_lap")}
     lower = {"lower_end": "right", "lower_contact": ("back", "lower_lap")}
-    mesh = merged(
-        [
-            build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=2, boundaries=upper),
-            build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=2, boundaries=lower),
-        ]
-    )
+    above = build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=2, boundaries=upper)
+    below = build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=2, boundaries=lower)
     bolts = [{"at": [x, 0.5 * WIDTH, 0.01], **BOLT} for x in (0.125, 0.175)]
-    scene = tomllib.loads(SCENE.read_text(encoding="utf-8"))
+    scene = tomllib.loads((EXAMPLES / "solid_lap_joint.toml").read_text(encoding="utf-8"))
     scene["joint"][0]["pressure"] = {"reach": 0.01, "bolts": bolts}
     scene["time"] = {"steps_per_cycle": steps, "cycles": cycles}
     scene["models"] = {"run": ["full", "condensed", "reduced"]}
     scene["reduction"] = {"modes": 30, "friction_points": 40}
     scene["output"] = {"plots": False, "vtk": False}
     del scene["bolt"]
-    return scene_from(scene, mesh)
+    return scene_from(scene, merged([above, below]))
 
 
-def percent(error: float | None) -> str:
-    """An error as it is printed."""
+def percent(error):
     return "" if error is None else f"{100.0 * abs(error):.3f}"
 
 
-def report(scene: Scene, made: float) -> None:
+def report(scene, made):
     """Print the table of one size, ``made`` in so many s, damping curves, and what it takes."""
     system = scene.system()
     said = memory.size(sum(memory.needed(scene).values()))
     print(
         f"{system.n} unknowns, {system.contact_points} contact points, made in {made:.1f} s with "
-        f"the modes that the damping ratio needs; memory said: {said}\n\n"
-        "| model | unknowns | off-line, s | ms a step | times faster | history, % | friction, % | "
-        f"stated history, % | friction, % | estimate, s |\n|{10 * ' --- |'}",
-        flush=True,
+        f"the modes that the damping ratio needs; memory said: {said}\n"
     )
+    head(*HEADER)
     study = run_scene(scene)
     steps = {name: one.run.wall_s / one.run.counters.steps for name, one in study.models.items()}
     for name, model in study.models.items():
-        cells = [name, f"{model.run.system.n}", f"{model.offline_s:.1f}"]
+        cells = [name, model.run.system.n, f"{model.offline_s:.1f}"]
         cells += [f"{1e3 * steps[name]:.3f}", f"{steps['full'] / steps[name]:.1f}"]
         kinds = "displacement_rms", "friction_energy_per_cycle"
         cells += [percent(getattr(model.errors, kind, None)) for kind in kinds]
         found = model.estimate
         stated = [None if found is None else found.of("total", kind) for kind in ESTIMATED]
         cells += [*map(percent, stated), f"{model.estimate_s:.1f}"]
-        print(f"| {' | '.join(cells)} |")
+        row(*cells)
     print()
     for name in [one for one in ("full", "condensed") if len(study.models) > 1]:
         begin = time.perf_counter()
@@ -110,17 +100,15 @@ def report(scene: Scene, made: float) -> None:
     print(*study.warnings, sep="\n")
 
 
-def main(arguments: list[str]) -> int:
-    """Print the report of the size asked for."""
+def main(arguments):
     size = next(iter(arguments), "")
     begin = time.perf_counter()
     scene = plates(*SIZES[size])
     scene.system()
     made = time.perf_counter() - begin
-    alone: dict[str, Any] = {"models": {"run": ("full",)}, "accuracy": {"estimate": False}}
+    alone = {"models": {"run": ("full",)}, "accuracy": {"estimate": False}}
     report(scene.changed(**alone) if size == "--large" else scene, made)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

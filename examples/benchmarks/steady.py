@@ -12,16 +12,15 @@ doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one
 
 import os
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[name] = "1"
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import argparse
 import importlib.util
 import statistics
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -30,47 +29,39 @@ from scipy.linalg import eigh
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
 import skfem_joint as sj
+from benchmarks import NOT_INSTALLED, head, row
 from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
-from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
-from skfem_joint.stepping.recording import Run
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
+#: Friction limit of the bar's joint, N.
+LIMIT = 0.7 * 50e6 * 0.05 * 0.2
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
 #: mode, whose frequency in time steps is 1.5 % too low with 200 and 0.4 % with 400.
 BEAM_STEPS = 400
 #: Share of the friction limit, frequency (Hz), periods that SUNDIALS marches: at the peaks and
 #: beside them. At the last the third harmonic meets the second mode, which asks for shorter steps.
-CASES = (
-    (0.03, 2270.0, 10),
-    (0.1, 2050.0, 10),
-    (0.1, 2100.0, 10),
-    (0.3, 2000.0, 10),
-    (0.3, 1790.0, 20),
-)
+CASES = ((0.03, 2270.0, 10), (0.1, 2050.0, 10), (0.1, 2100.0, 10), (0.3, 2000.0, 10),
+         (0.3, 1790.0, 20))  # fmt: skip
 #: Steepness (s/m) of the law for it, samples of its periods; finer steps of ours; how far off
 #: another start of ours is.
 STEEP, SAMPLES, FINE, OFF = 1e7, 400, 1600, 0.02
 #: Steepness (s/m) of the law for the harmonic balance.
 GENTLE = 10.0
-NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
 BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
         (400.0, 0.2021, 157.0))  # fmt: skip
 
 
-def bar(
-    frequency: float = RESONANCE, share: float = 0.1, beta: float = np.inf, elements: int = 100
-) -> sj.System:
+def bar(frequency=RESONANCE, share=0.1, beta=np.inf, elements=100):
     """Bar of so many elements in its joint, loaded by a share of the joint's friction limit."""
     parts = [("joint", 0.2, elements), ("free", 0.5, elements)]
-    mesh = sj.build_bar(parts, {"fixed": 0.0, "end": 0.7})
     structure = sj.Structure(
-        mesh,
+        sj.build_bar(parts, {"fixed": 0.0, "end": 0.7}),
         sj.Material(200e9, 8000.0),
         width=0.05,
         thickness=0.01,
@@ -78,12 +69,12 @@ def bar(
         joints=[sj.Joint("joint", 50e6, 0.7, beta=beta)],
         stiffness_damping=2.0 * MODAL_DAMPING / (2.0 * np.pi * RESONANCE),
     )
-    system = structure.system([sj.Load("end", sj.Harmonic(1.0, frequency))])
-    force = sj.Harmonic(share * float(system.w.sum()), frequency)
-    return replace(system, loads=(replace(system.loads[0], amplitude=force),))
+    held = 0.5 / elements  # of the joint, beside the support, cannot slip
+    force = share * LIMIT * (1.0 - held)
+    return structure.system([sj.Load("end", sj.Harmonic(force, frequency))])
 
 
-def beam() -> sj.System:
+def beam():
     """Steel cantilever of 2 m with a friction element of 1.5 kN at 0.75 m, driven at its tip."""
     length, height, width, E, density = 2.0, 0.1, 0.3, 185e9, 7830.0
     EI, mass = E * width * height**3 / 12.0, density * width * height
@@ -103,50 +94,39 @@ def beam() -> sj.System:
     )
 
 
-def backbones(quick: bool) -> None:
-    """Times of damping curves."""
-    print("| structure | contact points | 20 levels, s | by Masing's rule off by |")
-    print("| --- | --- | --- | --- |")
+def backbones(quick):
+    head("structure", "contact points", "20 levels, s", "by Masing's rule off by")
     plate = (24, 12, 0.25) if quick else (432, 22, 0.05)
     for name, system in (("bar", bar()), ("plate", system_of(*plate, False))):
-        times = []
         for _ in range(2):  # the second one is warm
             begin = time.perf_counter()
             (found,) = sj.backbone(system)
-            times.append(time.perf_counter() - begin)
+            spent = time.perf_counter() - begin
         error = "-" if found.masing_error is None else f"{100 * found.masing_error:.2g} %"
-        print(f"| {name} | {system.contact_points} | {times[1]:.3g} | {error} |", flush=True)
+        row(name, system.contact_points, f"{spent:.3g}", error)
 
 
-def periods(systems: list[sj.System], memory: int) -> int:
+def periods(systems, memory):
     """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
-    kept, halves = steady.MEMORY, stepping.turns_over
-    try:
-        if not memory:
-            steady.MEMORY, stepping.turns_over = 0, lambda loads: False
+    halves = stepping.turns_over if memory else lambda loads: False
+    mixed = patch.object(steady, "MEMORY", memory and steady.MEMORY)
+    with mixed, patch.object(stepping, "turns_over", halves):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
-    finally:
-        steady.MEMORY, stepping.turns_over = kept, halves
-    return sum(run.steady.periods for run in runs if run.steady)
+    return sum(run.steady.periods for run in runs)
 
 
-def responses(quick: bool) -> None:
+def responses(quick):
     """Time of a frequency, periods beside plain iteration, and what marching gives."""
-    system, points = bar(share=1.0), 7 if quick else 31
-    frequencies = np.linspace(1700.0, 2600.0, points)
+    system, frequencies = bar(share=1.0), np.linspace(1700.0, 2600.0, 7 if quick else 31)
     sj.integrate(system, until="steady", steps_per_cycle=STEPS)  # compiles
-    times: list[float] = []
-    curves = []
+    times, used = [], 0
     for level in (0.03, 0.1, 0.3):
-        state, found = None, []
+        state = None
         for frequency in frequencies.tolist():
             begin = time.perf_counter()
             one = response.steady_point(system, frequency, level, STEPS, None, state)
             times.append(time.perf_counter() - begin)
-            state = one.state
-            found.append(one)
-        curves.append(response.Curve(level, tuple(found)))
-    used = sum(int(curve.column("periods").sum()) for curve in curves)
+            state, used = one.state, used + one.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
@@ -156,8 +136,7 @@ def responses(quick: bool) -> None:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
         marched = sj.integrate(case, cycles=300 if quick else 3000, steps_per_cycle=STEPS)
-        last = marched.point("end")[-STEPS - 1 :]
-        apart = np.ptp(run.point("end")) / np.ptp(last) - 1.0
+        apart = np.ptp(run.point("end")) / np.ptp(marched.point("end")[-STEPS - 1 :]) - 1.0
         energy = run.cycles.friction[-1] / marched.cycles.friction[-1] - 1.0
         print(
             f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
@@ -165,7 +144,7 @@ def responses(quick: bool) -> None:
         )
 
 
-def marched(system: sj.System, start: tuple[FloatArray, FloatArray], cycles: int) -> FloatArray:
+def marched(system, start, cycles):
     """Half of peak to peak (m) of the end and friction energy (J) of each period, by SUNDIALS.
 
     IDA of the second order, tolerances far below the width of the law's step: looser ones and
@@ -184,15 +163,16 @@ def marched(system: sj.System, start: tuple[FloatArray, FloatArray], cycles: int
     return np.transpose([(0.5 * np.ptp(end[k]), slip_work(system, u[k], v[k])) for k in rows])
 
 
-def sundials(quick: bool) -> None:
+def sundials(quick):
     """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
     if importlib.util.find_spec("sksundae") is None:
         print(f"\nSUNDIALS: {NOT_INSTALLED}")
         return
     cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, FINE, 100)
-    print(f"\n| share, frequency | SUNDIALS | {STEPS} steps: amplitude, friction energy apart "
-          f"| {fine} steps: the same | both drifted by | a start 2 % off keeps |\n"
-          "| --- | --- | --- | --- | --- | --- |")  # fmt: skip
+    print()
+    first = f"{STEPS} steps: amplitude, friction energy apart"
+    others = f"{fine} steps: the same", "both drifted by", "a start 2 % off keeps"
+    head("share, frequency", "SUNDIALS", first, *others)
     for share, frequency, periods in cases:
         case, cycles = bar(frequency, share, elements=elements), 2 if quick else periods
         coarse, run = (sj.integrate(case, until="steady", steps_per_cycle=n) for n in (STEPS, fine))
@@ -208,17 +188,17 @@ def sundials(quick: bool) -> None:
         ]
         columns = [*apart, theirs[:, -1] / theirs[:, 0] - 1.0]
         texts = ["{:+.2g}, {:+.2g} %".format(*100.0 * pair) for pair in columns]
-        print(f"| {100 * share:g} %, {frequency:g} Hz | {cycles} periods, {wall:.0f} s | "
-              f"{' | '.join(texts)} | {100 * kept / OFF:.2g} % |", flush=True)  # fmt: skip
+        name, cost = f"{100 * share:g} %, {frequency:g} Hz", f"{cycles} periods, {wall:.0f} s"
+        row(name, cost, *texts, f"{100 * kept / OFF:.2g} %")
 
 
-def first_harmonic(run: Run) -> float:
+def first_harmonic(run):
     """Its amplitude (m) at the end, from a run of one period."""
     u = run.point("end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))
 
 
-def balances(quick: bool) -> None:
+def balances(quick):
     """Harmonic balance beside ours at one frequency, the same arctan law; processor time."""
     if importlib.util.find_spec("pyHarm") is None:
         print(f"\npyHarm: {NOT_INSTALLED}")
@@ -233,42 +213,34 @@ def balances(quick: bool) -> None:
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
         own = time.process_time() - begin
     ours = first_harmonic(run)
-    print("\n| odd harmonics to | pyHarm, s | ours, s | first harmonic of ours apart |")
-    print("| --- | --- | --- | --- |")
+    print()
+    head("odd harmonics to", "pyHarm, s", "ours, s", "first harmonic of ours apart")
     for last in (1, 3) if quick else (1, 3, 5, 7, 9):
         begin = time.process_time()
         theirs = balanced(case, list(range(1, last + 1, 2)))
         spent = time.process_time() - begin
         apart = 100.0 * (ours / theirs - 1.0)
-        print(f"| {last} | {spent:.2g} | {own:.2g} | {apart:+.2g} % |", flush=True)
+        row(last, f"{spent:.2g}", f"{own:.2g}", f"{apart:+.2g} %")
 
 
-def published(quick: bool) -> None:
-    """The beam's peaks at four forces."""
+def published(quick):
     system = beam()
-    print("\n| force, N | peak, mm | published | at, rad/s | published |")
-    print("| --- | --- | --- | --- | --- |")
+    print()
+    head("force, N", "peak, mm", "published", "at, rad/s", "published")
     for force, peak, omega in BEAM[1:3] if quick else BEAM:
         around = (omega + np.linspace(-9.0, 9.0, 4 if quick else 7)) / (2.0 * np.pi)
         (curve,) = sj.response(system, around, (force,), steps_per_cycle=BEAM_STEPS)
         at, size = curve.peak
-        print(f"| {force:g} | {1e3 * size:.4f} | {peak} | {2.0 * np.pi * at:.1f} | {omega} |")
+        row(f"{force:g}", f"{1e3 * size:.4f}", peak, f"{2.0 * np.pi * at:.1f}", omega)
 
 
-def main(arguments: list[str]) -> int:
-    """Print all of it."""
-    parser = argparse.ArgumentParser(
-        description="Steady vibration: times, periods, a published beam."
-    )
+def main(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
     quick = parser.parse_args(arguments).quick
-    backbones(quick)
-    responses(quick)
-    sundials(quick)
-    balances(quick)
-    published(quick)
-    return 0
+    for part in (backbones, responses, sundials, balances, published):
+        part(quick)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

@@ -13,18 +13,16 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
-os.environ.update(
-    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 from skfem_joint.analysis.sweep import processes, sweep
-from skfem_joint.scene import Scene, load_sweep
+from skfem_joint.scene import load_sweep
 
 #: Cycles of each scene, rounds.
 SIZE, QUICK = (1000, 2), (3, 1)
 
 
-def seconds(scenes: list[Scene], workers: int) -> float:
+def seconds(scenes, workers):
     """Wall time of a sweep; all of its scenes must have run."""
     begin = time.perf_counter()
     rows = list(sweep(scenes, partial(processes, workers)))
@@ -34,20 +32,18 @@ def seconds(scenes: list[Scene], workers: int) -> float:
     return spent
 
 
-def main(arguments: list[str]) -> int:
-    """Print both times and their ratio."""
+def main(arguments):
     cycles, rounds = QUICK if "--quick" in arguments else SIZE
     swept = load_sweep(Path(__file__).parents[1] / "lap_joint_sweep.toml")
     scenes = [scene.changed(time={"cycles": cycles}) for scene in swept.scenes]
-    times: dict[int, list[float]] = {1: [], 2: []}
+    times = {1: [], 2: []}
     for k in range(rounds):
         for workers in (1, 2) if k % 2 == 0 else (2, 1):
             times[workers].append(seconds(scenes, workers))
     one, two = median(times[1]), median(times[2])
     ratio = median(b / a for a, b in zip(*times.values(), strict=True))
     print(f"{len(scenes)} scenes: {one:.1f} s with one worker, {two:.1f} s with two: {ratio:.2f}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

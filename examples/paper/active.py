@@ -6,14 +6,13 @@ from math import inf, nan, pi
 
 import numpy as np
 from paper import cases
-from paper.cases import CASES, PULSES, Case, active_percent, run
-from paper.page import Item, percent, printed
+from paper.cases import CASES, PULSES, active_percent, run
+from paper.page import percent, printed
 from paper.structure import resonances
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.reduction.active_length import (
     DAMPING_RATIO,
-    Estimate,
     amplification,
     estimate,
 )
@@ -24,22 +23,17 @@ THRESHOLDS = (1e-3, 1e-4)
 LEVELS = (0.5, 0.6, 0.7)
 
 
-def natural_frequency(length: float) -> float:
+def natural_frequency(length):
     """First natural frequency of a bar held at one end, Hz."""
     return cases.SPEED / (4.0 * length)
 
 
-def iterated(case: Case, frequency: float, most: int = 60, tolerance: float = 1e-4) -> Estimate:
+def iterated(case, frequency, most=60, tolerance=1e-4):
     """Active length of a case by Eqs. (17) to (20)."""
     return estimate(case.static_length, frequency, natural_frequency, most, tolerance)
 
 
-def scaled_for_impulse(length: float, force: float, other_force: float) -> float:
-    """Active length under an impulse of another peak, by the ratio of the peaks (section 6.2)."""
-    return length * other_force / force
-
-
-def iteration_limits() -> tuple[float, float]:
+def iteration_limits():
     """Where the iteration of A_a fails, as frequency over the static length's resonance.
 
     With r the ratio at a fixed point, an error of an iterate grows by d ln A_a / d ln r
@@ -48,14 +42,13 @@ def iteration_limits() -> tuple[float, float]:
     r = 1, where A_a = 1 / (2 zeta): beyond it the iteration swings about resonance.
     """
     a = 2.0 - 4.0 * DAMPING_RATIO**2
-    ratio = float(np.sqrt((a - np.sqrt(a * a - 3.0)) / 3.0))
+    ratio = np.sqrt((a - np.sqrt(a * a - 3.0)) / 3.0)
     return ratio / amplification(ratio), 2.0 * DAMPING_RATIO
 
 
-def fig6(item: Item, quick: bool) -> None:
-    """Fixed-point iteration of the scaling factor A_a."""
+def fig6(item, quick):
     case = CASES["I"]
-    length, static = case.static_length, natural_frequency(case.static_length)
+    length, static = case.static_length, case.static_resonance
     found = iterated(case, case.frequency)
     elements = cases.estimate_of(case)
     second, element_second = (one.factors[0] * length for one in (found, elements))
@@ -92,9 +85,7 @@ def fig6(item: Item, quick: bool) -> None:
 
 
 @cache
-def full_active(
-    key: str, frequency: float, beta: float = 1e5, damping: float = 1e-5, elements: int = 100
-) -> tuple[float, float, float]:
+def full_active(key, frequency, beta=1e5, damping=1e-5, elements=100):
     """Active length of the full model over six cycles of 100 steps, percent of the joint.
 
     Over the whole run for both thresholds, and in the last cycle alone for the first.
@@ -107,27 +98,27 @@ def full_active(
     return first, second, active_percent(settled, THRESHOLDS[0])
 
 
-def _estimated(key: str, frequency: float) -> float:
+def _estimated(key, frequency):
     """Estimate by Eqs. (17) to (20), percent of the joint; NaN where it does not converge."""
     found = iterated(CASES[key], frequency)
     return 100.0 * found.length / CASES[key].length if found.converged else nan
 
 
 @cache
-def _longest(key: str) -> float:
+def _longest(key):
     """Frequency at which the full model's active length is longest, over the static resonance."""
-    static = natural_frequency(CASES[key].static_length)
+    static = CASES[key].static_resonance
     options = {"bounds": (0.3, 1.2), "method": "bounded", "options": {"xatol": 0.01}}
     return float(minimize_scalar(lambda x: -full_active(key, x * static)[0], **options).x)
 
 
-def _halves(key: str) -> dict[str, float]:
+def _halves(key):
     """50 % of the resonance in two meanings, Hz: where Eq. (17) has converged, r = 0.5."""
-    static = natural_frequency(CASES[key].static_length)
+    static = CASES[key].static_resonance
     return {"Eq. (17)": 0.5 * static / amplification(0.5), "longest": 0.5 * _longest(key) * static}
 
 
-def _error_rows(item: Item, key: str, meaning: str, frequency: float) -> None:
+def _error_rows(item, key, meaning, frequency):
     stated, estimated = printed("fig7")[f"error_percent_case_{key}"], _estimated(key, frequency)
     for length, threshold in zip(full_active(key, frequency), THRESHOLDS, strict=False):
         error, element = percent(estimated, length), 100.0 / length  # one of a hundred
@@ -135,30 +126,28 @@ def _error_rows(item: Item, key: str, meaning: str, frequency: float) -> None:
         item.say("table2.error", **locals(), above=f"{threshold:.0e}")
 
 
-def table2(item: Item, quick: bool) -> None:
-    """Active length against frequency, full model against the estimate, for Cases I to III."""
+def table2(item, quick):
     longer, less = [], []
     for key, letter in zip(HARMONIC, "abc", strict=True):
-        static = natural_frequency(CASES[key].static_length)
-        found = resonances(CASES[key].static_length, 1)[0]
-        item.compare(f"resonance_case_{key}", float(found))
+        static = CASES[key].static_resonance
+        item.compare(f"resonance_case_{key}", resonances(CASES[key].static_length, 1)[0])
         for meaning, frequency in _halves(key).items():
             _error_rows(item, key, meaning, frequency)
-        frequencies = static * np.linspace(0.05, 1.2, 8 if quick else 24)
-        full = np.array([full_active(key, float(f)) for f in frequencies])
+        frequencies = (static * np.linspace(0.05, 1.2, 8 if quick else 24)).tolist()
+        first, second, settled = np.transpose([full_active(key, f) for f in frequencies])
         item.curves[f"fig7{letter}"] = {
-            "frequency_Hz": frequencies,
-            "full_1e-3_percent": full[:, 0],
-            "full_1e-4_percent": full[:, 1],
-            "full_settled_1e-3_percent": full[:, 2],
-            "estimate_percent": np.array([_estimated(key, float(f)) for f in frequencies]),
+            "frequency_Hz": np.array(frequencies),
+            "full_1e-3_percent": first,
+            "full_1e-4_percent": second,
+            "full_settled_1e-3_percent": settled,
+            "estimate_percent": np.array([_estimated(key, f) for f in frequencies]),
         }
-        longer += list(full[:, 1] - full[:, 0])
-        less += list(full[:, 0] - full[:, 2])
+        longer += [*(second - first)]
+        less += [*(first - settled)]
         item.marks |= {f"half_{key}": _halves(key)["Eq. (17)"], f"static_{key}": static}
     half = {key: _halves(key)["Eq. (17)"] for key in HARMONIC}
 
-    def errors(which: int = 0, keys: tuple[str, ...] = HARMONIC, **options: float) -> list[float]:
+    def errors(which=0, keys=HARMONIC, **options):
         lengths = (full_active(key, half[key], **options)[which] for key in keys)
         return [percent(_estimated(k, half[k]), x) for k, x in zip(keys, lengths, strict=True)]
 
@@ -170,9 +159,7 @@ def table2(item: Item, quick: bool) -> None:
 
 
 @cache
-def pulse_active(
-    level: float, frequency: float, shape: str = "triangle", damping: float = 1e-5
-) -> tuple[float, ...]:
+def pulse_active(level, frequency, shape="triangle", damping=1e-5):
     """Active length of Case I under a pulse, percent of the joint, for each threshold.
 
     ``frequency`` is the highest one in the pulse by the paper's rule, 1 / (2 rise time).
@@ -185,23 +172,19 @@ def pulse_active(
     return tuple(active_percent(peak, threshold) for threshold in THRESHOLDS)
 
 
-def fig10(item: Item, quick: bool) -> None:
-    """Active length under impulses, and its scaling with their peak."""
+def fig10(item, quick):
     fewer = (1000, 4500, 12000)
     more = (500, 1000, 2000, 3000, 4000, 4500, 5000, 6000, 8000, 10000, 12000, 15000)
     frequencies = np.array(fewer if quick else more, dtype=float)
     active = {a: np.array([pulse_active(a, float(f)) for f in frequencies]) for a in LEVELS}
     low, (high, lower) = pulse_active(0.5, 4500.0)[0], pulse_active(0.7, 4500.0)
-    scaled = scaled_for_impulse(low, 0.5, 0.7)
+    scaled = low * 0.7 / 0.5  # by the ratio of the peaks (section 6.2)
     item.compare("active_50_percent_4500_hz_percent", low)
     item.compare("scaled_to_70_percent", scaled)
     item.compare("actual_70_percent", high)
     stated, rule = item.printed["error_percent"], percent(scaled, high)
     holds = abs(rule) < stated
-    errors = [
-        100.0 * (scaled_for_impulse(1.0, 0.5, a) * active[0.5][:, 0] / active[a][:, 0] - 1.0)
-        for a in LEVELS[1:]
-    ]
+    errors = [percent(a / 0.5 * active[0.5][:, 0], active[a][:, 0]) for a in LEVELS[1:]]
     ranges = [f"{error.min():+.1f} to {error.max():+.1f}" for error in errors]
     for k, threshold in enumerate(("1e-3", "1e-4")):
         columns = {f"active_{100 * a:.0f}_percent_load_percent": v[:, k] for a, v in active.items()}
@@ -211,8 +194,7 @@ def fig10(item: Item, quick: bool) -> None:
         line = f"| {shape.replace('_', ' ')} |"
         for damping in (1e-5, 1e-6):
             at50, at70 = (pulse_active(level, 4500.0, shape, damping)[0] for level in (0.5, 0.7))
-            error = percent(scaled_for_impulse(at50, 0.5, 0.7), at70)
-            line += f" {at50:.0f} %, {at70:.0f} %, {error:+.1f} % |"
+            line += f" {at50:.0f} %, {at70:.0f} %, {percent(at50 * 0.7 / 0.5, at70):+.1f} % |"
         lines.append(line)
     table = "\n".join(lines)
     item.say(**locals())

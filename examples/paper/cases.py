@@ -3,37 +3,32 @@
 from dataclasses import dataclass, replace
 from functools import cache
 from math import inf
-from typing import Any
 
 import numpy as np
 from paper import pseudo_static
-from paper.page import Item, printed
+from paper.page import printed
 
+import skfem_joint as sj
 from skfem_joint.analysis.asked import options_of
-from skfem_joint.analysis.history import Errors, compare
-from skfem_joint.analysis.study import Model, run_scene
-from skfem_joint.arrays import FloatArray
-from skfem_joint.loads import HalfSine, RampAndHold, Triangle, Versine
-from skfem_joint.mesh import NamedMesh, build_bar
-from skfem_joint.reduction.active_length import THRESHOLD, Estimate, measured
-from skfem_joint.reduction.basis import Basis, own_basis, scaled_basis
+from skfem_joint.analysis.history import compare
+from skfem_joint.analysis.study import Model
+from skfem_joint.reduction.active_length import THRESHOLD, measured
+from skfem_joint.reduction.basis import own_basis, scaled_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
 from skfem_joint.reduction.reference import paper_reference
 from skfem_joint.reduction.zones import active_zones, estimate_active_length, probed, zone_lengths
-from skfem_joint.scene import Scene, scene_from
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.scene import scene_from
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
 #: Axial stiffness, N, and speed of longitudinal waves, m/s.
 STIFFNESS, SPEED = E * WIDTH * THICKNESS, float(np.sqrt(E / DENSITY))
-PULSES = ("triangle", "half_sine", "versine", "ramp_and_hold")
+SHAPES = sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold
+PULSES = "triangle", "half_sine", "versine", "ramp_and_hold"
 #: Ours: scaled modes of the paper's reference system, velocity snapshots beside displacement,
 #: active length from a probe run, friction at Gauss points, beta that the modes resolve.
-DEFAULT: dict[str, Any] = {"reference": "paper", "modes": 5, "snapshots": "both"}
-DEFAULT |= {"inner_product": "euclidean"}
+DEFAULT = {"reference": "paper", "modes": 5, "snapshots": "both", "inner_product": "euclidean"}
 #: The paper's own choices; the same with the active length measured; what own modes change.
 PLAIN = DEFAULT | {"snapshots": "displacement", "friction_points": "all", "beta": 1e5}
 PLAIN |= {"active_length": "estimate"}
@@ -56,33 +51,33 @@ class Case:
     linear: float = 0.0
 
     @property
-    def limit(self) -> float:
-        """Friction limit, N."""
-        return self.friction * self.pressure * WIDTH * self.length
-
-    @property
-    def tau(self) -> float:
+    def tau(self):
         """Friction limit per length, N/m."""
-        return self.limit / self.length
+        return self.friction * self.pressure * WIDTH
 
     @property
-    def static_length(self) -> float:
+    def limit(self):
+        """Friction limit, N."""
+        return self.tau * self.length
+
+    @property
+    def static_length(self):
         """Active length without inertia, m."""
-        return pseudo_static.slip_length(self.force, self.friction * self.pressure * WIDTH)
+        return pseudo_static.slip_length(self.force, self.tau)
 
     @property
-    def static_peak(self) -> float:
-        """Pseudo-static displacement of the free end, m."""
-        return pseudo_static.peak_displacement(self.force, STIFFNESS, self.tau)
+    def static_resonance(self):
+        """First natural frequency of that length, Hz."""
+        return SPEED / (4.0 * self.static_length)
+
+    def static(self, closed_form, *phase):
+        """What a function of `pseudo_static` says of it."""
+        return closed_form(self.force, STIFFNESS, self.tau, *phase)
 
     @property
-    def static_loop_area(self) -> float:
-        """Area of the pseudo-static hysteresis loop, J."""
-        return pseudo_static.loop_energy(self.force, STIFFNESS, self.tau)
-
-    def static_loop(self, phase: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pseudo-static displacement (m) and force (N) in steady state at phases of the load."""
-        return pseudo_static.loop(self.force, STIFFNESS, self.tau, phase)
+    def static_loop_area(self):
+        """J."""
+        return self.static(pseudo_static.loop_energy)
 
 
 CASES = {
@@ -101,29 +96,17 @@ CASES = {
 
 
 @cache
-def _bar(length: float, linear: float, elements: int) -> NamedMesh:
+def _bar(length, linear, elements):
     """Joint with ``elements`` elements and, beyond it, a linear region with as many."""
-    if linear == 0.0:
-        return build_bar([("joint", length, elements)], {"fixed": 0.0, "free_end": length})
-    return build_bar(
-        [("joint", length, elements), ("linear", linear, elements)],
-        {"fixed": 0.0, "junction": length, "free_end": length + linear},
-    )
+    parts = [("joint", length, elements), ("linear", linear, elements)][: 2 if linear else 1]
+    points = {"fixed": 0.0} | ({"junction": length} if linear else {})
+    return sj.build_bar(parts, points | {"free_end": length + linear})
 
 
 def scene(
-    case: Case,
-    reduction: dict[str, Any] | None = None,
-    *,
-    load: dict[str, Any] | None = None,
-    time: dict[str, Any] | None = None,
-    models: tuple[str, ...] = ("full",),
-    beta: float = 1e5,
-    normal_force: str = "equal",
-    elements: int = 100,
-    damping: float = 1e-5,
-    frames: int = 0,
-) -> Scene:
+    case, reduction=None, *, load=None, time=None, models=("full",), beta=1e5,
+    normal_force="equal", elements=100, damping=1e-5, frames=0,
+):  # fmt: skip
     """Scene of a case; harmonic, 8 cycles of 200 steps unless told otherwise.
 
     ``reduction``, ``load`` and ``time`` are keys of these tables; ``beta`` (s/m) is infinite for
@@ -150,28 +133,25 @@ def scene(
     )
 
 
-def pulse(case: Case, shape: str, rise_time: float) -> dict[str, Any]:
+def pulse(case, shape, rise_time):
     """Table of an impulsive load with the case's force as its peak."""
     return {"kind": shape, "peak": case.force, "rise_time": rise_time}
 
 
-def pulses(case: Case, rise_time: float, end: float) -> dict[str, FloatArray]:
-    """Curve of all pulses."""
-    curve = {"time_s": np.linspace(0.0, end, 501)}
-    for shape, kind in zip(PULSES, (Triangle, HalfSine, Versine, RampAndHold), strict=True):
-        curve[f"{shape}_N"] = kind(case.force, rise_time)(curve["time_s"])
-    return curve
+def pulses(case, rise_time, end):
+    t, kinds = np.linspace(0.0, end, 501), zip(PULSES, SHAPES, strict=True)
+    return {"time_s": t} | {f"{name}_N": kind(case.force, rise_time)(t) for name, kind in kinds}
 
 
-def _own(its: Scene) -> Basis:
+def _own(its):
     """Modes of the scene's own run and what moves in it, for Gauss points along it.
 
     The package takes fewer times of that run and merges points that slip alike.
     """
     options, system, patch = options_of(its), its.system(), its.structure().patches[0]
     steps = its.n_steps if its.cycle_steps is None else min(its.n_steps, 3 * its.cycle_steps)
-    save, modes = Save(fields=True, points=False), options.mode_count
-    training = integrate(system, step=its.time_step, n_steps=steps, save=save)
+    save, modes = sj.Save(fields=True, points=False), options.mode_count
+    training = sj.integrate(system, step=its.time_step, n_steps=steps, save=save)
     snapshots = snapshot_matrix(training.u, training.v, options.snapshots)
     V = orthonormal(proper_modes(snapshots).modes[:, :modes], system.M)
     peak, x = training.slip_peak[patch.points], its.structure().nodes[patch.nodes, 0]
@@ -180,7 +160,7 @@ def _own(its: Scene) -> Basis:
     return replace(basis, V=V, stretches=((patch.points[moving], x[moving]),))
 
 
-def _scaled(its: Scene) -> Basis:
+def _scaled(its):
     """Scaled modes of the paper's reference joint, however few."""
     options, structure, system = options_of(its), its.structure(), its.system()
     zones = active_zones(structure, system)
@@ -191,100 +171,94 @@ def _scaled(its: Scene) -> Basis:
     return scaled_basis(structure, system, modes, zones, lengths, probe, **counts)
 
 
-def _reduced(its: Scene) -> Model:
-    """Reduced model of a scene."""
+def _reduced(its):
     options, periodic = options_of(its), its.time.cycles is not None
     basis = _own(its) if options.reference == "self" else _scaled(its)
     choices = {"friction_points": options.friction_points, "beta": options.beta}
-    reduced, _ = reduced_system(its.system(), basis, periodic=periodic, warn=[], **choices)
-    found = integrate(reduced, step=its.time_step, n_steps=its.n_steps, cycle_steps=its.cycle_steps)
-    return Model("reduced", found, 0.0, dict(basis.active_length), basis=basis)
+    small, _ = reduced_system(its.system(), basis, periodic=periodic, warn=[], **choices)
+    steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
+    return Model("reduced", sj.integrate(small, **steps), 0.0, basis.active_length, basis=basis)
 
 
-_MODELS: dict[str, Model] = {}
+_MODELS = {}
 
 
-def run(case: Case, reduction: dict[str, Any] | None = None, **options: Any) -> Model:
+def run(case, reduction=None, **options):
     """Full model of a case, or its reduced model with errors against the full one; run once.
 
     Options as for `scene`.
     """
     key = repr((case, reduction, sorted(options.items())))
     if key not in _MODELS:
-        its = scene(case, reduction, **options)
-        model = run_scene(its).models["full"] if reduction is None else _reduced(its)
-        if reduction is not None:
-            model = replace(model, errors=compare(run(case, **options).run, model.run))
-        _MODELS[key] = model
+        its = scene(case, reduction, **options).changed(accuracy={"estimate": False})
+        if reduction is None:
+            _MODELS[key] = sj.run_scene(its).models["full"]
+        else:
+            made = _reduced(its)
+            _MODELS[key] = replace(made, errors=compare(run(case, **options).run, made.run))
     return _MODELS[key]
 
 
-def estimate_of(case: Case) -> Estimate:
+def estimate_of(case):
     """Active length by Eqs. (17) to (20) of a case under its harmonic load, from its elements."""
     its = scene(case)
-    system = its.system()
-    found = estimate_active_length(system, active_zones(its.structure(), system)[0])
-    assert found is not None
-    return found
+    return estimate_active_length(its.system(), active_zones(its.structure(), its.system())[0])
 
 
-def peak(found: Run) -> float:
+def peak(found):
     """Largest displacement of the free end in the last cycle, m."""
-    return float(found.cycles.peak[-1, found.system.points.index("free_end")])
+    return found.cycles.peak[-1, found.system.points.index("free_end")]
 
 
-def loop_area(found: Run) -> float:
+def loop_area(found):
     """Work of the load in the last cycle, J."""
-    return float(found.cycles.input[-1].sum())
+    return found.cycles.input[-1].sum()
 
 
-def friction(found: Run) -> float:
+def friction(found):
     """Friction energy of the last cycle, J."""
-    return float(found.cycles.friction[-1])
+    return found.cycles.friction[-1]
 
 
-def fields(
-    case: Case, model: Model, elements: int = 100
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def fields(case, model, elements=100):
     """Positions (m) of a full model's nodes off the fixed end; their displacement and velocity."""
     structure = scene(case, elements=elements).structure()
     x = structure.nodes[:, 0]
     order = np.argsort(x)[1:]
-    u, v = (structure.unpacked(values)[:, order, 0] for values in model.fields())
-    return x[order], u, v
+    return x[order], *(structure.unpacked(one)[:, order, 0] for one in model.fields())
 
 
-def active_percent(peak: FloatArray, threshold: float = THRESHOLD) -> float:
+def active_percent(peak, threshold=THRESHOLD):
     """Active share of a joint with peaks at equidistant nodes from the free end on, percent."""
     return measured(np.linspace(0.0, 100.0, peak.size, endpoint=False), peak, threshold)
 
 
-def difference(full: Run, reduced: Run, point: str = "free_end") -> FloatArray:
+def difference(full, reduced, point="free_end"):
     """Reduced minus full over time, percent of the full model's peak."""
     u = full.point(point)
-    return np.asarray(100.0 * (reduced.point(point) - u) / np.abs(u).max())
+    return 100.0 * (reduced.point(point) - u) / np.abs(u).max()
 
 
-def energy_error(errors: Errors) -> float:
+def energy_error(errors):
     """Signed error of the friction energy, per cycle where there are cycles, percent."""
     per_cycle = errors.friction_energy_per_cycle
     return 100.0 * (errors.friction_energy if per_cycle is None else per_cycle)
 
 
-def aims_met(errors: Errors) -> tuple[bool, bool]:
+def aims_met(errors):
     """Whether the peak displacement and the friction energy are as close as we ask."""
     aim, peak = printed("aim"), 100.0 * abs(errors.peak_displacement)
     energy = abs(energy_error(errors)) <= aim["friction_energy_percent"]
     return peak <= aim["displacement_percent"], energy
 
 
-def aim_rows(item: Item, name: str, errors: Errors) -> None:
+def aim_rows(item, name, errors):
     """Add rows of this project's aims for the default reduction with five modes."""
     aim, energy = printed("aim"), energy_error(errors)
     item.say("aims", name=name, errors=errors, aim=aim, energy=energy, met=aims_met(errors))
 
 
-def modes_for_aims(case: Case, **options: Any) -> int | None:
+def modes_for_aims(case, **options):
     """Fewest modes of the default reduction that meet both aims; None beyond 15."""
     models = (run(case, DEFAULT | {"modes": count}, **options) for count in range(1, 16))
     return next((count for count, one in enumerate(models, 1) if all(aims_met(one.errors))), None)

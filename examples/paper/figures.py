@@ -1,24 +1,20 @@
 """Pictures of curves, as ``pictures.toml`` chooses them: one style, a unit on each axis."""
 
 import re
-from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
 from skfem_joint.output.plots import new_figure, save_figure
 
-#: Line styles by order: dark to light, and differently broken.
-STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "#000000", "linestyle": "-", "linewidth": 1.6},
-    {"color": "#9c1c0c", "linestyle": "--", "linewidth": 1.6},
-    {"color": "#1f5fa8", "linestyle": "-.", "linewidth": 1.6},
-    {"color": "#2e8033", "linestyle": ":", "linewidth": 2.0},
-    {"color": "#8f62b5", "linestyle": (0, (5, 1, 1, 1, 1, 1)), "linewidth": 1.6},
-    {"color": "#8a8a8a", "linestyle": (0, (8, 2)), "linewidth": 1.6},
+#: Line styles by order: dark to light, and differently broken; colour, dashes, width.
+STYLES = (
+    ("#000000", "-", 1.6),
+    ("#9c1c0c", "--", 1.6),
+    ("#1f5fa8", "-.", 1.6),
+    ("#2e8033", ":", 2.0),
+    ("#8f62b5", (0, (5, 1, 1, 1, 1, 1)), 1.6),
+    ("#8a8a8a", (0, (8, 2)), 1.6),
 )
 #: What columns are drawn as, by the unit at the end of their names: unit, factor, usual quantity.
 UNITS = {
@@ -30,12 +26,10 @@ UNITS = {
     "percent": ("%", 1.0, "difference"),
     "%": ("%", 1.0, "difference"),
 }
-_THIN = {"color": "0.5", "linewidth": 0.8}
-
-Curves = Mapping[str, Mapping[str, FloatArray]]
+THIN = {"color": "0.5", "linewidth": 0.8}
 
 
-def _read(column: str) -> tuple[str, str, float]:
+def _read(column):
     """Name of a column, label of an axis for it, and the factor to its unit there."""
     found = re.fullmatch(r"(.*?)(?:_| \()(m_per_s|s|m|N|Hz|percent|%)\)?", column)
     if not found:
@@ -44,13 +38,13 @@ def _read(column: str) -> tuple[str, str, float]:
     return found[1].replace("_", " "), f"{quantity} ({unit})", factor
 
 
-def _matching(names: Any, patterns: str | list[str]) -> list[str]:
+def _matching(names, patterns):
     """Names that match the patterns, in the patterns' order."""
     asked = [patterns] if isinstance(patterns, str) else patterns
     return [name for pattern in asked for name in names if fnmatchcase(name, pattern)]
 
 
-def _lines(panel: Mapping[str, Any], curves: Curves) -> list[tuple[str, str, str, str]]:
+def _lines(panel, curves):
     """Curve, column of x, column of y and label of each line of a panel."""
     lines, chosen = [], _matching(curves, panel["curve"])
     start, _, end = panel["curve"].partition("*")
@@ -66,24 +60,22 @@ def _lines(panel: Mapping[str, Any], curves: Curves) -> list[tuple[str, str, str
     return lines
 
 
-def _draw_panel(
-    panel: Mapping[str, Any], curves: Curves, mark: Callable[[str], float], axes: Any
-) -> None:
-    rows = slice(*panel.get("rows", [None]))
-    lines = _lines(panel, curves)
+def _draw_panel(panel, curves, mark, axes):
+    rows, lines = slice(*panel.get("rows", [None])), _lines(panel, curves)
     for k, (name, x, y, label) in enumerate(lines):
         (_, x_label, x_factor), (_, y_label, y_factor) = _read(x), _read(y)
         x_factor, factor = panel.get("xfactor", x_factor), panel.get("factor", y_factor)
         values = factor * curves[name][y][rows]
         values = np.abs(values) if panel.get("absolute") else values
-        look = STYLES[k % len(STYLES)] | {"marker": panel.get("marker"), "markersize": 3.5}
+        look = dict(zip(("color", "linestyle", "linewidth"), STYLES[k % len(STYLES)], strict=True))
+        look |= {"marker": panel.get("marker"), "markersize": 3.5}
         axes.plot(x_factor * curves[name][x][rows], values, label=label, **look)
     for name in panel.get("levels", []):
-        axes.axhline(factor * mark(name), label=name.replace("_", " "), **_THIN)
+        axes.axhline(factor * mark(name), label=name.replace("_", " "), **THIN)
     for name in panel.get("at", []):
-        axes.axvline(x_factor * mark(name), label=name.replace("_", " "), **_THIN)
+        axes.axvline(x_factor * mark(name), label=name.replace("_", " "), **THIN)
     for sign in (-1.0, 1.0) if "limits" in panel else ():
-        axes.axhline(sign * mark(panel["limits"]), **_THIN)
+        axes.axhline(sign * mark(panel["limits"]), **THIN)
     axes.set(xlabel=panel.get("xlabel", x_label), ylabel=panel.get("ylabel", y_label))
     axes.set(**{key: panel[key] for key in ("xlim", "ylim", "xscale", "yscale") if key in panel})
     axes.grid(alpha=0.3)
@@ -92,25 +84,17 @@ def _draw_panel(
         axes.legend(fontsize=9, handlelength=3.2)
 
 
-def draw(
-    picture: Mapping[str, Any], curves: Curves, mark: Callable[[str], float], path: Path
-) -> None:
+def draw(picture, curves, mark, path):
     """Write a picture as PNG.
 
     ``picture`` is as in ``pictures.toml``; ``curves`` are columns by name, by the name of their
     curve; ``mark`` gives the value of a line across by its name.
-
-    Raises
-    ------
-    InputError
-        If matplotlib is missing.
     """
     panels = [{**picture, **panel} for panel in picture.get("panels", [{}])]
     columns = picture.get("columns", len(panels))
     rows, (width, height) = -(-len(panels) // columns), picture.get("size", (6.0, 4.0))
     drawing = new_figure(columns * width, rows * height)
-    for panel, axes in zip(
-        panels, drawing.subplots(rows, columns, squeeze=False).flat, strict=True
-    ):
+    places = drawing.subplots(rows, columns, squeeze=False).flat
+    for panel, axes in zip(panels, places, strict=True):
         _draw_panel(panel, curves, mark, axes)
     save_figure(path, drawing)

@@ -2,16 +2,13 @@
 
 from dataclasses import replace
 from math import inf
-from typing import Any
 
 import numpy as np
 from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, PLAIN, difference, energy_error, run
-from paper.page import Item, judged_reduced, limit_of, percent, printed, words
+from paper.page import judged_reduced, limit_of, percent, printed, words
 
-from skfem_joint.analysis.study import Model
-from skfem_joint.arrays import FloatArray
-from skfem_joint.stepping.recording import Run
+from skfem_joint.analysis import pseudo_static
 
 CASE, STEPS = CASES["I"], 400
 TIME = {"cycles": 6, "steps_per_cycle": STEPS}
@@ -21,16 +18,14 @@ TIME5 = {"cycles": 8, "steps_per_cycle": 200}
 STILL = 0.05
 
 
-def _full_rows(item: Item, full: Run, otherwise: str = "differs") -> None:
+def _full_rows(item, full, otherwise="differs"):
     near = "agrees within the paper's own tolerance (< 1 % by its mesh, section 2.1)"
     for key, ours in (("peak_full", cases.peak(full)), ("energy_full", cases.loop_area(full))):
         close = abs(percent(ours, item.printed[key])) < 1.0
         item.compare(key, ours, otherwise=near if close else otherwise)
 
 
-def _reduced_rows(
-    item: Item, label: str, key: str, made: Model, full: Run, why: str = "", around: float = 0.0
-) -> None:
+def _reduced_rows(item, label, key, made, full, why="", around=0.0):
     """Rows of a reduced model's peak and energy beside those printed under the key."""
     for what, part in (("peak, m", "peak"), ("energy per cycle, J", "energy")):
         stated = [item.printed[name] for name in (f"{part}_{key}", f"error_{part}_{key}_percent")]
@@ -41,13 +36,12 @@ def _reduced_rows(
         item.say("table3.reduced", name=f"{label}: {what}", **locals())
 
 
-def _last(found: Run) -> FloatArray:
+def _last(found):
     """Displacement of the free end in the last two cycles, m."""
     return found.point("free_end")[-2 * STEPS - 1 :]
 
 
-def table3(item: Item, quick: bool) -> None:
-    """Full, reduced, pseudo-static and scaled pseudo-static: peak and energy, Figs. 8 and 9."""
+def table3(item, quick):
     full = run(CASE, time=TIME)
     plain, moved, ours = (run(CASE, choice, time=TIME) for choice in (PLAIN, MOVED, DEFAULT))
     guess, actual = cases.estimate_of(CASE), full.active_length["joint"]
@@ -62,7 +56,8 @@ def table3(item: Item, quick: bool) -> None:
     ):
         _reduced_rows(item, f"reduced, {label}", "reduced", model, full.run, why)
     for kind, factor in (("pseudo_static", 1.0), ("scaled_pseudo_static", guess.factor)):
-        peak, area = factor * CASE.static_peak, factor * CASE.static_loop_area
+        peak = factor * CASE.static(pseudo_static.peak_displacement)
+        area = factor * CASE.static_loop_area
         item.compare(f"peak_{kind}", peak)
         item.compare(f"error_peak_{kind}_percent", -percent(peak, cases.peak(full.run)))
         item.compare(f"energy_{kind}", area)
@@ -72,7 +67,7 @@ def table3(item: Item, quick: bool) -> None:
     item.say(**locals(), case=CASE, steps=STEPS)
     if not quick:
         item.say("table3.aims", needed=cases.modes_for_aims(CASE, time=TIME))
-    u, force = CASE.static_loop(2.0 * np.pi * np.arange(2 * STEPS + 1) / STEPS)
+    u, force = CASE.static(pseudo_static.loop, 2.0 * np.pi * np.arange(2 * STEPS + 1) / STEPS)
     times = full.run.times[-2 * STEPS - 1 :]
     item.curves["fig8_fig9"] = {
         "time_s": times - times[0],
@@ -85,11 +80,10 @@ def table3(item: Item, quick: bool) -> None:
     }
 
 
-def table4(item: Item, quick: bool) -> None:
-    """Active length 10 % longer and shorter: peak and energy, Fig. 11."""
+def table4(item, quick):
     full, table3 = run(CASE, time=TIME), printed("table3")
 
-    def reduced(length: Any, choice: dict[str, Any] = PLAIN) -> Model:
+    def reduced(length, choice=PLAIN):
         return run(CASE, choice | {"active_length": length}, time=TIME)
 
     length, around = full.active_length["joint"], item.printed["most_error_percent"]
@@ -120,15 +114,14 @@ def table4(item: Item, quick: bool) -> None:
     item.say(**locals())
 
 
-def table5(item: Item, quick: bool) -> None:
-    """Full and reduced models of Cases IV to VII, the error over time, stick and slip."""
+def table5(item, quick):
     full = {name: run(CASES[name], time=TIME5).run for name in NAMES}
     ours = {name: run(CASES[name], DEFAULT, time=TIME5) for name in NAMES}
     # Eq. (17) has no fixed point near and above resonance: measure the length there.
     probed = [name for name in NAMES if not cases.estimate_of(CASES[name]).converged]
     plain = {n: run(CASES[n], MOVED if n in probed else PLAIN, time=TIME5) for n in NAMES}
     for name in NAMES:
-        item.compare(f"resonance_{name}", cases.SPEED / (4.0 * CASES[name].static_length))
+        item.compare(f"resonance_{name}", CASES[name].static_resonance)
     limit, others = (item.printed[f"error_percent_{key}"] for key in ("case_VII", "others"))
     for name in NAMES:
         says = f"{limit} %" if name == "VII" else others
@@ -166,7 +159,7 @@ def table5(item: Item, quick: bool) -> None:
     _stick_slip(item)
 
 
-def _stick_slip(item: Item) -> None:
+def _stick_slip(item):
     """Displacement, velocity and state of four nodes of Case VI in its last cycle, Fig. 14."""
     case, steps, still = CASES["VI"], 1000, STILL
     found = run(case, time={"cycles": 3, "steps_per_cycle": steps}, frames=3 * steps)

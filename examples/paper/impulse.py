@@ -1,22 +1,20 @@
 """Impulse on the joint, section 7.2: Figs. 15, 16 and 17."""
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, OWN, PLAIN, PULSES, difference, run
-from paper.page import Item, limit_of, printed
+from paper.page import limit_of, printed
 
-from skfem_joint.analysis.study import Model
-from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.pod import ProperModes, proper_modes
 
 CASE = CASES["VII"]
 DURATION, STEP = 2e-3, 1e-6
 DAMPINGS = (1e-5, 1e-6, 1e-7)
 #: Reduced models of Fig. 17 by the paper's numbers: what differs from the choices below.
-MODELS: dict[str, tuple[str, dict[str, Any]]] = {
+MODELS = {
     "ii": ("5 modes of the impulse", OWN),
     "iii": ("11 modes of the impulse", OWN | {"modes": 11}),
     "iv": ("5 modes of the harmonic run", {}),
@@ -30,7 +28,7 @@ CHOICES = (
 STEEP = DEFAULT | {"beta": PLAIN["beta"]}
 
 
-def _run(shape: str, reduction: dict[str, Any] | None = None, **options: Any) -> Model:
+def _run(shape, reduction=None, **options):
     """Model under one pulse: the text calls it an impulse, captions of Figs. 16 and 17 a step."""
     load = cases.pulse(CASE, shape, printed("fig15")["rise_time"])
     time = {"duration": DURATION, "step": STEP}
@@ -43,31 +41,29 @@ class _Full(NamedTuple):
     ``first`` holds the first proper value over 0.2, 0.5 and 2 ms, percent.
     """
 
-    position: FloatArray
+    position: np.ndarray
     proper: ProperModes
     active: list[float]
     first: list[float]
 
 
 @cache
-def _full(shape: str = PULSES[0], damping: float = DAMPINGS[0]) -> _Full:
+def _full(shape=PULSES[0], damping=DAMPINGS[0]):
     found = _run(shape, damping=damping, frames=round(DURATION / STEP))
     x, u, _ = cases.fields(CASE, found)
     peak = np.abs(u).max(axis=0)[::-1]
     parts = (u[: round(end / STEP) + 1] for end in (2e-4, 5e-4, DURATION))
-    first = [float(proper_modes(part).proper_values[0]) for part in parts]
+    first = [proper_modes(part).proper_values[0] for part in parts]
     active = [cases.active_percent(peak, threshold) for threshold in (1e-3, 1e-4)]
     return _Full(x, proper_modes(u), active, first)
 
 
-def fig15(item: Item, quick: bool) -> None:
-    """Pulse, modes, active length and the four models of Fig. 17 with their errors."""
+def fig15(item, quick):
     full, decomposed = _run(PULSES[0]), _full()
     item.compare("active_percent", decomposed.active[0])
     item.compare("first_proper_value", decomposed.first[-1])
-    of_five = decomposed.proper.cumulative[4]
-    near = of_five > limit_of(item.printed["cumulative_of_five"])
-    item.say("fig15.sum", of_five=of_five, near=near)
+    of_five, stated = decomposed.proper.cumulative[4], item.printed["cumulative_of_five"]
+    item.say("fig15.sum", of_five=of_five, near=of_five > limit_of(stated))
     u, f = full.run.point("free_end"), full.run.amplitudes[:, 0]
     curve = {"time_s": full.run.times, "force_N": f, "i_full_m": u}
     for key, (label, changes) in MODELS.items():
@@ -99,7 +95,7 @@ def fig15(item: Item, quick: bool) -> None:
     _sensitivity(item, PULSES[:: 3 if quick else 1])
 
 
-def _sensitivity(item: Item, shapes: tuple[str, ...]) -> None:
+def _sensitivity(item, shapes):
     """Active length and first proper value by shape of the pulse and damping."""
     lines = []
     for shape in shapes:

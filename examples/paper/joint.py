@@ -3,18 +3,16 @@
 from dataclasses import replace
 from functools import cache
 from math import inf, pi, tan
-from typing import Any
 
 import numpy as np
-from paper.cases import CASES, STIFFNESS, Case, friction, loop_area, peak, run
-from paper.page import Item, percent
+from paper.cases import CASES, STIFFNESS, friction, loop_area, peak, run
+from paper.page import percent
 
+from skfem_joint.analysis import pseudo_static
 from skfem_joint.analysis.history import hysteresis_loop
-from skfem_joint.arrays import FloatArray
 from skfem_joint.friction import force as friction_force
 from skfem_joint.reduction import reference as package
 from skfem_joint.reduction.pod import proper_modes
-from skfem_joint.stepping.recording import Run
 
 REFERENCE, WEAK = CASES["reference"], CASES["weak"]
 LESSER = replace(REFERENCE, force=0.7 * REFERENCE.force)
@@ -25,22 +23,19 @@ BETAS = (1e5, 1e6, 1e7, inf)
 COUNT = 5
 
 
-def reference_run(
-    frequency: float, beta: float, case: Case = REFERENCE, steps: int = 200, **options: Any
-) -> Run:
+def reference_run(frequency, beta, case=REFERENCE, steps=200, **options):
     """Full model of the reference joint over four cycles."""
     time = {"cycles": 4, "steps_per_cycle": steps}
     return run(replace(case, frequency=frequency), beta=beta, time=time, **options).run
 
 
-def _name(beta: float) -> str:
+def _name(beta):
     return "Coulomb" if beta == inf else f"β = {beta:.0e} s/m".replace("e+0", "e")
 
 
-def fig2(item: Item, quick: bool) -> None:
-    """Mesh sensitivity and the hysteresis loop of the reference joint."""
+def fig2(item, quick):
 
-    def peak_of(elements: int, kind: str) -> float:
+    def peak_of(elements, kind):
         return peak(reference_run(1000.0, 1e5, elements=int(elements), normal_force=kind))
 
     fewer, more = (5, 10, 100, 400), (5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 400)
@@ -51,7 +46,7 @@ def fig2(item: Item, quick: bool) -> None:
     # Equal forces put half an element's friction too much beside the load.
     lumping = 100.0 * ((1.0 - REFERENCE.limit / meshes / (2.0 * REFERENCE.force)) ** 2 - 1.0)
     at, coarse = (int(np.flatnonzero(meshes == n)[0]) for n in (100, 10))
-    equal, consistent = (float(values[at]) for values in change.values())
+    equal, consistent = (values[at] for values in change.values())
     to_finest, by_formula = percent(peaks["equal"][at], peaks["equal"][-1]), lumping[at]
     explained, better = 100.0 * (1.0 - consistent / equal), abs(consistent) < abs(equal)
     near = abs(to_finest) < 1.0, abs(equal) < 1.0
@@ -65,7 +60,7 @@ def fig2(item: Item, quick: bool) -> None:
     _hysteresis(item)
 
 
-def _hysteresis(item: Item) -> None:
+def _hysteresis(item):
     """Fig. 2(b): loops of two loads against the pseudo-static ones, and their printed area."""
     stated, steps = item.printed["loop_energy"], 400
     slow = {case: reference_run(SLOW, inf, case, steps) for case in (REFERENCE, LESSER)}
@@ -76,7 +71,7 @@ def _hysteresis(item: Item) -> None:
         same = abs(offs[0]) < 0.1
         item.say("fig2.loop", **locals())
         u, f = hysteresis_loop(found, "free_end", rows_per_cycle=steps)
-        u_static, _ = case.static_loop(np.linspace(0.0, 2.0 * pi, steps + 1))
+        u_static, _ = case.static(pseudo_static.loop, np.linspace(0.0, 2.0 * pi, steps + 1))
         curve = {"force_N": f, "displacement_5Hz_m": u, "displacement_pseudo_static_m": u_static}
         item.curves[f"fig2b_{case.force / 1e3:.1f}kN"] = curve
     u, f = hysteresis_loop(fast, "free_end", rows_per_cycle=200)
@@ -90,8 +85,7 @@ def _hysteresis(item: Item) -> None:
     item.say("fig2.loops", **locals(), reference=REFERENCE, lesser=LESSER)
 
 
-def fig3(item: Item, quick: bool) -> None:
-    """The friction law for several scaling constants."""
+def fig3(item, quick):
     highest = [np.abs(reference_run(f, 1e5).point_v).max() for f in (SLOW, REFERENCE.frequency)]
     speeds = np.linspace(-1e-4, 1e-4, 801)
     item.curves["fig3"] = {"velocity_m_per_s": speeds}
@@ -99,21 +93,20 @@ def fig3(item: Item, quick: bool) -> None:
         velocity = tan(0.5 * pi * 0.9) / beta
         shares = [100.0 * velocity / value for value in highest]
         if beta < inf:
-            item.say("fig3.velocity", name=_name(beta), velocity=velocity, shares=shares)
+            item.say("fig3.velocity", **locals(), name=_name(beta))
         column = f"force_over_limit_beta_{beta:.0e}".replace("e+0", "e")
         item.curves["fig3"][column] = friction_force(speeds, beta)
     item.say(highest=highest)
 
 
-def _changes(runs: dict[float, Run]) -> tuple[float, float]:
+def _changes(runs):
     """Change of the peak and largest change in the last cycle from β 1e7 to 1e5, percent."""
     u, sharp = (runs[beta].point("free_end")[-201:] for beta in (1e5, 1e7))
-    largest = float(100.0 * np.abs(u - sharp).max() / np.abs(sharp).max())
+    largest = 100.0 * np.abs(u - sharp).max() / np.abs(sharp).max()
     return percent(peak(runs[1e5]), peak(runs[1e7])), largest
 
 
-def fig4(item: Item, quick: bool) -> None:
-    """Effect of the scaling constant at two frequencies."""
+def fig4(item, quick):
     for frequency, letter in ((SLOW, "a"), (REFERENCE.frequency, "b")):
         runs = {beta: reference_run(frequency, beta) for beta in BETAS}
         of_peak, largest = _changes(runs)
@@ -122,63 +115,53 @@ def fig4(item: Item, quick: bool) -> None:
             what = "5 Hz, β 1e7 → 1e5: largest change in a cycle, % of the peak"
             item.compare("change_at_5_hz_percent", largest, what=what)
         else:
-            near = abs(of_peak) < 1.0, largest < 1.0
-            item.say("fig4.fast", of_peak=of_peak, largest=largest, near=near)
+            item.say("fig4.fast", **locals(), near=(abs(of_peak) < 1.0, largest < 1.0))
         curve = item.curves[f"fig4{letter}"] = {"time_over_period": np.linspace(0.0, 1.0, 201)}
         for beta, found in runs.items():
             name = _name(beta)
             changes = [percent(of(found), of(runs[inf])) for of in (peak, loop_area, friction)]
             if beta < inf:
-                item.say("fig4.changes", frequency=frequency, name=name, changes=changes)
+                item.say("fig4.changes", **locals())
             curve[f"displacement_{name}_m".replace(" ", "")] = found.point("free_end")[-201:]
     weak = _changes({beta: reference_run(SLOW, beta, WEAK) for beta in (1e5, 1e7)})
     item.say(weak=weak, force=REFERENCE.force, lesser=WEAK.force)
 
 
 @cache
-def _modes(
-    case: Case = REFERENCE,
-    cycles: int = 3,
-    steps: int = 200,
-    beta: float = 1e5,
-    normal_force: str = "equal",
-    snapshots: str = "displacement",
-) -> package.ReferenceModes:
+def _modes(case=REFERENCE, cycles=3, steps=200, snapshots="displacement", **law):
     """Modes of a case that has the reference joint's geometry."""
-    joint = package.lap_joint(beta=beta, normal_force=normal_force)
-    times = {"cycles": cycles, "steps_per_cycle": steps}
+    joint, times = package.lap_joint(**law), {"cycles": cycles, "steps_per_cycle": steps}
     found = package.run_lap_joint(joint, case.force, case.frequency, **times)
-    options = {"snapshots": snapshots, "inner_product": "euclidean"}
-    return package.modes_of_lap_joint(joint, found, **options)
+    return package.modes_of_lap_joint(joint, found, snapshots=snapshots)
 
 
-def _upright(modes: package.ReferenceModes, xi: FloatArray) -> FloatArray:
+def _upright(modes, xi):
     """First modes at positions of the unit active length, positive at the free end."""
     values = modes.at(xi, COUNT)
-    return np.asarray(values * np.sign(values[-1]))
+    return values * np.sign(values[-1])
 
 
-def table1(item: Item, quick: bool) -> None:
-    """Proper values of the reference run; modes of two loads on a unit active length."""
+def table1(item, quick):
     reference, weak = _modes(), _modes(WEAK, steps=100)
     exact = _modes(beta=inf), _modes(WEAK, steps=100, beta=inf)
     proper, settled = reference.proper, package.run_lap_joint(package.lap_joint(), cycles=6)
-    for k, value in enumerate(item.printed["proper_values"]):
-        what = f"proper value {k + 1}, %"
-        item.compare("proper_value", proper.proper_values[k], value=value, what=what)
-    for k, value in enumerate(item.printed["cumulative"]):
-        found = {"value": value, "what": f"cumulative sum {k + 1}, %", "within": 0.005 * (k + 2)}
-        item.compare("proper_value", proper.cumulative[k], **found)  # sums of rounded values
+    for name, key, found in (
+        ("proper value", "proper_values", proper.proper_values),
+        ("cumulative sum", "cumulative", proper.cumulative),  # sums of rounded values
+    ):
+        for k, value in enumerate(item.printed[key]):
+            within = 0.005 * (k + 2 if key == "cumulative" else 1)
+            what = {"value": value, "what": f"{name} {k + 1}, %", "within": within}
+            item.compare("proper_value", found[k], **what)
     xi = np.linspace(0.0, 1.0, 201)
     curves, sharp = ([_upright(one, xi) for one in pair] for pair in ((reference, weak), exact))
-    rule = float(np.sqrt(WEAK.force / REFERENCE.force))
+    rule = np.sqrt(WEAK.force / REFERENCE.force)
     # Roots of the ratios of active lengths.
     pairs = (reference, weak), exact
     lengths = [np.sqrt(slow.active_length / fast.active_length) for fast, slow in pairs]
     for k, ratio in enumerate(curves[0][-1] / curves[1][-1]):
         off = percent(ratio, rule)
-        fields = {"ratio": ratio, "off": off, "near": abs(off) < 1.0, "rule": rule}
-        item.say("table1.amplitude", mode=k + 1, **fields)
+        item.say("table1.amplitude", **locals(), mode=k + 1, near=abs(off) < 1.0)
     mean = np.sqrt((curves[0] ** 2).mean(axis=0) / (curves[1] ** 2).mean(axis=0))
     ends, offs = (mean.min(), mean.max()), [percent(end, rule) for end in (mean.min(), mean.max())]
     by_rule, by_lengths = (np.abs(mean / value - 1.0).max() for value in (rule, lengths[0]))

@@ -7,68 +7,47 @@ the printed numbers; ``pictures.toml`` says what of the curves is drawn.
 import re
 import string
 import tomllib
-from collections.abc import Callable, Sequence
+from collections import namedtuple
 from dataclasses import dataclass, field
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
+from paper.figures import draw
 
 from skfem_joint.analysis.error_time import markdown_table
-from skfem_joint.arrays import FloatArray
 from skfem_joint.files import replacing
 
 HERE = Path(__file__).parent
-
-
-class Row(NamedTuple):
-    """Cells of a row: our numbers by the full and by the reduced model."""
-
-    quantity: str
-    published: str
-    full: str
-    reduced: str
-    difference: str
-    verdict: str
-
-
+#: Cells of a row: our numbers by the full and by the reduced model.
+Row = namedtuple("Row", "quantity published full reduced difference verdict")
 HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "difference", "verdict")
+#: Printed values by item, some with rounding and name; pictures by item.
+PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
+PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
+#: Title and blocks of ``page.md`` by the name in the heading.
+TEMPLATES = {}
+for section in re.split(r"(?m)^## ", (HERE / "page.md").read_text("utf-8"))[1:]:
+    heading, _, text = section.partition("\n")
+    name, _, title = heading.partition(" -- ")
+    TEMPLATES[name] = title, text.strip().split("\n\n")
 
 
-@cache
-def published() -> dict[str, Any]:
-    """Content of ``published.toml``: printed values by item, some with rounding and name."""
-    return tomllib.loads((HERE / "published.toml").read_text("utf-8"))
-
-
-def printed(item: str) -> dict[str, Any]:
+def printed(item):
     """Printed values alone of an item; empty if it has none."""
-    entries = published().get(item, {}).items()
+    entries = PUBLISHED.get(item, {}).items()
     return {key: entry.get("value") if isinstance(entry, dict) else entry for key, entry in entries}
 
 
-def limit_of(statement: str) -> float:
+def limit_of(statement):
     """Number in a printed statement such as ``< 1`` or ``slightly > 1``."""
     return float(statement.split()[-1])
-
-
-@cache
-def templates() -> dict[str, tuple[str, list[str]]]:
-    """Title and blocks of ``page.md`` by the name in the heading."""
-    found = {}
-    for section in re.split(r"^## ", (HERE / "page.md").read_text("utf-8"), flags=re.MULTILINE)[1:]:
-        heading, _, text = section.partition("\n")
-        name, _, title = heading.partition(" -- ")
-        found[name] = title, text.strip().split("\n\n")
-    return found
 
 
 class _Words(string.Formatter):
     """Formats of ``page.md``: what to say if true // if not, a factor*, several values (;)."""
 
-    def format_field(self, value: Any, form: str) -> str:
+    def format_field(self, value, form):
         if isinstance(value, bool | np.bool_):
             yes, _, no = form.partition(" // ")
             return (yes or "agrees") if value else (no or "differs")
@@ -79,18 +58,17 @@ class _Words(string.Formatter):
         return format(float(factor) * value if factor else value, form)
 
 
-def words(name: str, /, **fields: Any) -> list[str]:
+def words(name, /, **fields):
     """Blocks under a heading of ``page.md`` with values in the place of their fields."""
-    blocks = (_Words().format(block, **fields) for block in templates()[name][1])
+    blocks = (_Words().format(block, **fields) for block in TEMPLATES[name][1])
     return [block if block.startswith("|") else " ".join(block.split()) for block in blocks]
 
 
-def percent(ours: float, reference: float) -> float:
-    """Difference of ``ours`` from ``reference``, percent."""
-    return float(100.0 * (ours / reference - 1.0))
+def percent(ours, reference):
+    return 100.0 * (ours / reference - 1.0)
 
 
-def judged_reduced(error: float, stated: float, why: str = "", around: float = 0.0) -> str:
+def judged_reduced(error, stated, why="", around=0.0):
     """Verdict on a reduced model by its distance from its own full model, percent.
 
     ``stated`` is that of the paper's model; ``why`` the reason if ours is farther away; ``around``
@@ -116,30 +94,23 @@ class Item:
     """
 
     key: str
-    rows: list[Row] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    curves: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
-    marks: dict[str, float] = field(default_factory=dict)
-    pictures: list[str] = field(default_factory=list)
-    series: dict[str, Callable[[], Any]] = field(default_factory=dict)
+    rows: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+    curves: dict = field(default_factory=dict)
+    marks: dict = field(default_factory=dict)
+    pictures: list = field(default_factory=list)
+    series: dict = field(default_factory=dict)
 
-    @property
-    def title(self) -> str:
-        """Its heading on the page."""
-        return templates()[self.key][0]
+    def __post_init__(self):
+        self.title, self.printed = TEMPLATES[self.key][0], printed(self.key)
 
-    @property
-    def printed(self) -> dict[str, Any]:
-        """Its published values."""
-        return printed(self.key)
-
-    def mark(self, name: str) -> float:
+    def mark(self, name):
         """Value of a line across a picture: a mark, or a published value or limit of the item."""
         value = self.marks[name] if name in self.marks else self.printed[name.removeprefix("-")]
-        value = limit_of(value) if isinstance(value, str) else float(value)
+        value = limit_of(value) if isinstance(value, str) else value
         return -value if name.startswith("-") else value
 
-    def say(self, name: str = "", /, **fields: Any) -> None:
+    def say(self, name="", /, **fields):
         """Add the rows and notes under a heading of ``page.md``, by default the item's own."""
         for text in words(name or self.key, **({"printed": self.printed} | fields)):
             lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.split("\n")]
@@ -148,26 +119,23 @@ class Item:
             else:
                 self.notes.append(text)
 
-    def compare(
-        self, key: str, full: float | None = None, reduced: float | None = None, **changed: Any
-    ) -> None:
+    def compare(self, key, full=None, reduced=None, **changed):
         """Add the row of a printed number: ours (the full model's) agrees if it is near enough.
 
         ``key`` is that of an entry of ``published.toml``, which says how near and what else a row
         needs; some of it may be ``changed``.
         """
         entry = {"form": ".4g", "points": False, "otherwise": "differs"}
-        entry |= published()[self.key][key] | changed
-        value, form = entry["value"], entry["form"]
-        ours = full if full is not None else reduced
-        points, relative = f"{ours - value:+.2f} points", f"{percent(ours, value):+.2g} %"
-        cells = ["" if x is None else f"{x:{form}}" for x in (full, reduced)]
-        cells.append(points if entry["points"] else relative)
+        entry |= PUBLISHED[self.key][key] | changed
+        value, ours = entry["value"], full if full is not None else reduced
+        cells = ["" if x is None else f"{x:{entry['form']}}" for x in (full, reduced)]
+        off = f"{percent(ours, value):+.2g} %"
+        cells.append(f"{ours - value:+.2f} points" if entry["points"] else off)
         near = abs(ours - value) <= entry["within"] * (1.0 + 1e-12)
         cells.append("agrees" if near else entry["otherwise"])
         self.rows.append(Row(entry["what"], f"{value:g}", *cells))
 
-    def markdown(self) -> list[str]:
+    def markdown(self):
         """Its part of the page; the title and the table come first."""
         parts = [f"## {self.title}", markdown_table(HEADINGS, self.rows), *self.notes]
         parts += [f"![{self.title}](pictures/{name}.png)" for name in self.pictures]
@@ -175,10 +143,8 @@ class Item:
         return [*parts, f"Curves: {names}."] if names else parts
 
 
-def write(folder: Path, item: Item) -> None:
+def write(folder, item):
     """Write an item's curves (CSV), pictures (PNG) and series for ParaView."""
-    from paper.figures import draw
-
     from skfem_joint.output.fields import frames_of
     from skfem_joint.output.series import write_series
 
@@ -188,8 +154,7 @@ def write(folder: Path, item: Item) -> None:
         values, header = np.column_stack(list(columns.values())), ",".join(columns)
         with replacing(folder / "curves" / f"{name}.csv") as temporary:
             np.savetxt(temporary, values, "%.9g", ",", header=header, comments="")
-    pictures = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
-    for name, picture in pictures.get(item.key, {}).items():
+    for name, picture in PICTURES.get(item.key, {}).items():
         draw(picture, item.curves, item.mark, folder / "pictures" / f"{name}.png")
         item.pictures.append(name)
     if item.series and find_spec("pyvista") is None:
@@ -200,9 +165,8 @@ def write(folder: Path, item: Item) -> None:
         item.say("paraview", path=f"paraview/{name}.pvd")
 
 
-def write_page(folder: Path, items: Sequence[Item]) -> None:
-    """Write ``reproduction.md``."""
-    parts = [f"# {templates()['page'][0]}", *words("page")]
+def write_page(folder, items):
+    parts = [f"# {TEMPLATES['page'][0]}", *words("page")]
     parts += [part for item in items for part in item.markdown()]
     with replacing(folder / "reproduction.md") as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")

@@ -1,46 +1,34 @@
 """What the reduction saves (section 7.5, Fig. 22), and its error against the number of modes."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from benchmarks.explicit import runge_kutta, stable_step
 from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, OWN, PLAIN, aim_rows, energy_error, run
-from paper.page import Item, printed
+from paper.page import printed
 from scipy import linalg
 from scipy.optimize import bisect
 
-from skfem_joint.analysis.history import Errors
-from skfem_joint.analysis.study import Model
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError
-from skfem_joint.loads import RampAndHold
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save
-from skfem_joint.system import System
+from skfem_joint import ConvergenceError, RampAndHold, Save, integrate
 
 CASE = CASES["reference"]
 MODES, CYCLES, STEPS = 15, 3, 200
-NO_ROWS: dict[str, Any] = {"check": False, "save": Save(points=False)}
-PAIR = ("full", "reduced")
-Pair = dict[str, float]
+NO_ROWS = {"check": False, "save": Save(points=False)}
 
 
-def _reference(reduction: dict[str, Any]) -> Model:
-    """Reference system reduced."""
+def _reference(reduction):
     return cases.run(CASE, reduction, time={"cycles": CYCLES, "steps_per_cycle": STEPS})
 
 
-def systems(modes: int = 5) -> dict[str, System]:
+def systems(modes=5):
     """Full reference system and its projection on its own first displacement modes."""
     V = _reference(MOVED | OWN | {"modes": MODES}).basis.V
     full = cases.scene(CASE).system()
     return {"full": full, "reduced": full.project(V[:, :modes])}
 
 
-def without_friction(system: System, damped: bool) -> System:
+def without_friction(system, damped):
     """Linear part of a system, with or without C, under a step load."""
     contact = {name: getattr(system, name)[:0] for name in ("B", "w", "beta", "directions")}
     step_load = RampAndHold(CASE.force, 1e-12)
@@ -49,30 +37,30 @@ def without_friction(system: System, damped: bool) -> System:
     return replace(system, **contact, J=None, C=C, loads=loads)
 
 
-def largest_frequency(system: System) -> float:
+def largest_frequency(system):
     """Of (K, M), rad/s."""
-    K, M = (np.asarray(A if system.is_dense else A.toarray()) for A in (system.K, system.M))
-    return float(np.sqrt(linalg.eigh(K, M, eigvals_only=True)[-1]))
+    K, M = (A if system.is_dense else A.toarray() for A in (system.K, system.M))
+    return np.sqrt(linalg.eigh(K, M, eigvals_only=True)[-1])
 
 
-def measured_step(system: System, near: float, n_steps: int) -> float:
+def measured_step(system, near, n_steps):
     """Largest stable Runge-Kutta step (s) of a linear system, by bisection about ``near``.
 
     A run is unstable if a named point exceeds a thousand times its static displacement.
     """
     limit = 1e3 * CASE.force * CASE.length / cases.STIFFNESS
 
-    def is_stable(logarithm: float) -> float:
+    def is_stable(logarithm):
         try:
-            run = runge_kutta(system, step=float(np.exp(logarithm)), n_steps=n_steps, check=False)
+            run = runge_kutta(system, step=np.exp(logarithm), n_steps=n_steps, check=False)
         except ConvergenceError:
             return -1.0
         return 1.0 if run.peak.max() <= limit else -1.0
 
-    return float(np.exp(bisect(is_stable, np.log(near / 3.0), np.log(3.0 * near), xtol=2e-3)))
+    return np.exp(bisect(is_stable, np.log(near / 3.0), np.log(3.0 * near), xtol=2e-3))
 
 
-def chatter(system: System, step: float) -> float:
+def chatter(system, step):
     """Error of the slip velocities after a Runge-Kutta run with friction and this step, percent.
 
     Against an implicit run, relative to the largest slip velocity; steps beyond the stable one.
@@ -81,21 +69,20 @@ def chatter(system: System, step: float) -> float:
     run = runge_kutta(system, step=step, n_steps=n_steps, **NO_ROWS)
     exact = integrate(system, step=step * n_steps / STEPS, n_steps=STEPS, save=Save(points=False))
     slip = system.B @ exact.final[1]
-    return float(100.0 * np.abs(system.B @ run.final[1] - slip).max() / np.abs(slip).max())
+    return 100.0 * np.abs(system.B @ run.final[1] - slip).max() / np.abs(slip).max()
 
 
-def operations_full(n: int) -> int:
+def operations_full(n):
     """Operations for the accelerations of a full model with ``n`` unknowns, section 7.5."""
     return 38 * n - 24
 
 
-def operations_reduced(n: int, j: int) -> int:
+def operations_reduced(n, j):
     """The same with ``j`` modes: expansion and compression, then the accelerations."""
     return (4 * n * j - n - j) + (j * j - j)
 
 
-def section7_5(item: Item, quick: bool) -> None:
-    """Stable steps, operation counts and measured times per step: Fig. 22."""
+def section7_5(item, quick):
     both = systems()
     frequencies = [largest_frequency(system) for system in both.values()]
     item.compare("step_factor", frequencies[0] / frequencies[1])
@@ -104,21 +91,21 @@ def section7_5(item: Item, quick: bool) -> None:
         "with C": {name: without_friction(one, True) for name, one in both.items()},
         "with C and friction, beta 1e5 s/m": both,
     }
-    computed: dict[str, Pair] = {}
-    for how in ("computed", "measured"):
-        for part, pair in list(parts.items())[: 3 if how == "computed" else 2]:
-            if how == "computed":
-                steps = computed[part] = {name: stable_step(one) for name, one in pair.items()}
-            else:
-                n = 500 if quick else 1500
-                steps = {name: measured_step(pair[name], computed[part][name], n) for name in PAIR}
+    computed, measured, n = {}, {}, 500 if quick else 1500
+    for part, pair in parts.items():
+        computed[part] = {name: stable_step(one) for name, one in pair.items()}
+    for part in [*parts][:2]:
+        near = computed[part].items()
+        measured[part] = {name: measured_step(parts[part][name], step, n) for name, step in near}
+    for how, found in {"computed": computed, "measured": measured}.items():
+        for part, steps in found.items():
             factor, what = steps["reduced"] / steps["full"], f"its factor, {part}, {how}"
             item.say("section7.5.step", part=part, how=how, steps=steps)
             item.compare("step_factor", None, factor, what=what, form=".3g")
     n, counts = both["full"].n, np.arange(1, MODES + 1)
-    saving = counts[[operations_reduced(n, int(j)) < operations_full(n) for j in counts]]
     item.compare("operations_full_100", operations_full(n))
     item.compare("operations_reduced_5", None, operations_reduced(n, 5))
+    saving = counts[operations_reduced(n, counts) < operations_full(n)]
     item.compare("break_even_modes", None, int(saving[-1]))
     steps = computed["with C"]
     chattering = {name: chatter(one, 0.5 * steps[name]) for name, one in both.items()}
@@ -126,25 +113,23 @@ def section7_5(item: Item, quick: bool) -> None:
     _add_times(item, quick, computed, chattering)
 
 
-def _implicit(system: System, repeats: int) -> tuple[float, float]:
+def _implicit(system, repeats):
     """Wall time (s) and Newton iterations a step, best of ``repeats``."""
     n = CYCLES * STEPS
     runs = [integrate(system, step=1.0 / CASE.frequency / STEPS, n_steps=n) for _ in range(repeats)]
     return min(run.wall_s for run in runs) / n, runs[0].counters.newton_iterations / n
 
 
-def _explicit(system: System, repeats: int) -> float:
+def _explicit(system, repeats):
     """Wall time of a Runge-Kutta step, s, best of ``repeats``; too short for the step to matter."""
     runs = (runge_kutta(system, step=1e-10, n_steps=200, **NO_ROWS) for _ in range(repeats))
     return min(run.wall_s for run in runs) / 200
 
 
-def _add_times(item: Item, quick: bool, computed: dict[str, Pair], chattering: Pair) -> None:
-    """Rows, notes and curves of measured times."""
+def _add_times(item, quick, computed, chattering):
     repeats, counts = (1, np.array([1, 5, 9, 15])) if quick else (3, np.arange(1, MODES + 1))
     full = systems()["full"]
-    full_time, full_iterations = _implicit(full, repeats)
-    full_explicit = _explicit(full, repeats)
+    (full_time, full_iterations), full_explicit = _implicit(full, repeats), _explicit(full, repeats)
     few = [_reference(DEFAULT | {"modes": int(j)}).run.system for j in counts]
     projected = [systems(int(j))["reduced"] for j in counts]
     every = np.array([_implicit(one, repeats) for one in projected])
@@ -157,11 +142,11 @@ def _add_times(item: Item, quick: bool, computed: dict[str, Pair], chattering: P
         most, last = max(counts[times < full_time], default=0), counts[-1]
         saves = f"{most} of {last}" if most else "none"
         same = most == item.printed["break_even_modes"]
-        item.say("section7.5.saving", label=label, saves=saves, same=bool(same))
+        item.say("section7.5.saving", label=label, saves=saves, same=same)
     n, j = full.n, counts.astype(float)
     item.curves["section7.5_cost"] = {
         "modes": j,
-        "operations, reduced": np.array([operations_reduced(n, k) for k in j]),
+        "operations, reduced": operations_reduced(n, j),
         "operations, full": np.full(j.size, float(operations_full(n))),
         "implicit step, all nodes (s)": every[:, 0],
         "implicit step, Gauss points (s)": gauss[:, 0],
@@ -184,7 +169,7 @@ SWEPT = ("I", "VI", "VII", "structure")
 UNSETTLED = ("IV", "V", "VII", IMPULSE)
 CHOICES = ("ours", "the paper's plain choice", "own modes")
 #: What differs from the plain choice, one at a time.
-CHANGES: dict[str, dict[str, Any]] = {
+CHANGES = {
     "nothing": {},
     "velocity snapshots as well": {"snapshots": "both"},
     "mass inner product": {"inner_product": "mass"},
@@ -193,7 +178,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "beta that the modes resolve": {"beta": "auto"},
     "six interface modes": {"interface_modes": 6},
 }
-MEASURES: dict[str, Callable[[Errors], float]] = {
+MEASURES = {
     "peak": lambda found: 100.0 * found.peak_displacement,
     "free end at any time": lambda found: 100.0 * found.by_point["free_end"][1],
     "any point at any time": lambda found: 100.0 * found.displacement_max,
@@ -204,12 +189,11 @@ AIMS = dict.fromkeys(MEASURES, "displacement_percent")
 AIMS["friction energy"] = "friction_energy_percent"
 
 
-def name_of(system: str) -> str:
-    """Name of a system in a row."""
+def name_of(system):
     return {"structure": "structure, harmonic", IMPULSE: IMPULSE}.get(system, f"Case {system}")
 
 
-def errors(system: str, choice: str, modes: int = 5, **changes: Any) -> Errors:
+def errors(system, choice, modes=5, **changes):
     """Errors of a system's reduced model with one of `CHOICES`, and with keys of it changed."""
     plain = MOVED if system in UNSETTLED else PLAIN
     reduction = dict(zip(CHOICES, (DEFAULT, plain, DEFAULT | OWN), strict=True))[choice]
@@ -222,15 +206,14 @@ def errors(system: str, choice: str, modes: int = 5, **changes: Any) -> Errors:
     return run(case, reduction, load=load, time=time).errors
 
 
-def _enough(counts: list[int], values: FloatArray, aim: float) -> str:
+def _enough(counts, values, aim):
     """Fewest modes from which on the error stays within the aim."""
     missed = np.flatnonzero(np.abs(values) > aim)
     enough = counts[missed[-1] + 1 :] if missed.size else counts
     return str(enough[0]) if enough else f"more than {counts[-1]}"
 
 
-def modes(item: Item, quick: bool) -> None:
-    """Peak, history and friction energy against the number of modes."""
+def modes(item, quick):
     aim, counts = printed("aim"), [5, 9] if quick else list(range(1, 16))
     item.marks |= {name.removesuffix("_percent"): value for name, value in aim.items()}
     for system in SYSTEMS:

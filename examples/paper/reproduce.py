@@ -9,54 +9,44 @@ figures or sections such as table3, fig19, section7.5; all (about a minute) if n
 
 import argparse
 import sys
-from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # this folder is the package `paper`
 
-from paper import page
+from paper import active, harmonic, impulse, joint, page, reduction, structure
 
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding
 
-#: Items in the paper's order: key -> module, function, what it covers.
-ITEMS: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "fig2": ("joint", "fig2", ("fig2",)),
-    "fig3": ("joint", "fig3", ("fig3",)),
-    "fig4": ("joint", "fig4", ("fig4",)),
-    "table1": ("joint", "table1", ("table1", "fig5")),
-    "fig6": ("active", "fig6", ("fig6",)),
-    "table2": ("active", "table2", ("table2", "fig7")),
-    "table3": ("harmonic", "table3", ("table3", "fig8", "fig9")),
-    "fig10": ("active", "fig10", ("fig10",)),
-    "table4": ("harmonic", "table4", ("table4", "fig11")),
-    "table5": ("harmonic", "table5", ("table5", "fig12", "fig13", "fig14")),
-    "fig15": ("impulse", "fig15", ("fig15", "fig16", "fig17")),
-    "section7.3": ("structure", "section7_3", ("section7.3", "fig18", "fig19")),
-    "section7.4": ("structure", "section7_4", ("section7.4", "fig20", "fig21")),
-    "section7.5": ("reduction", "section7_5", ("section7.5", "fig22")),
-    "modes": ("reduction", "modes", ("modes",)),
+#: Items in the paper's order, and what else each of them covers.
+ITEMS = {
+    "fig2": (joint.fig2,),
+    "fig3": (joint.fig3,),
+    "fig4": (joint.fig4,),
+    "table1": (joint.table1, "fig5"),
+    "fig6": (active.fig6,),
+    "table2": (active.table2, "fig7"),
+    "table3": (harmonic.table3, "fig8", "fig9"),
+    "fig10": (active.fig10,),
+    "table4": (harmonic.table4, "fig11"),
+    "table5": (harmonic.table5, "fig12", "fig13", "fig14"),
+    "fig15": (impulse.fig15, "fig16", "fig17"),
+    "section7.3": (structure.section7_3, "fig18", "fig19"),
+    "section7.4": (structure.section7_4, "fig20", "fig21"),
+    "section7.5": (reduction.section7_5, "fig22"),
+    "modes": (reduction.modes,),
 }
 
 
-def made(key: str, quick: bool = False) -> page.Item:
+def made(key, quick=False):
     """Compute an item; quick for coarser sweeps around the same rows."""
-    module, name, _ = ITEMS[key]
-    item = page.Item(key)
-    getattr(import_module(f"paper.{module}"), name)(item, quick)
+    ITEMS[key][0](item := page.Item(key), quick)
     return item
 
 
-def chosen(names: Sequence[str]) -> list[str]:
-    """Keys of the items that cover the names asked for, in the paper's order; all if none.
-
-    Raises
-    ------
-    InputError
-        For a name that no item covers.
-    """
-    covers = {name: key for key, (_, _, covered) in ITEMS.items() for name in covered}
+def chosen(names):
+    """Keys of the items that cover the names asked for, in the paper's order; all if none."""
+    covers = {name: key for key, (_, *others) in ITEMS.items() for name in (key, *others)}
     if unknown := [name for name in names if name.lower() not in covers]:
         raise InputError(
             f"no item {', '.join(map(repr, unknown))} in the paper; there are: {', '.join(covers)}"
@@ -65,7 +55,7 @@ def chosen(names: Sequence[str]) -> list[str]:
     return [key for key in ITEMS if key in wanted]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments=None):
     """Run the command; returns its exit status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("items", nargs="*", metavar="ITEM", help="table3, fig19, section7.5, ...")
@@ -88,4 +78,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

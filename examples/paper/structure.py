@@ -1,25 +1,20 @@
 """Jointed structure: harmonic load (section 7.3, Fig. 19), impulse (section 7.4, Figs. 20, 21)."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf, pi
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, PLAIN, PULSES, difference, run
-from paper.page import Item, limit_of, percent, printed, words
+from paper.page import limit_of, percent, printed, words
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 
-from skfem_joint.analysis.study import Model, run_scene
-from skfem_joint.arrays import FloatArray
-from skfem_joint.stepping.recording import Run
+from skfem_joint import run_scene
 
-Models = dict[Any, Model]
 CASE = CASES["structure"]
 TIME = {"cycles": 12, "steps_per_cycle": 200}
 #: Rows of a history that count as steady and as transient.
@@ -31,15 +26,15 @@ FRICTION_LAWS = {1e5: "beta 1e5 s/m", 1e7: "beta 1e7 s/m", inf: "Coulomb"}
 DECAYS = (("triangle", 1e-5), ("ramp_and_hold", 1e-5), ("triangle", 1e-6), ("triangle", 0.0))
 
 
-def resonances(length: float, count: int) -> FloatArray:
+def resonances(length, count):
     """First natural frequencies of a plate held at one end, by finite elements, Hz."""
     system = cases.scene(cases.Case(length, 8e6, 0.7, 63e3, 1000.0)).system()
     K, M = csc_array(system.K), csc_array(system.M)
     values = eigsh(K, count, M, sigma=0.0, return_eigenvectors=False, v0=np.ones(system.n))
-    return np.asarray(np.sort(np.sqrt(values)) / (2.0 * pi))
+    return np.sort(np.sqrt(values)) / (2.0 * pi)
 
 
-def harmonic(beta: float, choice: str = "", modes: int = 5, **options: Any) -> Model:
+def harmonic(beta, choice="", modes=5, **options):
     """Full model at 500 Hz, or its reduced model by a choice.
 
     A reduced model has no set-valued friction: beta 1e7 s/m stands for Coulomb in the plain choice.
@@ -49,7 +44,7 @@ def harmonic(beta: float, choice: str = "", modes: int = 5, **options: Any) -> M
     return run(CASE, reduction, beta=beta, **({"time": TIME} | options))
 
 
-def impulse(shape: str, choice: str = "", damping: float = 1e-5) -> Model:
+def impulse(shape, choice="", damping=1e-5):
     """Full model under a pulse of section 7.4, or its reduced model by a choice."""
     reduction = {OURS: DEFAULT, THEIRS: MOVED}.get(choice)
     load = cases.pulse(CASE, shape, printed("section7.4")["rise_time"])
@@ -57,42 +52,39 @@ def impulse(shape: str, choice: str = "", damping: float = 1e-5) -> Model:
 
 
 #: Two-parameter envelopes over dimensionless time, from a first amplitude of about one.
-LAWS: dict[str, Callable[[FloatArray, float, float], FloatArray]] = {
+LAWS = {
     "linear": lambda t, a, r: a * (1.0 - r * t),
     "exponential": lambda t, a, r: a * np.exp(-r * t),
     "hyperbolic": lambda t, a, r: a / (1.0 + r * t),
 }
 
 
-@dataclass(frozen=True)
-class Envelope:
+class Envelope(NamedTuple):
     """Half swings of a history: middle (s), half the swing and its mean (m) of each."""
 
-    time: FloatArray
-    amplitude: FloatArray
-    mean: FloatArray
+    time: np.ndarray
+    amplitude: np.ndarray
+    mean: np.ndarray
 
     @property
-    def decrement(self) -> FloatArray:
+    def decrement(self):
         """Logarithmic decrement per cycle at each swing but the last."""
-        return np.asarray(-2.0 * np.diff(np.log(self.amplitude)))
+        return -2.0 * np.diff(np.log(self.amplitude))
 
     @property
-    def frequency(self) -> float:
+    def frequency(self):
         """Of the last swings, Hz."""
-        return float(0.5 / np.diff(self.time[-6:]).mean())
+        return 0.5 / np.diff(self.time[-6:]).mean()
 
-    def fits(self) -> dict[str, tuple[FloatArray, float]]:
+    def fits(self):
         """Least-squares fit of each law and its rms misfit, percent of the first amplitude."""
         t, a = (self.time - self.time[0]) / np.ptp(self.time), self.amplitude / self.amplitude[0]
         fits = {name: law(t, *curve_fit(law, t, a, p0=(1.0, 1.0))[0]) for name, law in LAWS.items()}
-        return {
-            name: (fit * self.amplitude[0], float(100.0 * np.sqrt(np.mean((fit - a) ** 2))))
-            for name, fit in fits.items()
-        }
+        misfits = {name: 100.0 * np.sqrt(np.mean((fit - a) ** 2)) for name, fit in fits.items()}
+        return {name: (fit * self.amplitude[0], misfits[name]) for name, fit in fits.items()}
 
 
-def envelope(run: Run, point: str, period: float) -> Envelope:
+def envelope(run, point, period):
     """Swings of a point's history from one extreme to the next.
 
     Taking half swings instead of peaks leaves out the displacement that friction locks in.
@@ -102,7 +94,7 @@ def envelope(run: Run, point: str, period: float) -> Envelope:
     u = run.point(point)
     steps = period / (run.times[1] - run.times[0])
     smooth, near = uniform_filter1d(u, int(steps / 4)), int(steps / 8)
-    kept: list[tuple[int, int]] = []
+    kept = []
     extremes = [(int(r), sign) for sign in (1, -1) for r in find_peaks(sign * smooth)[0]]
     for row, sign in sorted(extremes):
         if not kept or sign != kept[-1][1]:
@@ -112,13 +104,13 @@ def envelope(run: Run, point: str, period: float) -> Envelope:
     return Envelope(0.5 * (t[1:] + t[:-1]), 0.5 * np.abs(np.diff(x)), 0.5 * (x[1:] + x[:-1]))
 
 
-def friction_share(run: Run) -> float:
+def friction_share(run):
     """Friction's part of what is dissipated, percent."""
-    friction = float(run.friction_work.sum())
+    friction = run.friction_work.sum()
     return 100.0 * friction / (friction + run.viscous_work)
 
 
-def _histories(item: Item, full: Run, plain: Run, ours: Run) -> None:
+def _histories(item, full, plain, ours):
     """Curves of both points: displacements, and differences in percent of the full one's peak."""
     histories, differences = {"time (s)": full.times}, {"time (s)": full.times}
     if item.key == "section7.4":
@@ -131,15 +123,12 @@ def _histories(item: Item, full: Run, plain: Run, ours: Run) -> None:
     item.curves |= {f"{item.key}_histories": histories, f"{item.key}_differences": differences}
 
 
-def section7_3(item: Item, quick: bool) -> None:
-    """Jointed structure at 500 Hz: Fig. 19, friction energy, active length."""
+def section7_3(item, quick):
     full = {beta: harmonic(beta) for beta in FRICTION_LAWS}
-    reduced = {
-        (choice, beta): harmonic(beta, choice) for choice in CHOICES for beta in FRICTION_LAWS
-    }
+    reduced = {(of, beta): harmonic(beta, of) for of in CHOICES for beta in FRICTION_LAWS}
     ours, plain = (reduced[choice, 1e5] for choice in CHOICES)
     guess = cases.estimate_of(CASE)
-    item.compare("first_resonance", float(resonances(CASE.linear + CASE.static_length, 1)[0]))
+    item.compare("first_resonance", resonances(CASE.linear + CASE.static_length, 1)[0])
     item.say("section7.3.first", factor=guess.factors[0])
     item.compare("amplification", None, guess.factor)
     scaled = 1e3 * item.printed["amplification"] * CASE.static_length
@@ -161,10 +150,8 @@ def section7_3(item: Item, quick: bool) -> None:
             for choice in CHOICES:
                 errors = np.abs(difference(full[1e5].run, reduced[choice, 1e5].run, point))
                 worst, most = errors.max(), errors[rows].max()
-                off = most - limit_of(says)
-                where = f"{name}, {part}, {choice}"
-                fields = {"says": says, "most": most, "off": off, "near": off < 0.0}
-                item.say("section7.3.difference", where=where, needed=needed, **fields)
+                off, where = most - limit_of(says), f"{name}, {part}, {choice}"
+                item.say("section7.3.difference", **locals(), near=off < 0.0)
     finest, probed = tried[-1], ours.active_length["joint"]
     fine = cases.friction(harmonic(inf, time=TIME | {"steps_per_cycle": 800}).run)
     added = percent(cases.friction(full[1e5].run), cases.friction(full[inf].run))
@@ -179,7 +166,7 @@ def section7_3(item: Item, quick: bool) -> None:
     item.series["structure_harmonic"] = lambda: run_scene(both)
 
 
-def _energy_rows(item: Item, full: Models, reduced: Models, ends: tuple[float, float]) -> None:
+def _energy_rows(item, full, reduced, ends):
     """Rows of the friction energies; mesh and lumping leave it between the ``ends``, J."""
     (why,) = words("section7.3.why", ends=ends)
     for beta, law in FRICTION_LAWS.items():
@@ -191,14 +178,14 @@ def _energy_rows(item: Item, full: Models, reduced: Models, ends: tuple[float, f
     stated = item.printed["friction_energy_error_percent"]
     for (choice, beta), model in reduced.items():
         error = percent(cases.friction(model.run), cases.friction(full[beta].run))
-        fields = {"what": f"{FRICTION_LAWS[beta]}, {choice}", "better": abs(error) < stated}
-        item.say("section7.3.energy", stated=stated, error=error, off=error - stated, **fields)
+        what, off, better = f"{FRICTION_LAWS[beta]}, {choice}", error - stated, abs(error) < stated
+        item.say("section7.3.energy", **locals())
     values = [item.printed[f"friction_energy_{key}"] for key in ("reduced", "full")]
     error, off = percent(*values), percent(*values) - stated
     item.say("section7.3.printed", **locals(), near=abs(off) <= 0.5)
 
 
-def _modes_for_junction(full: Run, quick: bool) -> int:
+def _modes_for_junction(full, quick):
     """Fewest modes of the plain choice with less than 1 % at the junction in steady state."""
     limit = limit_of(printed("section7.3")["error_percent"])
     for modes in range(5, 16, 2 if quick else 1):
@@ -208,14 +195,13 @@ def _modes_for_junction(full: Run, quick: bool) -> int:
     return 16
 
 
-def section7_4(item: Item, quick: bool) -> None:
-    """Jointed structure under an impulse: Figs. 20 and 21, the decay envelope."""
+def section7_4(item, quick):
     first, _, third = resonances(CASE.linear + CASE.static_length, 3)
-    item.compare("third_resonance", float(third))
+    item.compare("third_resonance", third)
 
-    def most(shape: str, choice: str, damping: float = 1e-5) -> list[float]:
+    def most(shape, choice, damping=1e-5):
         runs = impulse(shape, "", damping).run, impulse(shape, choice, damping).run
-        return [float(np.abs(difference(*runs, point)).max()) for point in POINTS]
+        return [np.abs(difference(*runs, point)).max() for point in POINTS]
 
     for k, (point, name) in enumerate(POINTS.items()):
         for choice in CHOICES:
@@ -225,8 +211,7 @@ def section7_4(item: Item, quick: bool) -> None:
     for shape, damping in [(shape, 1e-5) for shape in PULSES[1:]] + [("triangle", 1e-6)]:
         for choice in CHOICES:
             changed = shape.replace("_", " ") if shape != "triangle" else f"C = {damping:g} s · K"
-            values = most(shape, choice, damping)
-            item.say("section7.4.others", changed=changed, choice=choice, values=values)
+            item.say("section7.4.others", **locals(), values=most(shape, choice, damping))
     text = []
     for shape in PULSES:
         active, found = impulse(shape).active_length["joint"] / CASE.length, impulse(shape).run
@@ -235,11 +220,11 @@ def section7_4(item: Item, quick: bool) -> None:
         text += words("section7.4.pulse", **locals())
     item.say(text="; ".join(text))
     item.curves["fig20"] = cases.pulses(CASE, item.printed["rise_time"], 1.6e-4)
-    _envelopes(item, 1.0 / float(first))
+    _envelopes(item, 1.0 / first)
     _histories(item, *(impulse("triangle", choice).run for choice in ("", THEIRS, OURS)))
 
 
-def _envelopes(item: Item, period: float) -> None:
+def _envelopes(item, period):
     """Add rows, notes and curves of the free end's decay; ``period`` of the first resonance, s."""
     runs = [impulse(shape, "", damping).run for shape, damping in DECAYS]
     swings = [envelope(found, "free_end", period) for found in runs]

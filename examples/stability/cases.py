@@ -1,214 +1,162 @@
-"""The matrix of stiff and extreme cases: bars, then plates."""
+"""What a case is, and the matrix of stiff and extreme ones that ``cases.toml`` lists."""
 
-from functools import partial
-from math import inf, pi
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from math import inf, prod, sqrt
+from pathlib import Path
 from typing import Any
 
-from stability.problem import TWO, UNITS, Case, vary
+#: Young's modulus (Pa) and density (kg/m3) of cases that do not change them, speed of their waves.
+E, DENSITY, SPEED = 200e9, 8000.0, 5000.0
+#: Systems of units: their length in m, mass in kg and time in s.
+UNITS = {
+    "": (1.0, 1.0, 1.0),
+    "mm, t, s": (1e-3, 1e3, 1.0),
+    "um, kg, us": (1e-6, 1.0, 1e-6),
+    "km, g, h": (1e3, 1e-3, 3600.0),
+}
+#: Directions of a load on plates.
+DIRECTIONS = {"along": (1.0, 0.0), "across": (0.0, 1.0), "oblique": (1.0, 0.3)}
+#: Plates on a rigid base, by their area or their lower edge; two on each other on half of their
+#: length, the same, with nodes that match or not.
+ONE, TWO = ("base", "edge"), ("lap", "lap of other nodes", "side by side")
 
-#: Easy cases.
+
+@dataclass(frozen=True)
+class Case:
+    """Bodies with a joint, their load, and how they are integrated; the default is an easy bar.
+
+    SI units, but the model is made in others if ``units`` says so. An impulse rises in
+    ``duration`` steps, if given, or in half a period.
+    """
+
+    axis: str = "easy"  # what the case tries,
+    value: str = ""  # and how far it goes there
+    bodies: str = "bar"  # or one of ONE and TWO
+    elements: tuple[int, ...] = (40,)  # along, and across plates, of each body
+    kind: Any = "quadrilateral"  # of a plate's elements, or "triangle"
+    order: int = 1  # of the displacement
+    length: float = 0.25  # other sizes follow in proportion
+    grading: float = 1.0  # longest over shortest element of a bar
+    aspect: float = 1.0  # length over height of a plate's element
+    stiffness: float = 1.0  # factor of Young's modulus
+    density: float = 1.0  # factor of the density
+    stiffness_ratio: float = 1.0  # half of a bar at the support, or lower plate, over the other
+    density_ratio: float = 1.0  # the same
+    poisson: float = 0.3
+    plane: str = "stress"
+    damping: float = 1e-5  # in proportion to the stiffness, s
+    pressure: float = 8e6
+    friction: float = 0.7
+    pressed: str = "all"  # "one node" in the middle; a million to one: "halves", "alternating"
+    part: float = 1.0  # share of a plate on a base that is pressed
+    second_friction: float | None = None  # of the half at the support, if a joint of its own
+    beta: float = 1e5  # inf: Coulomb
+    held: bool = True  # at the left end; if not, by friction alone
+    turned: float = 0.0  # angle of the whole, degrees
+    load: str = "harmonic"  # "triangle", "half sine", "versine", "rectangle" or "ramp"
+    direction: str = "along"  # of the load on plates
+    share: float = 0.9  # force over the friction limit,
+    force: float | None = None  # or the force itself
+    frequency: float = 1000.0
+    phase: float = 0.0
+    steps: int = 100  # per period
+    periods: int = 3
+    duration: float | None = None
+    solver: str = "implicit"  # or "explicit"
+    rho: float = 1.0  # spectral radius of the implicit scheme at infinite frequency
+    step_factor: float | None = None  # explicit step over the stable one, instead of steps
+    model: str = "full"  # "reduced" or "hyper-reduced"
+    modes: int | None = None  # None: as many as there are
+    mode_scales: float = 0.0  # decades that the modes' scales are spread over
+    dependent: str = ""  # how dependent modes are added: "raw", or "dropped" by orthonormalizing
+    units: str = ""
+    must_refuse: bool = False  # whether an answer of any kind would be wrong
+
+    @property
+    def step(self):
+        return 1.0 / self.frequency / self.steps
+
+    @property
+    def is_plate(self):
+        return self.bodies != "bar"
+
+    @property
+    def scheme(self):
+        """Name of the scheme or model, as in the picture."""
+        if self.solver == "explicit":
+            return "explicit Runge-Kutta"
+        name = f"rho = {self.rho:g}" if self.model == "full" else self.model
+        return f"plates, {name}" if self.is_plate else name
+
+    @property
+    def natural(self):
+        """Period of the slowest vibration along the body, held at one end, s."""
+        return 4.0 * self.length / SPEED * sqrt(self.density / self.stiffness)
+
+    @property
+    def work(self):
+        """About how long the case takes, in any unit."""
+        fixed, each = (1000.0, 10.0) if self.is_plate else (20.0, 1.0)
+        return self.steps * self.periods * (fixed + each * prod(self.elements) * self.order**2)
+
+
+TABLE = tomllib.loads((Path(__file__).parent / "cases.toml").read_text(encoding="utf-8"))
+LISTS, SHARED = TABLE["lists"], TABLE["with"]
+BETAS, RADII, PLATE_RADII = (LISTS[name] for name in ("BETAS", "RADII", "PLATE_RADII"))
+#: Easy cases, and how many of each axis are in a quick matrix.
 BAR = Case()
 PLATE = Case(bodies="base", elements=(8, 2), direction="oblique", steps=50, periods=1)
-bar, plate = partial(vary, base=BAR), partial(vary, base=PLATE)
-#: Laws of bars, and steps per period; those that the explicit method needs up to beta = 1e3.
-BETAS = [*(10.0**k for k in range(2, 13)), inf]
-STEPS, MANY = [10, 30, 100, 300, 1000, 10_000], 60_000
-#: Spectral radii of the scheme, for bars and for plates.
-RADII, PLATE_RADII, ENDS = [0.0, 0.5, 0.8, 1.0], [0.0, 0.5, 1.0], [0.0, 1.0]
-#: Gentle, usual and stiffest laws.
-FEW, STIFF, PAIR, CORNER = [1e2, 1e5, 1e12, inf], [1e2, 1e5, 1e12], [1e5, inf], [1e2, 1e12, inf]
-PLATE_BETAS, FEW_PLATE, LAST = [1e3, 1e5, 1e7, 1e9, inf], [1e3, 1e5, 1e9, inf], [1e9, inf]
-FAR, FORCES, FLAT, JUMP = [1e-6, 1e6], [1e-12, 1e12], [0.01, 100.0], [0.5 * pi]
-PULSES = ["triangle", "half sine", "versine", "rectangle", "ramp"]
-REDUCED, OTHER_UNITS, KINDS = ["reduced", "hyper-reduced"], [*UNITS][1:], ["triangle", BAR.kind]
-#: Cases of bars and of plates on each axis of a quick matrix.
-QUICK_BARS, QUICK_PLATES = 3, 1
+EASY = {"bar": (BAR, 3), "plate": (PLATE, 1)}
 
 
-def _schemes() -> list[Case]:
-    """Every scheme and model over beta and steps per period."""
-    small: Any = {"elements": (20,), "periods": 2}
-    explicit: Any = {"elements": (20,), "periods": 1, "solver": "explicit"}
-    cases = [
-        *bar("scheme", **small, rho=RADII, beta=BETAS, steps=STEPS),
-        *bar("explicit", **explicit, beta=BETAS[:-1], steps=STEPS),
-        *bar("explicit", **explicit, beta=BETAS[:2], steps=[MANY]),
-        *bar("explicit", **explicit, must_refuse=True, beta=[inf], steps=STEPS),
-    ]
-    for model in REDUCED:
-        few: Any = {**small, "model": model, "modes": 5}
-        cases += bar(model, **few, beta=BETAS[:-1], steps=STEPS[:5])
-        cases += bar(model, **few, must_refuse=True, beta=[inf], steps=STEPS[:5])
-    return cases
+def _fields(row):
+    """Fields of a row in their order, shared ones in the place of ``with``, lists for names."""
+    for key, value in row.items():
+        if key == "with":
+            for name in [value] if isinstance(value, str) else value:
+                yield from _fields(SHARED[name])
+        elif key == "elements" and not isinstance(value[0], list):
+            yield key, tuple(value)
+        else:
+            yield key, LISTS[value] if isinstance(value, str) and value.isupper() else value
 
 
-def _bars() -> list[Case]:
-    """One thing at a time, to its ends."""
-    linear: Any = {"friction": 0.0, "force": 1e3}
-    ringing: Any = {"damping": 0.0, "frequency": 5000.0, "periods": 10}
-    slow: Any = {"elements": (100,), "frequency": 0.1, "periods": 2, "steps": 400}
-    long: Any = {"elements": (4,), "steps": 10, "periods": 100_000, "beta": inf}
-    times = [0.01, 0.3, 0.9, 3.0, 10.0, 50.0]
-    counts = [(n,) for n in (1, 2, 3, 10, 100, 800, 5000, 20_000)]
-    on: Any = {"axis": "switched on", "elements": (20,)}
-    # From micrometres to kilometres; the frequency keeps its share of the resonance.
-    sizes = [
-        case
-        for size in (1e-6, 1e-3, 1e3)
-        for case in bar(
-            "size", length=[size], frequency=250.0 / size, damping=4e-5 * size, beta=FEW
-        )
-    ]
+def _varied(base, row):
+    """All combinations of the values of those fields of a row that are lists; they name a case."""
+    fields = dict(_fields(row))
+    lists = {key: fields.pop(key) for key in [*fields] if isinstance(fields[key], list)}
+    for values in product(*lists.values()):
+        changes = {key: _value(value) for key, value in zip(lists, values, strict=True)}
+        name = ", ".join(f"{key} {_text(value)}" for key, value in changes.items())
+        yield replace(base, value=name, **fields, **changes)
+
+
+def _value(value):
+    value = None if value == "all modes" else value
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _text(value):
+    if isinstance(value, float):
+        return "Coulomb" if value == inf else f"{value:g}"
+    return " x ".join(map(_text, value)) if isinstance(value, tuple) else str(value)
+
+
+@cache
+def matrix():
     return [
-        *bar("frequency", frequency=[0.1, 1.0, 10.0, 1e2, 1e4, 5e4], beta=PAIR, rho=ENDS),
-        *bar("slow", **slow, share=[0.1, 0.5, 0.9, 1.0], beta=[1e12, inf], rho=ENDS),
-        *bar("load", share=[0.01, 0.1, 0.5, 0.99, 0.999, 1.0, 1.2], beta=FEW),
-        *bar("elements", periods=1, elements=counts, beta=FEW),
-        *bar("grading", grading=[10.0, 1e2, 1e3, 1e4], beta=FEW),
-        *bar("damping", damping=[0.0, 1e-7, 1e-4, 1e-3], beta=FEW),
-        *bar("pressure", pressed=["one node", "halves", "alternating"], beta=FEW),
-        *bar("no friction", force=1e3, friction=[0.0], rho=RADII),
-        *bar("no friction", force=1e3, pressure=[0.0], rho=RADII),
-        *bar("stiffness jump", stiffness_ratio=FAR, beta=FEW),
-        *bar("density jump", density_ratio=FAR, beta=FEW),
-        *bar("pulse", periods=2, load=PULSES, duration=times, beta=PAIR),
-        *bar("no load", force=[0.0], beta=FEW, rho=ENDS),
-        *bar(**on, phase=JUMP, steps=[30, 100, 1000], rho=RADII),
-        *bar(**on, phase=JUMP, frequency=[0.1, 5e4], rho=RADII),
-        *bar(**on, phase=JUMP, share=[0.1, 0.3, 0.5], steps=[56, 200, 1000], beta=FEW),
-        *bar(**on, load=["rectangle"], duration=[1000.0], steps=[30, 100, 1000], rho=RADII),
-        *bar("force", force=FORCES, beta=FEW),
-        *bar("force", pressure=[1e-10, 1e14], beta=FEW),
-        *sizes,
-        *bar("units", units=OTHER_UNITS, beta=PAIR, rho=ENDS),
-        *bar("units", elements=(400,), units=OTHER_UNITS, beta=PAIR),
-        *bar("resonance", **ringing, **linear, steps=[100, 1000], elements=[(1,), (40,)]),
-        *bar("resonance", **ringing, steps=200, share=[0.5, 1.2], beta=FEW),
-        *bar("drift", **long, share=[0.9, 1.2]),
-        *bar("steps", steps=[1, 2, 4, 8], beta=PAIR, rho=ENDS),
+        case for kind in EASY for row in TABLE["rows"][kind] for case in _varied(EASY[kind][0], row)
     ]
 
 
-def _models() -> list[Case]:
-    """Explicit steps around the stable one; modes of all numbers and scales; the corners."""
-    small: Any = {"elements": (20,), "periods": 2}
-    tiny: Any = {"elements": (5,), "periods": 1, "solver": "explicit", "frequency": 5000.0}
-    damping: Any = {"damping": [0.0, 1e-5]}
-    few: Any = {**small, "model": "reduced", "modes": 5, "beta": STIFF}
-    counts, share = [1, 2, 3, 5, 10, None], [0.01, 0.999, 1.2]
-    ends: Any = {"rho": ENDS, "damping": [0.0, 1e-3]}
-    uneven: Any = {"grading": 1e4, "pressed": "alternating", "beta": CORNER}
-    long: Any = {"elements": (2000,), "periods": 1, "grading": [1e4], "beta": [1e12, inf]}
-    speck: Any = {"length": 1e-6, "frequency": 2.5e8, "damping": 0.0}
-    return [
-        *bar("explicit step", **tiny, step_factor=[0.5, 0.99], beta=[1e2, 3e2], **damping),
-        *bar(
-            "explicit step",
-            **tiny,
-            must_refuse=True,
-            step_factor=[1.01, 2.0],
-            beta=[1e2, 3e2, 1e5],
-            **damping,
-        ),
-        *bar("modes", **small, model=REDUCED[:1], modes=counts, beta=STIFF),
-        *bar("modes", **small, model=REDUCED[1:], modes=counts, beta=STIFF),
-        *bar("mode scales", mode_scales=[3.0, 6.0, 12.0], **few),
-        *bar("dependent modes", dependent=["raw", "dropped"], **few),
-        *bar("corner", elements=(20,), beta=CORNER, frequency=[0.1, 5e4], share=share, **ends),
-        *bar("corner", **uneven, stiffness_ratio=FAR, steps=[10, 1000], rho=ENDS),
-        *bar("corner", **long, steps=[10, 100], rho=ENDS),
-        *bar("corner", **speck, force=FORCES, beta=FEW),
-    ]
-
-
-def _plates() -> list[Case]:
-    """The schemes, then one thing at a time, to its ends."""
-    linear: Any = {"friction": 0.0, "force": 1e3}
-    flat: Any = {"poisson": 0.0, "direction": "along", "rho": 1.0}
-    step: Any = {"load": ["rectangle"], "duration": 1000.0, "steps": 200}
-    return [
-        *plate("plate scheme", rho=PLATE_RADII, beta=PLATE_BETAS, steps=[10, 30, 100]),
-        *plate("plate scheme", rho=[1.0], beta=PLATE_BETAS, steps=[300]),
-        *plate("plate load", share=[1e-6, 0.5, 1.0, 2.0], beta=FEW_PLATE),
-        *plate("plate load", direction=["along", "across"], share=[0.9, 2.0], beta=PAIR),
-        *plate("plate pressure", pressure=[1.0, 1e12], beta=PAIR),
-        *plate("plate pressure", pressure=[1.0, 1e12], force=[1e3], beta=PAIR),
-        *plate("plate pressure", pressed=["one node", "alternating"], beta=PAIR),
-        *plate("plate frequency", frequency=[0.1, 1e2, 1e4, 1e6], beta=PAIR, rho=ENDS),
-        *plate("plate steps", steps=[2, 4], beta=PAIR, must_refuse=[True]),
-        *plate("plate steps", steps=[10, 500], periods=[2], beta=PAIR),
-        *plate("plate damping", damping=[0.0, 1e-3], beta=FEW_PLATE),
-        *plate("plate Poisson", poisson=[0.0, 0.49], beta=PAIR),
-        *plate("plate Poisson", plane="strain", poisson=[0.3, 0.499], beta=PAIR),
-        *plate("plate Poisson", must_refuse=True, poisson=[0.5], plane=["strain"]),
-        *plate("plate elements", kind=KINDS, order=[1, 2], beta=PAIR),
-        *plate("plate elements", elements=(16, 4), part=[0.5, 1.0], beta=FEW_PLATE),
-        *plate("plate aspect", aspect=FLAT, kind=KINDS, beta=PAIR),
-        *plate("plate aspect", aspect=FLAT, order=[2], beta=PAIR),
-        *plate("plate material", stiffness=FAR, beta=PAIR),
-        *plate("plate material", density=FAR, beta=PAIR),
-        *plate("plate no friction", **linear, rho=PLATE_RADII),
-        *plate("plate no friction", **linear, damping=[0.0], direction=["along", "across"]),
-        *plate("plate one joint", second_friction=[0.0], beta=FEW_PLATE),
-        *plate("plate one joint", second_friction=[0.0], share=[2.0], beta=PAIR),
-        *plate("plate switched on", phase=JUMP, steps=[50, 200], beta=PAIR, rho=ENDS),
-        *plate("plate switched on", phase=JUMP, share=[0.1, 0.3, 0.5], steps=[100], beta=PAIR),
-        *plate("plate switched on", **step, damping=[0.0, 1e-5], beta=PAIR),
-        *plate("plate pulse", load=["triangle", "rectangle"], duration=[0.3, 10.0], beta=PAIR),
-        *plate("plate turned", turned=[37.0, 90.0], beta=FEW_PLATE),
-        *plate("plate units", units=OTHER_UNITS, beta=PAIR),
-        *plate("plate as bar", **flat, beta=FEW_PLATE, share=[0.9, 1.2]),
-    ]
-
-
-def _bodies() -> list[Case]:
-    """Two plates, plates that friction alone holds, reduced plates, and the corners."""
-    two = [*TWO]
-    loose: Any = {"axis": "held by friction", "held": False}
-    corner: Any = {"axis": "plate corner", "damping": 0.0}
-    thin: Any = {**corner, "bodies": "lap of other nodes", "stiffness_ratio": 1e-6}
-    large: Any = {**corner, "held": False, "elements": (16, 4), "steps": 100}
-    cases = [
-        *plate("plate bodies", bodies=["edge", *TWO], beta=FEW_PLATE),
-        *plate("plate bodies", bodies=two, direction=["across"], beta=PAIR),
-        *plate("plate bodies", bodies=two, share=[2.0], rho=[0.5], beta=PAIR),
-        *plate("plate bodies", order=2, bodies=two, beta=[inf]),
-        *plate("soft and stiff", bodies=two, stiffness_ratio=FAR, beta=PAIR),
-        *plate("light and heavy", bodies=["lap"], density_ratio=FAR, beta=PAIR),
-        *plate(**loose, share=[1e-6, 0.9, 2.0], beta=FEW_PLATE),
-        *plate(**loose, direction=["across"], share=[0.5, 2.0], beta=PAIR),
-        *plate(**loose, steps=200, phase=JUMP, share=[0.5, 2.0], beta=PAIR),
-        *plate(**loose, friction=0.0, force=1e3, must_refuse=True, beta=PAIR),
-        *plate(**loose, must_refuse=True, bodies=two),
-    ]
-    for model in REDUCED:
-        few: Any = {"axis": "plate modes", "periods": 2, "modes": 6, "model": [model]}
-        cases += plate(**few, beta=[1e3, 1e5, 1e9, 1e12])
-        cases += plate(**few, bodies="lap", beta=[1e3, 1e9])
-        cases += plate(**few, must_refuse=True, beta=[inf])
-    both, fast = ["all", "alternating"], [0.1, 1e5]
-    return [
-        *cases,
-        *plate("plate modes", periods=2, model=REDUCED[:1], modes=[1, 2, None], beta=[1e5, 1e9]),
-        *plate(**corner, poisson=0.49, aspect=FLAT, share=[0.999, 2.0], rho=ENDS, beta=LAST),
-        *plate(**thin, frequency=fast, pressed=both, beta=LAST),
-        *plate(**large, pressed=["alternating"], frequency=fast, beta=LAST),
-    ]
-
-
-def matrix() -> list[Case]:
-    """All cases."""
-    return [*_schemes(), *_bars(), *_models(), *_plates(), *_bodies()]
-
-
-def quick_matrix() -> list[Case]:
+def quick_matrix():
     """A few cases of each axis, for a look and for tests."""
-    few: dict[str, list[Case]] = {}
+    few = {}
     for case in matrix():
         if case.steps * case.periods <= 1000 and case.elements[0] <= 1000:
             few.setdefault(case.axis, []).append(case)
-
-    def stride(cases: list[Case]) -> int:
-        return max(1, (len(cases) - 1) // (QUICK_PLATES if cases[0].is_plate else QUICK_BARS))
-
-    return [case for cases in few.values() for case in cases[:: stride(cases)]]
+    kept = [(EASY["plate" if cases[0].is_plate else "bar"][1], cases) for cases in few.values()]
+    return [case for n, cases in kept for case in cases[:: max(1, (len(cases) - 1) // n)]]

@@ -1,16 +1,11 @@
 """What must hold of a run whatever its answer: balance of energy, law of friction, motion."""
 
 import numpy as np
+from scipy.signal import lfilter
 
 from skfem_joint.analysis.history import steady_state
-from skfem_joint.arrays import FloatArray
 from skfem_joint.friction import force
-from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
-from stability.problem import Case
-
-#: A condition, and what to say if it does not hold.
-Check = tuple[bool, str]
 
 #: Energy left over in the audit, over the energy in play.
 ENERGY = 1e-8
@@ -22,7 +17,7 @@ EPS = float(np.finfo(float).eps)
 SLIP_ROUND_OFF, ROUND_OFF = 64.0 * EPS, 8.0 * EPS
 
 
-def energy_bound(case: Case, run: Run) -> float:
+def energy_bound(case, run):
     """Share of the energy in play that may be left over in the audit: ENERGY, or round-off.
 
     Elastic forces are differences of |K| |u|, each with a round-off of a few eps of that, which is
@@ -33,20 +28,19 @@ def energy_bound(case: Case, run: Run) -> float:
     """
     system = run.system
     start, end = run.stored_energy
-    spent = run.viscous_work + float(run.friction_work.sum()) + run.scheme_work
-    in_play = max(float(np.abs(run.input_work).sum()), abs(start), abs(end), abs(spent))
+    spent = run.viscous_work + run.friction_work.sum() + run.scheme_work
+    in_play = max(np.abs(run.input_work).sum(), abs(start), abs(end), abs(spent))
     if in_play == 0.0 or run.u.shape[0] == 0:
         return ENERGY
     peak = np.abs(run.u).max(axis=0)
-    forces = float(peak @ (abs(system.K) @ peak))
-    share = ROUND_OFF * 4.0 * case.periods * forces / in_play
+    share = ROUND_OFF * 4.0 * case.periods * (peak @ (abs(system.K) @ peak)) / in_play
     if system.is_dense and system.contact_points:
-        fastest = float(np.abs(system.B @ run.v.T).max())
-        share += min(1e-6, SLIP_ROUND_OFF * float(system.beta.max()) * fastest)
+        fastest = np.abs(system.B @ run.v.T).max()
+        share += min(1e-6, SLIP_ROUND_OFF * system.beta.max() * fastest)
     return max(ENERGY, share)
 
 
-def law_checks(run: Run) -> list[Check]:
+def law_checks(run):
     """The friction force never passes its limit and lies on its law; stuck points do not creep.
 
     At each point it is a vector against the slip vector.
@@ -54,11 +48,11 @@ def law_checks(run: Run) -> list[Check]:
     system, acts = run.system, run.system.w > 0.0
     if not np.any(acts):
         return []
-    slip = np.asarray((system.B @ run.v.T).T)
+    slip = (system.B @ run.v.T).T
     speed, size = system.slip_norm(slip), system.slip_norm(run.sigma)
     # Where modes share a point its slip is a sum with round-off, which a steep law magnifies: the
     # force must lie on the law within the round-off of the largest slip.
-    noise = SLIP_ROUND_OFF * float(speed[:, acts].max(initial=0.0)) if system.is_dense else 0.0
+    noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if system.is_dense else 0.0
     moves = acts & (speed > 0.0)
     one = np.where(moves, speed, 1.0)
     aligned = np.repeat(size / one, system.directions, axis=-1) * slip
@@ -68,26 +62,26 @@ def law_checks(run: Run) -> list[Check]:
     on_law = (low - 1e-12 <= size) & (size <= high + 1e-12)
     coulomb = acts & np.isinf(system.beta)
     return [
-        (bool(np.all(size[:, acts] <= 1.0 + ROUND_OFF)), "friction force beyond its limit"),
+        (np.all(size[:, acts] <= 1.0 + ROUND_OFF), "friction force beyond its limit"),
         (not np.any(moves & coulomb & (size < 1.0 - ROUND_OFF)), "sticking points creep"),
-        (bool(np.all(with_slip[moves])), "friction pushes, or not against the slip"),
-        (bool(np.all(on_law[:, acts & ~coulomb])), "friction force off its law"),
+        (np.all(with_slip[moves]), "friction pushes, or not against the slip"),
+        (np.all(on_law[:, acts & ~coulomb]), "friction force off its law"),
     ]
 
 
-def passivity_checks(run: Run, bound: float) -> list[Check]:
+def passivity_checks(run, bound):
     """Friction takes energy at every point, and what is stored was put in."""
     start, end = run.stored_energy
-    more = end - start - float(run.input_work.sum())
-    margin = bound * max(float(np.abs(run.input_work).sum()), abs(start), abs(end))
-    least = float(run.friction_work.min(initial=0.0))
+    more = end - start - run.input_work.sum()
+    margin = bound * max(np.abs(run.input_work).sum(), abs(start), abs(end))
+    least = run.friction_work.min(initial=0.0)
     return [
         (least >= -margin, f"friction gives {-least:.2g} J at a point"),
         (more <= max(0.0, -run.scheme_work) + margin, f"{more:.2g} J more stored than put in"),
     ]
 
 
-def motion_checks(case: Case, run: Run, bound: float) -> list[Check]:
+def motion_checks(case, run, bound):
     """The stored states obey the equation of motion, assembled anew.
 
     With the trapezoidal rule the change of momentum in a step is the mean force times the step.
@@ -102,48 +96,39 @@ def motion_checks(case: Case, run: Run, bound: float) -> list[Check]:
     loads = system.load_vectors() @ system.load_amplitudes(run.field_times)
     friction = system.B.T @ (system.on_rows(system.w)[:, np.newaxis] * run.sigma.T)
     forces = loads - system.C @ v - system.K @ u - friction
-    h = float(run.field_times[1])
-    momentum = system.M @ np.diff(v, axis=1)
+    h, momentum = run.field_times[1], system.M @ np.diff(v, axis=1)
     if case.rho == 1.0:
         left_over = momentum - 0.5 * h * (forces[:, 1:] + forces[:, :-1])
     else:
-        left_over = h * (_inertia(case, momentum, forces[:, 0], h) - forces[:, 1:])
+        left_over = h * (_inertia(case, momentum, forces[:, :1], h) - forces[:, 1:])
     # Each sum carries the round-off of its terms; the solver's tolerance is a share of them.
-    stiff, damped, inertia = (
-        float((abs(A) @ np.abs(x)).max()) for A, x in ((system.K, u), (system.C, v), (system.M, v))
-    )
-    others = float(np.abs(friction).max(initial=0.0)) + float(np.abs(loads).max())
+    sums = ((abs(A) @ np.abs(x)).max() for A, x in ((system.K, u), (system.C, v), (system.M, v)))
+    stiff, damped, inertia = sums
+    others = np.abs(friction).max(initial=0.0) + np.abs(loads).max()
     terms = h * (stiff + damped + others) + 2.0 * inertia
-    share = float(np.abs(left_over).max()) / terms if terms > 0.0 else 0.0
+    share = np.abs(left_over).max() / terms if terms > 0.0 else 0.0
     return [(share <= bound, f"equation of motion off by {share:.2g}")]
 
 
-def _inertia(case: Case, momentum: FloatArray, first: FloatArray, h: float) -> FloatArray:
+def _inertia(case, momentum, first, h):
     """Mass times the acceleration at the end of each step, from the changes of momentum."""
     c = generalized_alpha(case.rho).coefficients(h)
-    a = d = first
-    found = np.empty_like(momentum)
-    for k in range(momentum.shape[1]):
-        a_end = c.a_v * momentum[:, k] + c.a_a * a
-        found[:, k] = d = c.d_a * a_end + c.d_a0 * a + c.d_d0 * d
-        a = a_end
-    return found
+    a, _ = lfilter([c.a_v], [1.0, -c.a_a], momentum, zi=c.a_a * first)
+    return lfilter([c.d_a, c.d_a0], [1.0, -c.d_d0], a, zi=(c.d_a0 + c.d_d0) * first)[0]
 
 
-def steadiness(case: Case, run: Run) -> tuple[str, float | None]:
+def steadiness(case, run):
     """Whether the last two cycles agree, and then how far the loop is from symmetric.
 
     Half a period later the displacement from the loop's middle is the opposite. The middle
     itself may be anywhere: a joint keeps what the first cycles left in its stuck part.
     """
     state = steady_state(run) if case.load == "harmonic" else None
-    if state is None:
-        return "", None
-    if not state.reached:
-        return "not reached", None
+    if state is None or not state.reached:
+        return "not reached" if state else "", 0.0
     u = run.point_u[-case.steps :, 0]
     if case.steps % 2 or not np.any(u):
-        return "reached", None
+        return "reached", 0.0
     middle = 0.5 * (u.max() + u.min())
     sums = u[: case.steps // 2] + u[case.steps // 2 :] - 2.0 * middle
-    return "reached", float(np.abs(sums).max() / max(u.max() - middle, np.abs(u).max()))
+    return "reached", np.abs(sums).max() / max(u.max() - middle, np.abs(u).max())

@@ -11,14 +11,12 @@ one is refused in a sentence, or they follow each other. The exit status is 1 if
 import argparse
 import json
 import re
-import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from shutil import rmtree
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,30 +37,27 @@ EVERY = {"plate": 4, "two plates": 4}
 PATIENCE = 300.0
 
 
-def scene_text(kind: str) -> str:
+def scene_text(kind):
     """Scene file of a kind, with files of its mesh by their whole paths."""
     name, times, models, reduction = KINDS[kind]
     text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
     text = text.replace("../meshes", (EXAMPLES.parent / "meshes").as_posix())
-    tables = re.split(r"(?m)^(?=\[)", text)
     own = ("[time]", "[models]", "[reduction]", "[output]")
-    kept = "".join(table for table in tables if not table.startswith(own))
-    return (
-        f"{kept}[time]\n{times}\n[models]\nrun = [{models}]\n[reduction]\nmodes = 5\n"
-        f"{reduction}\n{OUTPUT}"
-    )
+    kept = [table for table in re.split(r"(?m)^(?=\[)", text) if not table.startswith(own)]
+    own = f"[time]\n{times}\n[models]\nrun = [{models}]\n[reduction]\nmodes = 5\n{reduction}\n"
+    return "".join(kept) + own + OUTPUT
 
 
-def launch(scene: Path, out: Path, *more: str) -> subprocess.Popen[str]:
+def launch(scene, out, *more):
     """The command `skfem-joint run` in a process of its own."""
     command = [sys.executable, "-m", "skfem_joint", "run", str(scene), "--out", str(out), *more]
     pipe = subprocess.PIPE
     return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
 
 
-def content(folder: Path) -> dict[str, Any]:
+def content(folder):
     """What the files of a folder say, by their names; times that runs took are left out."""
-    found: dict[str, Any] = {}
+    found = {}
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.suffix == ".json":
@@ -75,24 +70,21 @@ def content(folder: Path) -> dict[str, Any]:
     return found
 
 
-def _timeless(value: Any) -> Any:
-    if not isinstance(value, Mapping):
+def _timeless(value):
+    if not isinstance(value, dict):
         return value
-    return {
-        key: _timeless(part)
-        for key, part in value.items()
-        if not key.endswith(("wall_s", "offline_s", "estimate_s"))
-    }
+    times = "wall_s", "offline_s", "estimate_s"
+    return {key: _timeless(part) for key, part in value.items() if not key.endswith(times)}
 
 
-def differing(folder: Path, whole: Mapping[str, Any]) -> list[str]:
-    """Names of files that differ from those of an uninterrupted run."""
+def differing(folder, whole):
+    """What is said of the files that differ from those of an uninterrupted run."""
     found = content(folder)
-    return sorted(name for name in {*found, *whole} if found.get(name) != whole.get(name))
+    names = sorted(name for name in {*found, *whole} if found.get(name) != whole.get(name))
+    return f"differ {', '.join(names[:5])}" if names else ""
 
 
-@dataclass(frozen=True)
-class Whole:
+class Whole(NamedTuple):
     """An uninterrupted run: its scene, its files, how long it took and how long it wrote."""
 
     scene: Path
@@ -101,12 +93,13 @@ class Whole:
     writing: float
 
 
-def uninterrupted(kind: str, folder: Path) -> Whole:
+def uninterrupted(kind, folder):
     """Run a kind once to make its code compile, and once to measure it."""
+    folder.mkdir(parents=True, exist_ok=True)
     scene, out = folder / f"{kind.replace(' ', '_')}.toml", folder / "whole"
     scene.write_text(scene_text(kind), encoding="utf-8")
     for _ in range(2):
-        shutil.rmtree(out, ignore_errors=True)
+        rmtree(out, ignore_errors=True)
         begin = time.perf_counter()
         _, said = (process := launch(scene, out)).communicate(timeout=PATIENCE)
         if process.returncode != 0:
@@ -116,86 +109,78 @@ def uninterrupted(kind: str, folder: Path) -> Whole:
     return Whole(scene, content(out), seconds, max(times) - min(times))
 
 
-def kill(whole: Whole, out: Path, every: int, rng: np.random.Generator, writing: bool) -> bool:
+def kill(whole, out, resumed, rng, writing):
     """Start or resume a run and kill it at a random moment; whether it was killed in time."""
-    process = launch(whole.scene, out, f"--checkpoint-every={every}", "--resume")
+    process = launch(whole.scene, out, *resumed)
     try:
         if writing:
-            end = time.monotonic() + PATIENCE
-            while process.poll() is None and time.monotonic() < end:
-                if (out / "summary.json").exists():
-                    break
+            end, summary = time.monotonic() + PATIENCE, out / "summary.json"
+            while process.poll() is None and time.monotonic() < end and not summary.exists():
                 time.sleep(0.001)
-            time.sleep(float(rng.uniform(0.0, whole.writing)))
+            time.sleep(rng.uniform(0.0, whole.writing))
         else:
-            time.sleep(float(rng.uniform(0.2, 1.0)) * whole.seconds)
+            time.sleep(rng.uniform(0.2, 1.0) * whole.seconds)
     finally:
         process.kill()
         process.communicate()
     return process.returncode != 0
 
 
-def kills(kind: str, count: int, folder: Path, rng: np.random.Generator) -> tuple[int, int, str]:
-    """Kill runs of a kind; how many times, how many of them while it wrote, and what differs."""
-    folder.mkdir(parents=True, exist_ok=True)
-    whole, out, every = uninterrupted(kind, folder), folder / "out", EVERY.get(kind, 500)
+def kills(kind, count, folder, rng):
+    """Kill runs of a kind; how many times, how many of them while it wrote, and what is wrong."""
+    whole, out = uninterrupted(kind, folder), folder / "out"
+    resumed = f"--checkpoint-every={EVERY.get(kind, 500)}", "--resume"
     killed = wrote = 0
     while killed < count:
-        shutil.rmtree(out, ignore_errors=True)
+        rmtree(out, ignore_errors=True)
         again = True
         while again and killed < count:
             writing = 3 * wrote < killed + 1
-            if not kill(whole, out, every, rng, writing):
+            if not kill(whole, out, resumed, rng, writing):
                 break
             killed, wrote = killed + 1, wrote + writing
-            again = bool(rng.integers(2))
-        resume = launch(whole.scene, out, f"--checkpoint-every={every}", "--resume")
-        _, said = resume.communicate(timeout=PATIENCE)
-        if resume.returncode != 0:
-            return killed, wrote, f"status {resume.returncode}: {said}"
-        if names := differing(out, whole.files):
-            return killed, wrote, f"differ: {', '.join(names[:5])}"
+            again = rng.integers(2)
+        _, said = (process := launch(whole.scene, out, *resumed)).communicate(timeout=PATIENCE)
+        if process.returncode != 0:
+            return killed, wrote, f"status {process.returncode}: {said}"
+        if differ := differing(out, whole.files):
+            return killed, wrote, differ
     return killed, wrote, ""
 
 
-def pairs(count: int, folder: Path, rng: np.random.Generator) -> tuple[int, str]:
+def pairs(count, folder, rng):
     """Two runs into one folder, or one below the other; how many were refused, what is wrong."""
-    folder.mkdir(parents=True, exist_ok=True)
     whole, out = uninterrupted("bar", folder), folder / "out"
     refused = 0
     for number in range(count):
-        shutil.rmtree(out, ignore_errors=True)
+        rmtree(out, ignore_errors=True)
         below = out / "below" if number % 4 == 3 else out
         runs = [launch(whole.scene, out)]
-        time.sleep(float(rng.uniform(0.0, 0.6 * whole.seconds)))
+        time.sleep(rng.uniform(0.0, 0.6 * whole.seconds))
         runs.append(launch(whole.scene, below))
         said = [run.communicate(timeout=PATIENCE)[1] for run in runs]
         status = sorted(run.returncode for run in runs)
-        told = any("another run" in text for text in said)
-        if status == [0, 2] and told and below == out:
+        if status == [0, 2] and any("another run" in text for text in said) and below == out:
             refused += 1
         elif status != [0, 0]:
             return refused, f"pair {number}: status {status}: {' '.join(said)}"
+        differ = below != out and differing(below, whole.files)
         if below != out:
-            if names := differing(below, whole.files):
-                return refused, f"pair {number}: below differ {', '.join(names[:5])}"
-            shutil.rmtree(below)
-        if names := differing(out, whole.files):
-            return refused, f"pair {number}: differ {', '.join(names[:5])}"
+            rmtree(below)
+        if differ := differ or differing(out, whole.files):
+            return refused, f"pair {number}: {differ}"
     return refused, ""
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments=None):
     """Kill and pair runs; 1 if anything differs."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--pairs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    for name, default in {"kills": 100, "pairs": 20, "seed": 0}.items():
+        parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
     options = parser.parse_args(arguments)
-    rng = np.random.default_rng(options.seed)
-    wrong = []
+    rng, wrong = np.random.default_rng(options.seed), []
     print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
     for number, kind in enumerate(options.kinds):
         count = len(range(number, options.kills, len(options.kinds)))

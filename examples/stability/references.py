@@ -8,16 +8,14 @@ from benchmarks.explicit import runge_kutta
 from paper.pseudo_static import loop, peak_displacement
 from scipy.linalg import expm
 
-from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import own_basis
 from skfem_joint.reduction.friction_points import gauss_points, merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system import System
+from stability.cases import UNITS, E
 from stability.makers import structure_of, system_of
-from stability.problem import UNITS, Case, E
 
 #: Error allowed for steps of finite size, see :func:`allowed_error`.
 COARSE, MOST = 2.0, 0.2
@@ -30,7 +28,7 @@ FRAMES = 2000
 POINTS, POINTS_PER_MODE = 6, 4
 
 
-def modelled(case: Case) -> System:
+def modelled(case):
     """System of a case, reduced if the case says so."""
     system = system_of(case)
     if case.model == "full":
@@ -50,13 +48,12 @@ def modelled(case: Case) -> System:
         V = orthonormal(V, system.M)
     if case.model == "reduced":
         return system.project(V)
-    structure = structure_of(case)
-    (patch,) = structure.patches
+    (patch,) = (structure := structure_of(case)).patches
     line = patch.points, structure.nodes[patch.nodes, 0]
     return gauss_points(system.project(V), [line], POINTS)[0]
 
 
-def run(case: Case, system: System, *, fields: bool = False, finer: int = 1) -> Run:
+def run(case, system, *, fields=False, finer=1):
     """Run a case; ``finer`` divides its step, the stored times stay the same."""
     n_steps = finer * case.steps * case.periods
     save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // FRAMES)))
@@ -64,24 +61,19 @@ def run(case: Case, system: System, *, fields: bool = False, finer: int = 1) -> 
     if case.solver == "explicit":
         found = runge_kutta(system, step=step, n_steps=n_steps, save=save)
     else:
-        found = integrate(
-            system,
-            step=step,
-            n_steps=n_steps,
-            save=save,
-            scheme=generalized_alpha(case.rho),
-            # Cycle by cycle is enough; a drift of 1e5 cycles is watched by the thousand.
-            cycle_steps=finer * case.steps * max(1, case.periods // 100),
-        )
+        # Cycle by cycle is enough; a drift of 1e5 cycles is watched by the thousand.
+        cycle = finer * case.steps * max(1, case.periods // 100)
+        how = {"cycle_steps": cycle, "scheme": generalized_alpha(case.rho), "save": save}
+        found = integrate(system, step=step, n_steps=n_steps, **how)
     if found.interrupted:
         raise KeyboardInterrupt
     return found
 
 
-def reference(case: Case, found: Run, system: System) -> tuple[str, FloatArray, float]:
+def reference(case, found, system):
     """What a case is compared with, how its points should move (rows, points), and how closely."""
 
-    def other(another: Case) -> FloatArray:
+    def other(another):
         return run(another, modelled(another)).point_u
 
     u, bound = found.point_u, allowed_error(case)
@@ -112,7 +104,7 @@ def reference(case: Case, found: Run, system: System) -> tuple[str, FloatArray, 
     return "quarter step", run(case, system, finer=4).point_u, bound
 
 
-def allowed_error(case: Case) -> float:
+def allowed_error(case):
     """Error of the displacement that the size of the steps explains, over its largest value.
 
     Two parts, and never more than MOST, beyond which the answer is wrong however coarse the step:
@@ -126,48 +118,41 @@ def allowed_error(case: Case) -> float:
       periods. The free vibration adds the same with its own n and N, in proportion to its share of
       the motion, until it has died down.
     """
-    period = float(case.steps)
-    natural = case.natural / case.step
+    period, natural = case.steps, case.natural / case.step
     sudden = case.load != "harmonic" or case.phase != 0.0
     if sudden and case.force is None:
         natural *= min(1.0, case.share)
-    times = [period]
-    if sudden:
-        times.append(natural)
-        if case.load != "rectangle" and case.duration:
-            times.append(case.duration)
+    rise = case.duration if sudden and case.load != "rectangle" else None
+    shortest = min(period, natural if sudden else inf, rise or inf)
     shift = 1.0 / 12.0 + 0.375 * ((1.0 - case.rho) / (1.0 + case.rho)) ** 2
     omega = 2.0 * pi / (natural * case.step)
-    vibrations = min(
-        case.steps * case.periods / natural,
-        1.0 / (pi * case.damping * omega) if case.damping > 0.0 else inf,
-    )
+    dying = 1.0 / (pi * case.damping * omega) if case.damping > 0.0 else inf
+    vibrations = min(case.steps * case.periods / natural, dying)
     share = 1.0 if sudden else min(1.0, natural / period)
     lost = (2.0 * pi) ** 3 * shift * (case.periods / period**2 + share * vibrations / natural**2)
-    return min(MOST, COARSE / min(times) + lost)
+    return min(MOST, COARSE / shortest + lost)
 
 
-def linear_response(case: Case, system: System, times: FloatArray) -> FloatArray:
+def linear_response(case, system, times):
     """Points of a system without friction under a harmonic load from rest, to round-off.
 
     With the load's sine and cosine as two more states the equations are homogeneous: the
     exponential of their matrix takes them from one of the equidistant times to the next.
     """
-    n, h = system.n, float(times[1])
+    n, h = system.n, times[1]
     M, C, K = (A.toarray() for A in (system.M, system.C, system.K))
     force = system.load_vectors() * system.loads[0].amplitude.peak_value
     A = np.zeros((2 * n + 2, 2 * n + 2))  # of u, h v, sine and cosine, over a step
     A[:n, n:-2] = np.eye(n)
     A[n:-2, :-1] = np.linalg.solve(M, np.hstack([-h * h * K, -h * C, h * h * force]))
     A[-2:, -2:] = 2.0 * pi * case.frequency * h * np.array([[0.0, 1.0], [-1.0, 0.0]])
-    states, step = np.zeros((times.size, len(A))), expm(A)
-    states[0, -1] = 1.0
-    for k in range(1, times.size):
-        states[k] = step @ states[k - 1]
-    return np.asarray(states[:, :n] @ system.P.T)
+    states, step = [np.eye(len(A))[-1]], expm(A)
+    for _ in times[1:]:
+        states.append(step @ states[-1])
+    return np.array(states)[:, :n] @ system.P.T
 
 
-def pseudo_static_response(case: Case, found: Run) -> FloatArray:
+def pseudo_static_response(case, found):
     """Loaded end of a bar with a Coulomb joint, pulled so slowly that inertia does not matter."""
     EA = E * (0.2 * case.length) * (0.04 * case.length)
     tau = case.friction * case.pressure * (0.2 * case.length)

@@ -20,27 +20,26 @@ from stability import judge, report
 from stability.cases import matrix, quick_matrix
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments=None):
     """Judge the matrix; 1 if a case is wrong in silence."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
     options = parser.parse_args(arguments)
     new_figure(1.0, 1.0)  # so that a library which is missing is told before anything is computed
     with holding(options.out):
         begin = time.perf_counter()
-        cases = quick_matrix() if options.quick else matrix()
         with progress_bar() as progress:
-            verdicts = judge.judge_all(cases, progress)
+            verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)
         seconds = time.perf_counter() - begin
         files = report.write(options.out, verdicts, seconds)
+    wrong = [verdict for verdict in verdicts if verdict.outcome == judge.WRONG]
     print(report.summary(verdicts))
-    for verdict in verdicts:
-        if verdict.outcome == judge.WRONG:
-            print(f"{judge.WRONG}: {verdict.case.axis}, {verdict.case.value}: {verdict.reason}")
+    for verdict in wrong:
+        print(f"{judge.WRONG}: {verdict.case.axis}, {verdict.case.value}: {verdict.reason}")
     print(f"\n{report.bottom_line(verdicts, seconds)}")
     print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
-    return int(any(verdict.outcome == judge.WRONG for verdict in verdicts))
+    return int(bool(wrong))
 
 
 if __name__ == "__main__":

@@ -410,9 +410,8 @@ class Condensed:
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
-        found = self.problem.solve(
-            self.inward(g), start[self.contact], tolerance, force=float(np.abs(g).max())
-        )
+        force, right = float(np.abs(g).max()), self.inward(g)
+        found = self.problem.solve(right, start[self.contact], tolerance, force)
         v, sigma = self.outward(found.v, g), np.zeros_like(g)
         sigma[self.contact] = found.sigma
         return replace(

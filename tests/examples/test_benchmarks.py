@@ -17,13 +17,12 @@ import skfem_joint as sj
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import make_reference
 from skfem_joint.analysis.history import difference, results
-from skfem_joint.scene import Scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAGE = (EXAMPLES / "two_plates.md").read_text(encoding="utf-8")
 
 
-def small(beta: float = 1e3) -> Scene:
+def small(beta=1e3):
     """The reference system of the paper with ten elements and a gentle law."""
     bar = sj.build_bar([("joint", 0.25, 10)], {"fixed": 0.0, "free_end": 0.25})
     return lap_joint(bar=bar, beta=beta, time={"cycles": 2, "steps_per_cycle": 50})
@@ -138,9 +137,9 @@ def test_the_report_joins_competitors_to_our_models(tmp_path, monkeypatch, capsy
 
 def test_benchmarks_of_steps_run(monkeypatch, capsys):
     monkeypatch.setattr(growth, "SIZES", ((20, 5, 1), (40, 5, 1)))
-    assert growth.main(["--quick"]) == 0
+    growth.main(["--quick"])
     monkeypatch.setattr(plates, "QUICK", (((8, 4, 0.25), (12, 2, 0.05)),))
-    assert plates.main(["--quick"]) == 0
+    plates.main(["--quick"])
     text = capsys.readouterr().out
     assert len(re.findall(r"^ +[24]0  (arctan|Coulomb)", text, re.MULTILINE)) == 4
     assert "times faster; error of the free end" in text
@@ -148,11 +147,9 @@ def test_benchmarks_of_steps_run(monkeypatch, capsys):
     assert text.count("reduced, ") == 6
 
 
-def test_the_benchmark_of_solids_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
     monkeypatch.setitem(solids.SIZES, "--quick", ((10, 1, 2, 1), 1, 20))
-    assert solids.main(["--quick"]) == 0
+    solids.main(["--quick"])
     text = capsys.readouterr().out
     rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
     assert float(rows["condensed"][4]) < 2.0  # history, percent
@@ -177,7 +174,7 @@ def struts(example):
     return [example["run_all"](model) for model in models]
 
 
-def row(name: str) -> list[float]:
+def row(name):
     """Numbers of a row of the page's table."""
     line = next(line for line in PAGE.splitlines() if line.startswith(f"| {name} |"))
     cells = (re.match(r" *([\d.]+)", cell) for cell in line.split("|")[2:-1])

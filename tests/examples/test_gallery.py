@@ -13,7 +13,7 @@ PAGES = [ROOT / "README.md", *EXAMPLES.glob("*.md")]
 SCRIPT = runpy.run_path(str(EXAMPLES / "make_pictures.py"))
 
 
-def links(page: Path) -> list[Path]:
+def links(page):
     """Files that a page links to or shows."""
     found = re.findall(r"\]\(([^)#\s]+)\)", page.read_text(encoding="utf-8"))
     return [page.parent / one for one in found if "://" not in one]

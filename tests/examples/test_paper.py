@@ -89,17 +89,17 @@ VERDICTS = (
 
 
 @cache
-def item(key: str) -> page.Item:
+def item(key):
     return reproduce.made(key, quick=True)
 
 
-def rows(key: str, *parts: str) -> list[page.Row]:
+def rows(key, *parts):
     found = [row for row in item(key).rows if all(part in row.quantity for part in parts)]
     assert found, f"{key} has no row with {parts}"
     return found
 
 
-def number(cell: str) -> float:
+def number(cell):
     return float(cell.split()[0])
 
 
@@ -118,7 +118,7 @@ def test_verdicts(key, start, verdict):
 
 def test_printed_numbers_agree_within_their_rounding_and_not_beyond():
     found = page.Item("table3")
-    within = page.published()["table3"]["peak_full"]["within"]
+    within = page.PUBLISHED["table3"]["peak_full"]["within"]
     for factor in (-1.01, -0.99, 0.99, 1.01):
         found.compare("peak_full", page.printed("table3")["peak_full"] + factor * within)
     assert [row.verdict for row in found.rows] == ["differs", "agrees", "agrees", "differs"]
