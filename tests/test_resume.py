@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_texts import GOOD, with_changes
+from scene_texts import written
 
 from skfem_joint import cli, output
 from skfem_joint.analysis import study
@@ -33,17 +33,10 @@ class KilledError(Exception):
 @pytest.fixture
 def scene(tmp_path):
     def write(cycles=30, output="", run='"full", "reduced"'):
-        text = with_changes(
-            GOOD,
-            ("bar.msh", (ROOT / "meshes" / "structure.msh").as_posix()),
-            ("cycles = 3", f"cycles = {cycles}"),
-            ('"full", "reduced"', run),
-            ("[reduction]\nmodes = 5\n", ""),
-            ("every = 1", output),
+        return written(
+            *(tmp_path, ("cycles = 3", f"cycles = {cycles}"), ('"full", "reduced"', run)),
+            *(("[reduction]\nmodes = 5\n", ""), ("every = 1", output)),
         )
-        path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
 
     return write
 

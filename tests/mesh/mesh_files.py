@@ -45,31 +45,6 @@ def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:
     return path
 
 
-def nodes_and_elements(text: str) -> tuple[dict[int, tuple[float, ...]], list[list[int]]]:
-    """Positions by node number, and lines of the elements, of a Gmsh 4.1 file by hand."""
-
-    def section(name: str) -> list[str]:
-        return text.split(f"${name}\n")[1].split(f"$End{name}")[0].split()
-
-    words = iter(section("Nodes"))
-    blocks, *_ = (next(words) for _ in range(4))
-    at: dict[int, tuple[float, ...]] = {}
-    for _ in range(int(float(blocks))):
-        *_, count = (next(words) for _ in range(4))
-        for tag in [int(float(next(words))) for _ in range(int(float(count)))]:
-            at[tag] = tuple(float(next(words)) for _ in range(3))
-    words = iter(section("Elements"))
-    blocks, *_ = (next(words) for _ in range(4))
-    elements = []
-    for _ in range(int(float(blocks))):
-        _, _, kind, count = (int(float(next(words))) for _ in range(4))
-        nodes = {15: 1, 1: 2, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27}[kind]
-        for _ in range(count):
-            next(words)
-            elements.append([int(float(next(words))) for _ in range(nodes)])
-    return at, elements
-
-
 def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> NamedMesh:
     """Body of 0.6 m (x 0.05 m (x 0.02 m)), linear for 0.5 m, its first corner at 0.1 m, -0.2 m.
 

@@ -14,7 +14,6 @@ from mesh_files import (
     assert_same,
     boundary_sizes,
     msh22,
-    nodes_and_elements,
     region_sizes,
     saved,
     sizes,
@@ -24,7 +23,6 @@ from mesh_files import (
 
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes, merged, named, write_mesh
-from skfem_joint.mesh.cells import CELLS
 
 # Three lines on x.
 BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
@@ -224,26 +222,24 @@ def test_both_gmsh_formats_give_the_same_mesh_for_every_cell(
 
 @pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])
 def test_second_order_nodes_are_written_where_gmsh_wants_them(kind, order, tmp_path):
-    """Gmsh's own table of the corners that each middle node lies between."""
-    edges = {
-        "triangle": [(0, 1), (1, 2), (2, 0)],
-        "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)],
-        "tetrahedron": [(0, 1), (1, 2), (2, 0), (3, 0), (2, 3), (1, 3)],
-        "hexahedron": [
-            *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7)),
-            *((5, 6), (6, 7), (0, 1, 2, 3), (0, 1, 4, 5), (0, 3, 4, 7), (1, 2, 5, 6)),
-            *((2, 3, 6, 7), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
-        ],
-    }[kind]
+    """Meshio gives each middle node its place between corners in the order of VTK."""
+    cell, edges = {
+        "triangle": ("triangle6", [(0, 1), (1, 2), (2, 0)]),
+        "quadrilateral": ("quad9", [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)]),
+        "tetrahedron": ("tetra10", [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]),
+        "hexahedron": ("hexahedron27", [
+            *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5)),
+            *((2, 6), (3, 7), (0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7)),
+            *((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
+        ]),
+    }[kind]  # fmt: skip
     mesh = strip(kind, order)
     write_mesh(mesh, tmp_path / "mesh.msh")
-    at, elements = nodes_and_elements((tmp_path / "mesh.msh").read_text())
-    position = np.array([at[tag] for tag in sorted(at)])
-    whole = len(CELLS[kind].turned) + len(edges)
-    nodes = np.array([row for row in elements if len(row) == whole]) - 1
+    raw = meshio.read(tmp_path / "mesh.msh")
+    nodes = raw.points[raw.cells_dict[cell]]
     assert len(nodes) == mesh.n_elements
-    middles = np.stack([position[nodes[:, between]].mean(axis=1) for between in edges], axis=1)
-    np.testing.assert_allclose(position[nodes[:, -len(edges) :]], middles, atol=1e-15)
+    middles = np.stack([nodes[:, between].mean(axis=1) for between in edges], axis=1)
+    np.testing.assert_allclose(nodes[:, -len(edges) :], middles, atol=1e-15)
 
 
 def test_other_format_with_named_sets(tmp_path):

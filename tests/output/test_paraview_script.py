@@ -37,7 +37,7 @@ drawing = pytest.mark.skipif(
 
 LOOK = """
 import json, sys
-from paraview import simple
+from paraview import servermanager, simple
 reader = simple.OpenDataFile(sys.argv[1])
 reader.UpdatePipeline()
 tree = reader.GetDataInformation().GetHierarchy()
@@ -48,7 +48,7 @@ found = {
         tree.GetAttributeOrDefault(node, "label", "")
         for node in tree.GetChildNodes(tree.GetRootNode(), False)
     ],
-    "points": {}, "cells": {},
+    "points": {}, "cells": {}, "units": [],
 }
 for time in reader.TimestepValues:
     reader.UpdatePipeline(time)
@@ -57,6 +57,12 @@ for time in reader.TimestepValues:
             size = array.GetNumberOfComponents()
             ranges = [array.GetRange(k) for k in range(size)]
             found[kind].setdefault(array.GetName(), []).append(ranges)
+data = servermanager.Fetch(reader)
+blocks = data.NewTreeIterator()
+while not blocks.IsDoneWithTraversal():
+    units = blocks.GetCurrentDataObject().GetFieldData().GetAbstractArray("units")
+    found["units"].append([units.GetValue(k) for k in range(units.GetNumberOfValues())])
+    blocks.GoToNextItem()
 print("FOUND" + json.dumps(found))
 """
 
@@ -106,6 +112,10 @@ def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     work = field.friction_work_density.max(axis=1)
     np.testing.assert_allclose(points["friction_work_density"][:, 0, 1], work)
     np.testing.assert_array_equal(points["slip_state"][-1], [[-1, field.slip_state[-1].max()]])
+    meanings = {f"{name}: {meaning}" for name, meaning in (POINT_ARRAYS | CELL_ARRAYS).items()}
+    assert len(found["units"]) == len(names)
+    assert all(meanings <= set(units) for units in found["units"])
+    assert len(found["cells"]["stress"][0]) == 6  # components
     assert set(found["cells"]) >= {*CELL_ARRAYS, "body", "region"}
     assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
 
