@@ -20,8 +20,8 @@ def coarse(*run: str, **changes: Any) -> Scene:
     return lap_joint(*run, bar="short_lap_joint", **changes)
 
 
-def certified(scene: Scene, model: str = "full") -> Estimate:
-    return certify(sj.run_scene(scene), model).estimate
+def certified(scene: Scene) -> Estimate:
+    return certify(sj.run_scene(scene), "full").estimate
 
 
 def peak_and_energy(one: Scene) -> tuple[float, float]:

@@ -87,10 +87,10 @@ def boundary_sizes(mesh: NamedMesh) -> dict[str, float]:
     }
 
 
-def tip_compliance(bar: NamedMesh, stiffness: float = 1.0) -> float:
+def tip_compliance(bar: NamedMesh) -> float:
     """Displacement of the last node under a unit force there, first node held, m/N."""
     basis = skfem.Basis(bar.mesh, skfem.ElementLineP1())
-    matrix = skfem.BilinearForm(lambda u, v, _: stiffness * dot(grad(u), grad(v))).assemble(basis)
+    matrix = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v))).assemble(basis)
     force = np.zeros(basis.N)
     force[-1] = 1.0
     return float(skfem.solve(*skfem.condense(matrix, force, D=np.array([0])))[-1])
@@ -112,9 +112,8 @@ def assert_same(mesh: NamedMesh, other: NamedMesh, sorted_alike: bool = False) -
     assert mesh.regions.keys() == other.regions.keys()
     assert mesh.boundaries.keys() == other.boundaries.keys()
     for name in mesh.regions:
-        inside = [
-            np.isin(at, each.regions[name]) for at, each in zip(rank, (mesh, other), strict=True)
-        ]
-        np.testing.assert_array_equal(*inside)
+        np.testing.assert_array_equal(
+            np.isin(rank[0], mesh.regions[name]), np.isin(rank[1], other.regions[name])
+        )
     for name, facets in mesh.boundaries.items():  # facets are numbered by their vertices
         np.testing.assert_array_equal(facets, other.boundaries[name])

@@ -256,23 +256,6 @@ def test_other_format_with_named_sets(tmp_path):
         load_meshes([saved(tmp_path, text, "plate.inp")])
 
 
-@pytest.mark.parametrize(
-    ("nodes", "cells", "names"),
-    [(PLATE, SQUARES, PLATE_NAMES), (BOX, CUBES, BOX_NAMES), (BOX, TETRAHEDRA, BOX_NAMES)],
-)
-def test_files_written_by_hand(tmp_path, nodes, cells, names):
-    mesh = loaded(tmp_path, nodes, cells, names)
-    assert (mesh.order, mesh.body.max(), mesh.notes) == (1, 0, ())
-    np.testing.assert_allclose(region_sizes(mesh)["joint"], 1.0)
-    assert mesh.n_elements == 2 * mesh.regions["joint"].size
-    assert boundary_sizes(mesh) == pytest.approx({"left": 1.0, "inside": 1.0})
-    left, inside = (mesh.mesh.p[0, mesh.mesh.facets[:, f]] for f in mesh.boundaries.values())
-    assert (left == 0.0).all()
-    assert (inside == 1.0).all()
-    assert mesh.coordinates[mesh.points["corner"]].tolist() == [2.0, 0.0, 0.0]
-    assert mesh.path == str(tmp_path / "mesh.msh")
-
-
 # Bars in space
 
 
@@ -338,6 +321,15 @@ def test_several_bar_files_are_several_bodies(tmp_path):
 def test_what_files_hold_besides_and_twice_does_not_matter(tmp_path, nodes, cells, names):
     """Order and direction of elements, spare nodes, units, and cells repeated for each group."""
     expected = loaded(tmp_path, nodes, cells, names)
+    assert (expected.order, expected.body.max(), expected.notes) == (1, 0, ())
+    assert expected.path == str(tmp_path / "mesh.msh")
+    if nodes is not BAR:
+        assert region_sizes(expected) == pytest.approx({"joint": 1.0, "linear": 1.0})
+        assert boundary_sizes(expected) == pytest.approx({"left": 1.0, "inside": 1.0})
+        for name, x in {"left": 0.0, "inside": 1.0}.items():
+            facets = expected.mesh.facets[:, expected.boundaries[name]]
+            assert (expected.mesh.p[0, facets] == x).all()
+        assert expected.coordinates[expected.points["corner"]].tolist() == [2.0, 0.0, 0.0]
     turned = [(kind, tag, list(at)[::-1]) for kind, tag, at in cells][::-1]
     if max(kind for kind, _, _ in cells) == 5:  # reversed, a cube would be another body
         turned = [(k, tag, [*at[4:], *at[:4]] if k == 5 else at) for k, tag, at in cells]

@@ -79,10 +79,7 @@ def test_second_order_meshes_of_scikit_fem_are_made_straight(kind, order):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (
-            {"_subdomains": {"a": np.array([0, 99])}},
-            "region 'a' must hold .* 0 to 31, found 0",
-        ),
+        ({"_subdomains": {"a": np.array([0, 99])}}, "region 'a' must hold .* 0 to 31, found 0"),
         ({"_subdomains": {"a": np.array([-1])}}, "region 'a' must hold whole numbers"),
         ({"_subdomains": {"a": np.array([], dtype=int)}}, "region 'a' is empty"),
         ({"_subdomains": {"a": np.ones(32, dtype=bool)}}, "region 'a' must hold whole numbers"),

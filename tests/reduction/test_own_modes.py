@@ -58,7 +58,7 @@ def test_fixed_interface_modes_do_not_slip():
     plain = own_basis(system, full("strip"), 6)
     more = own_basis(system, full("strip"), 6, interface_modes=2)
     assert more.V.shape[1] == 8
-    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-6  # holds the others
+    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-12  # holds the others
     assert np.linalg.matrix_rank(system.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
 
 
@@ -83,7 +83,7 @@ def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
     steps = {"step": step, "n_steps": 5 * STEPS, "cycle_steps": STEPS}
     basis = make_basis(structure, system, options, **steps, warn=warn)
     expected = own_basis(system, full("strip"), 6, interface_modes=2)
-    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-7
+    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-12
     assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
     assert warn == ["reduction.active_length has no effect but beside reference = 'paper'."]
     with pytest.raises(sj.InputError, match="must be 'static', 'self' or 'paper'"):
@@ -140,4 +140,4 @@ def test_a_run_of_ones_own_gives_the_modes():
     at = system.points.index("end")
     difference = np.abs(again.point_u[:, at] - run.point_u[:, at]).max() / run.peak[at]
     assert small.w.size == system.w.size
-    assert difference < 0.01
+    assert difference < 2e-4

@@ -6,18 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reduced_joints import (
-    EA,
-    SPEED,
-    STEPS,
-    bar,
-    case,
-    case_i,
-    errors,
-    fig_18,
-    full,
-    three_periods,
-)
+from reduced_joints import EA, SPEED, STEPS, bar, case, case_i, errors, fig_18, full, three_periods
 from scipy import linalg
 
 import skfem_joint as sj
@@ -171,7 +160,7 @@ def test_interface_modes_that_take_no_part_are_left_out():
     nodes = structure.expand(V.T)
     x = structure.nodes
     axis = np.abs(x[:, 1] - 0.025) < 1e-9
-    assert np.abs(nodes[:, axis, 1]).max() < 1e-6 * np.abs(nodes).max()
+    assert np.abs(nodes[:, axis, 1]).max() < 1e-9 * np.abs(nodes).max()
     # Longitudinal vibration of the arm alone, clamped: 0.5 m.
     frequency = np.sqrt(linalg.eigvalsh(system.project(V).K)) / (2.0 * np.pi)
     assert frequency[0] < SPEED / (4 * 0.5) < frequency[-1]
@@ -265,8 +254,9 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points():
     assert basis.stretches is not None
     every, few = (
         three_periods(reduced_system(system, basis, friction_points=k, beta=1e4, warn=[])[0], step)
-        for k in ("all", 8)
+        for k in ("all", 2)
     )
+    assert (every.system.w.size, few.system.w.size) == (4, 2)
     history, energy = errors(few, every)
-    assert history < 0.02
-    assert abs(energy) < 0.02
+    assert history < 0.01
+    assert abs(energy) < 0.06

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from math import inf, pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bodies import DENSITY, E
 from stepping_systems import (
-    DENSITY,
     STEPPERS,
-    E,
     LapJoint,
     dense_system,
     differing,
@@ -36,6 +36,18 @@ from skfem_joint.system import AppliedLoad
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system
 every_stepper = pytest.mark.parametrize("kind", STEPPERS)
+
+
+def advance_by(patch: pytest.MonkeyPatch, advance: Any, **changes: Any) -> None:
+    """Let steppers advance by a function of them, of their own way and of its arguments."""
+    choose = driver.choose
+
+    def chosen(*arguments: Any) -> Stepper:
+        stepper = choose(*arguments)
+        vars(stepper).update(changes, advance=partial(advance, stepper, stepper.advance))
+        return stepper
+
+    patch.setattr(driver, "choose", chosen)
 
 
 # How long, in which steps
@@ -131,23 +143,14 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
     seen: list[tuple[float, int]] = []
     saved: list[int] = []
 
-    def counted(*arguments):
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def slower(_, advance, h, amplitudes, first, store):
+        nonlocal now, longest
+        steps = advance(h, amplitudes, first, store)
+        took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
+        now, longest = now + took, max(longest, took)
+        return steps
 
-        def slower(h, amplitudes, first, store):
-            nonlocal now, longest
-            steps = advance(h, amplitudes, first, store)
-            took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
-            now, longest = now + took, max(longest, took)
-            return steps
-
-        monkeypatch.setattr(stepper, "advance", slower)
-        stepper.first_call = 1
-        return stepper
-
-    choose = driver.choose
-    monkeypatch.setattr(driver, "choose", counted)
+    advance_by(monkeypatch, slower, first_call=1)
     monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
     monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
     run = sj.integrate(
@@ -189,32 +192,20 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jump
     """In the middle of a chunk, when rows, works and counters have gone on already."""
     system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
-    options: dict[str, Any] = {
-        "step": 5e-6,
-        "save": sj.Save(every=2, fields=True),
-        "cycle_steps": 10,
-    }
+    options = {"step": 5e-6, "save": sj.Save(every=2, fields=True), "cycle_steps": 10}
     calls = 0
 
-    def interrupted(*arguments):
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def half(_, advance, h, amplitudes, first, store):
+        nonlocal calls
+        steps = amplitudes.shape[1] - 1
+        if steps > 0 and first >= 33:
+            calls += 1
+            advance(h, amplitudes[:, : steps // 2 + 1], first, store)
+            raise KeyboardInterrupt
+        return advance(h, amplitudes, first, store)
 
-        def half(h, amplitudes, first, store):
-            nonlocal calls
-            steps = amplitudes.shape[1] - 1
-            if steps > 0 and first >= 33:
-                calls += 1
-                advance(h, amplitudes[:, : steps // 2 + 1], first, store)
-                raise KeyboardInterrupt
-            return advance(h, amplitudes, first, store)
-
-        stepper.advance = half
-        return stepper
-
-    choose = driver.choose
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "choose", interrupted)
+        advance_by(patch, half)
         run = sj.integrate(system, n_steps=60, **options)
     assert calls == 1
     assert run.interrupted
@@ -230,25 +221,16 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jump
 
 def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
     """Let steps fail that ``refuses`` (first step, step size)."""
-    choose = driver.choose
 
-    def chosen(*arguments: Any) -> Stepper:
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def maybe(stepper, advance, h, amplitudes, first, store):
+        for k in range(amplitudes.shape[1] - 1):
+            if refuses(first + k, h):
+                done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
+                stepper.failure = Failure(12.5, 3)
+                return done
+        return advance(h, amplitudes, first, store)
 
-        def maybe(h: float, amplitudes: Any, first: int, store: bool) -> int:
-            steps = amplitudes.shape[1] - 1
-            for k in range(steps):
-                if refuses(first + k, h):
-                    done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
-                    stepper.failure = Failure(12.5, 3)
-                    return done
-            return advance(h, amplitudes, first, store)
-
-        stepper.advance = maybe
-        return stepper
-
-    monkeypatch.setattr(driver, "choose", chosen)
+    advance_by(monkeypatch, maybe)
 
 
 @pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stepping_systems import arm, plate, pressed
+from bodies import pressed, structure
+from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.stepping import integrate as stepping
@@ -28,7 +29,7 @@ def bar(frequency: float, share: float, elements: int = 50, beta: float = np.inf
 
 def on_base() -> sj.System:
     mesh = sj.build_plate([("joint", 0.1, 3), ("free", 0.1, 3)], 0.05, 2)
-    made = plate(mesh, [pressed(pressure=5e6, friction=0.5)], stiffness_damping=1e-6)
+    made = structure(mesh, [pressed(pressure=5e6, friction=0.5)], stiffness_damping=1e-6)
     return made.system([sj.Load("right", sj.Harmonic(4e3, 3000.0), (1.0, 0.2))], [])
 
 

@@ -113,10 +113,10 @@ PULL = Harmonic(0.9 * MU * PRESSURE * LENGTH * WIDE, 1000.0)
 JOINT = pressed(pressure=PRESSURE)
 
 
-def cycle(some: Structure, *direction: float, steps: int = 40) -> Run:
+def cycle(some: Structure, *direction: float) -> Run:
     """The first period of a pull at the right end, from rest."""
     system = some.system([Load("right", PULL, direction or None)], [])
-    return integrate(system, cycles=1, steps_per_cycle=steps)
+    return integrate(system, cycles=1, steps_per_cycle=40)
 
 
 def alike(one: Run, other: Run, within: float) -> None:
