@@ -70,9 +70,6 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press(run):
     found = run("bolted_plates")
     assert found["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
     assert found["run"].energy_residual < 1e-11
-    loose = found["structure"].patches[0]
-    slip = found["run"].slip_peak[loose.points]
-    assert np.all(slip >= 0.0)
     assert found["run"].cycles.friction[-1] > 0.0
 
 

@@ -216,9 +216,6 @@ def test_another_scene_or_mesh_is_refused(scene, tmp_path, capsys):
     assert cli.main(arguments) == 0
 
 
-# A disk that fills up
-
-
 def test_a_limit_on_file_sizes_leaves_whole_files(scene, tmp_path):
     out = tmp_path / "out"
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')

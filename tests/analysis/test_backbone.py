@@ -151,9 +151,6 @@ def test_nothing_is_left_where_all_is_in_contact():
         backbone(whole)
 
 
-# Free vibration
-
-
 def test_modes_that_ring_together_are_told_apart():
     system = struck(1.0, 1e-6)  # a newton: the joint sticks
     hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final

@@ -40,7 +40,7 @@ def told_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
 
 
 @pytest.mark.parametrize("estimated", [True, False])
-def test_a_response_tells_every_vibration_that_it_looks_for(estimated: bool) -> None:
+def test_a_response_tells_every_vibration_that_it_looks_for(estimated):
     frequencies, levels = np.linspace(1900.0, 2100.0, 5), (0.5, 1.0)
     curves, told = told_by(
         lambda tell: response(BAR, frequencies, levels, estimated=estimated, progress=tell)
@@ -53,7 +53,7 @@ def test_a_response_tells_every_vibration_that_it_looks_for(estimated: bool) -> 
     assert found[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
 
 
-def test_a_backbone_tells_every_level_and_part_of_a_loop() -> None:
+def test_a_backbone_tells_every_level_and_part_of_a_loop():
     levels = 6
     _, told = told_by(lambda tell: backbone(BAR, (1, 2), levels, progress=tell))
     trials = len(told) - 2 * (levels + CHECKED * INCREMENTS)  # for where a joint slips as a whole
@@ -63,7 +63,7 @@ def test_a_backbone_tells_every_level_and_part_of_a_loop() -> None:
     assert told[0][1] >= len(told) - trials
 
 
-def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from_it() -> None:
+def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from_it():
     run, told = told_by(
         lambda tell: integrate(BAR, until="steady", steps_per_cycle=100, progress=tell)
     )
@@ -75,7 +75,7 @@ def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from
     assert changes[-1] <= CHANGE < changes[-2]
 
 
-def test_a_line_holds_the_note_of_what_cannot_be_counted() -> None:
+def test_a_line_holds_the_note_of_what_cannot_be_counted():
     now, said = [0.0], list[str]()
     progress = telling(
         Bar(console=Console(file=io.StringIO()), get_time=lambda: now[0]), said.append
@@ -126,7 +126,7 @@ FULL = ('["full", "reduced"]', '["full"]')
 
 
 @pytest.mark.parametrize("command", LONG)
-def test_ctrl_c_ends_a_search_within_a_second(tmp_path: Path, command: str) -> None:
+def test_ctrl_c_ends_a_search_within_a_second(tmp_path, command):
     """On a terminal, which shows a live line: status 130, no traceback, no files."""
     steady = ("cycles = 3", 'until = "steady"\nsteps_per_cycle = 20000')
     damping = ("[output]", "[damping]\nstiffness = 1e-12\n[output]")
@@ -140,7 +140,7 @@ def test_ctrl_c_ends_a_search_within_a_second(tmp_path: Path, command: str) -> N
     assert passed < 5.0  # a second where nothing else runs
 
 
-def test_ctrl_c_in_a_run_keeps_the_steps_that_are_done(tmp_path: Path) -> None:
+def test_ctrl_c_in_a_run_keeps_the_steps_that_are_done(tmp_path):
     path = written(tmp_path, ("cycles = 3", "cycles = 100000"), FULL, ("every = 1", "every = 1000"))
     out = tmp_path / "out"
     status, shown, _ = interrupted(rb"full model.*[1-9]\d*%", "run", path, "--out", out)

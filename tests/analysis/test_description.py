@@ -81,9 +81,7 @@ def test_sound_scenes_raise_no_doubt(path):
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3])
-def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(
-    share: float,
-) -> None:
+def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(share):
     """On top of a block of nu = 0 far below its natural frequency; said beyond a tenth."""
     block = build_plate(
         [("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2,

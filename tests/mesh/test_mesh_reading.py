@@ -74,8 +74,6 @@ def by_position(mesh: NamedMesh) -> NamedMesh:
     return named(plain, points=points, order=mesh.order)
 
 
-# Files that are read as they are
-
 HOLES = 2 * 16 * 0.0055**2 * np.sin(np.pi / 16)  # two polygons of 32 sides
 #: Kind, order, bodies; sizes of regions; sizes of boundaries, or positions of a bar's points.
 SHIPPED = {
@@ -256,9 +254,6 @@ def test_other_format_with_named_sets(tmp_path):
         load_meshes([saved(tmp_path, text, "plate.inp")])
 
 
-# Bars in space
-
-
 @pytest.mark.parametrize("end", [(0.36, 0.48, 0.0), (0.0, 0.0, 0.6), (-0.2, 0.4, -0.4)])
 def test_inclined_bar_is_measured_by_arc_length(tmp_path, end):
     along = np.array(end) / 0.6
@@ -304,9 +299,6 @@ def test_several_bar_files_are_several_bodies(tmp_path):
     assert both.path == f"{tmp_path / 'upper.msh'}, {tmp_path / 'lower.msh'}"
     with pytest.raises(InputError, match="a file holds one bar; write each bar"):
         write_mesh(both, tmp_path / "both.msh")
-
-
-# Repairs
 
 
 @pytest.mark.parametrize(
@@ -408,9 +400,6 @@ def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
         f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
         "by 0.0283 m at most.",
     )
-
-
-# Refusals
 
 
 def moved(nodes: list[tuple[float, ...]], node: int, *position: float) -> list[tuple[float, ...]]:

@@ -183,9 +183,6 @@ def test_the_table_shows_what_the_summary_holds(study, monkeypatch):
     assert "…" not in text
 
 
-# Fields of a study
-
-
 @pytest.mark.parametrize("dim", [1, 2])
 def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     """Traction times area is the friction force, and the work's density the energy by joint."""
@@ -209,9 +206,6 @@ def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     np.testing.assert_allclose(flat @ system.T, force, atol=1e-9 * np.abs(force).max())
     assert set(np.unique(full.slip_state)) == {-1, 0, 1}
     np.testing.assert_allclose(structure.expand(run.u), full.displacement)
-
-
-# Folders
 
 
 def names(path: Path) -> set[str]:

@@ -188,9 +188,6 @@ def test_a_missing_library_or_place_is_an_input_error(
     assert not list(tmp_path.iterdir())
 
 
-# Windows
-
-
 @pytest.fixture
 def windows(monkeypatch):
     """Nothing is known of the kinds of window that work, before and after."""

@@ -205,9 +205,6 @@ def test_mistakes_are_input_errors(runs, draw, message, monkeypatch):
         plots.histories_figure(runs, ["free_end"])
 
 
-# Active regions
-
-
 def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined():
     made = lap()
     x = made.nodes[made.patches[0].nodes, 0]

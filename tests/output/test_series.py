@@ -35,7 +35,7 @@ PAIRS: list[Build] = [
 ]
 
 
-def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path: Path) -> None:
+def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path):
     """Pressed at its ends a body lifts in the middle: gap where there is no pressure."""
     given = side()
     mesh, (joint,) = given.mesh.mesh, given.joints

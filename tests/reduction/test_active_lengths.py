@@ -78,9 +78,6 @@ def test_estimate_is_a_fixed_point():
     assert slow.length == pytest.approx(0.25, rel=1e-9)
 
 
-# Active area
-
-
 def test_active_area_counts_the_area_of_slipping_points():
     structure, system, _ = case("lap")
     patch = structure.patches[0]

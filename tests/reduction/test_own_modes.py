@@ -106,9 +106,6 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     assert warn[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 
-# One line
-
-
 def test_a_system_is_reduced_in_one_line():
     structure, system = fig_18()
     full_run = sj.integrate(system, cycles=6, steps_per_cycle=200)

@@ -104,9 +104,6 @@ def test_slow_gross_slip_has_modes(product):
     np.testing.assert_allclose(rigid, 1.0, atol=1e-6)
 
 
-# Snapshots
-
-
 def test_snapshots_of_both_kinds_weigh_alike():
     u, v = np.random.default_rng(1).normal(size=(2, 30, 4))
     G = spd(4)
@@ -129,9 +126,6 @@ def test_snapshots_of_rates_have_no_units_and_weigh_instants_by_roots():
     size = np.linalg.norm(v, axis=1)
     expected = np.sqrt(size / size.max())
     np.testing.assert_allclose(np.linalg.norm(rates[:30], axis=1), expected, rtol=1e-12)
-
-
-# Orthonormal bases
 
 
 def span_distance(V: np.ndarray, W: np.ndarray) -> float:

@@ -63,9 +63,6 @@ def test_modes_keep_their_shape_on_the_unit_active_length():
             reference.at(reference.xi, modes)
 
 
-# Bars
-
-
 def scaled(
     structure: sj.Structure, system: sj.System, length: object = "auto", **options: Any
 ) -> Basis:
@@ -200,9 +197,6 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 
     assert friction_error("rates") < 0.02
     assert friction_error("both") > 0.03
-
-
-# Plates
 
 
 @cache

@@ -143,9 +143,6 @@ def test_scaled_modes_that_cannot_follow_are_refused():
         active_zones(*fig_18(force=0.0))
 
 
-# Lengths
-
-
 def test_profile_is_the_largest_slip_of_each_section_of_any_mesh():
     rng = np.random.default_rng(3)
     structure, system, _ = case("lap")
@@ -207,9 +204,6 @@ def test_lengths_from_both_ends_of_a_joint_are_kept_apart():
     assert sum(probed) == pytest.approx(0.1, rel=1e-12)
     stuck = zone_lengths(system, zones, "auto", slip, [])
     assert stuck == pytest.approx([0.01, 0.01])  # one element
-
-
-# Eqs. (17)-(20)
 
 
 def estimated(structure: Structure, system: System) -> Estimate:

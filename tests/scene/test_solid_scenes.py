@@ -68,9 +68,7 @@ frames = 4
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_path, kind):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
     study = run_scene(load_scene(path))
@@ -119,9 +117,7 @@ WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(
-    tmp_path: Path, wrong: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(tmp_path, wrong, capsys):
     lower, upper, changes, told = WRONG[wrong]
     files = {file.stem: file.read_text() for file in FILES.iterdir()}
     for kind in ("hex8", "tet10"):  # a corner is pushed through the elements beside it

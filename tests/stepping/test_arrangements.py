@@ -30,9 +30,6 @@ def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
     np.testing.assert_allclose(*works, rtol=0.0, atol=10 * rtol * energy)
 
 
-# Choice
-
-
 def test_each_system_gets_its_stepper():
     system = LapJoint(elements=10).system
     assert arranged(system).kind == "chain"
@@ -60,9 +57,6 @@ def test_slips_that_depend_on_each_other_in_a_large_system_are_refused(rows):
                    directions=np.ones(rows + 1, dtype=int), J=None, joints=())  # fmt: skip
     with pytest.raises(sj.InputError, match="depend on each other"):
         sj.integrate(more, step=1e-5, n_steps=1)
-
-
-# Any numbering
 
 
 @pytest.mark.parametrize("beta", [1e5, inf])
@@ -97,9 +91,6 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
     for name in ("friction_work", "slip_peak"):
         a, b = getattr(shuffled, name)[point], getattr(row, name)[other]
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * b.max())
-
-
-# Slip rows of any kind
 
 
 @pytest.mark.parametrize("beta", [1e3, inf])
@@ -140,9 +131,6 @@ def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far():
     np.testing.assert_allclose(run.friction_work, 2 * single.friction_work, rtol=1e-7)
 
 
-# Named points
-
-
 def test_a_load_on_a_region_works_on_its_mean_displacement():
     bar = sj.build_bar([("joint", 0.2, 16), ("rest", 0.1, 8)], {"fixed": 0.0, "free_end": 0.3})
     made = struts(bar, [LapJoint().joint])
@@ -158,9 +146,6 @@ def test_a_load_on_a_region_works_on_its_mean_displacement():
     s, inside = made.nodes[:, 0], made.nodes[:, 0] >= 0.2 - 1e-9
     exact = trapezoid(u[:, inside], s[inside], axis=1) / 0.1
     np.testing.assert_allclose(mean, exact, atol=1e-12 * run.peak.max())
-
-
-# The same books
 
 
 @pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.5)])

@@ -144,9 +144,6 @@ def test_a_few_passes_find_slip_that_spreads_from_the_ends(n, ends):
             assert 0 < np.count_nonzero(v) < n
 
 
-# Runs
-
-
 @pytest.mark.parametrize("beta", [1e5, 1e7, 1e9])
 def test_coarse_steps_of_steep_laws_start_from_coulombs_solution(beta):
     # Without it such steps take 22 iterations and most of them nested ones.

@@ -135,9 +135,6 @@ def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sw
         assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))
 
 
-# Runs
-
-
 def run(system: sj.System, steps: int = 50, **changes: Any) -> Run:
     values = {"step": 1e-3 / steps, "n_steps": steps, "save": sj.Save(fields=True)} | changes
     return sj.integrate(system, **values)

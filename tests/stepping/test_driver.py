@@ -50,9 +50,6 @@ def advance_by(patch: pytest.MonkeyPatch, advance: Any, **changes: Any) -> None:
     patch.setattr(driver, "choose", chosen)
 
 
-# How long, in which steps
-
-
 def test_all_ways_to_give_the_steps_are_one():
     both = sj.Harmonic(2e4, 1000.0), sj.Harmonic(1e4, 1500.0)  # common period: 2 ms
     system = LapJoint(elements=5, load=sj.MultiHarmonic(both)).system
@@ -96,9 +93,6 @@ def test_all_ways_to_give_the_steps_are_one():
 def test_arguments_that_do_not_fit_are_refused(arguments, message):
     with pytest.raises(sj.InputError, match=message):
         sj.integrate(SMALL, **arguments)
-
-
-# Rows and chunks
 
 
 @every_stepper
@@ -183,9 +177,6 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(fricti
     assert used[2] < used[1] + 100_000
 
 
-# Interruptions
-
-
 @every_stepper
 @pytest.mark.parametrize("jumps", [False, True])
 def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jumps, monkeypatch):
@@ -214,9 +205,6 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jump
     whole = sj.integrate(system, n_steps=done, **options)
     assert not whole.interrupted
     assert differing(replace(run, interrupted=False), whole) == []
-
-
-# Steps that do not converge
 
 
 def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
@@ -286,9 +274,6 @@ def test_a_tolerance_below_round_off_still_ends(kind):
     np.testing.assert_allclose(tight.point_u, loose.point_u, atol=1e-8 * loose.peak[0])
 
 
-# Loads that jump
-
-
 def under_rectangle(times: np.ndarray, load: sj.Rectangle) -> np.ndarray:
     """Exact displacement of the test oscillator (1 Hz, damping ratio 0.05) from rest."""
     omega, zeta = 2 * np.pi, 0.05
@@ -356,9 +341,6 @@ def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches():
     still = sj.integrate(quiet.system, step=1e-6, n_steps=10, save=sj.Save(fields=True))
     assert np.all(still.u == 0.0)
     assert still.sigma[-1, -1] == pytest.approx(0.5, rel=1e-12)
-
-
-# Steps that are too long for a load
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,6 @@ REFERENCE = LapJoint()
 SCHEMES = [generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
 
 
-# Published numbers
-
-
 def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3():
     joint = sj.Joint("joint", 50e6, 0.7, beta=1e7, normal_force="equal")
     structure = struts(sj.load_meshes([MESHES / "structure.msh"]), [joint])
@@ -39,9 +36,6 @@ def test_slow_coulomb_joint_has_the_pseudo_static_loop(kind):
     assert run.cycles.peak[-1, 0] == pytest.approx(peak, rel=1.2e-2 if kind == "equal" else 1e-3)
 
 
-# The law's steepness
-
-
 def test_arctan_tends_to_coulomb_as_beta_grows():
     betas = 10.0 ** np.arange(3, 12)
     coulomb, *runs = (run_of(replace(REFERENCE, beta=b).system, 300) for b in (np.inf, *betas))
@@ -50,9 +44,6 @@ def test_arctan_tends_to_coulomb_as_beta_grows():
     # The distance of the laws themselves falls with the root of 1 / beta.
     assert order_of(errors, 1.0 / betas) > 0.5
     assert errors[-1] < 1e-6
-
-
-# Energy
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -64,9 +55,6 @@ def test_energy_balance_closes_from_a_moving_start(scheme):
         run = run_of(model, 100, scheme=scheme, initial=start)
         assert run.energy_residual < 1e-10
         assert run.stored_energy[0] == pytest.approx(system.stored_energy(*start), rel=1e-12)
-
-
-# Symmetries
 
 
 def test_pushing_is_pulling_with_the_sign_changed():

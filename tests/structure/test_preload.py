@@ -57,7 +57,7 @@ def contact_forces(structure: Structure) -> Any:
 
 
 @pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
-def test_blocks_pressed_evenly_have_the_even_pressure(shape: str, order: int) -> None:
+def test_blocks_pressed_evenly_have_the_even_pressure(shape, order):
     """In the weak sense: of second order too, whose nodal forces are zero at some nodes."""
     structure = clamped(stacked(shape, order))
     area = THICKNESS if structure.dim == 2 else 1.0
@@ -72,7 +72,7 @@ def test_blocks_pressed_evenly_have_the_even_pressure(shape: str, order: int) ->
 
 
 @pytest.mark.parametrize(("shape", "order"), [("tri", 2), ("quad", 1), ("tet", 1), ("hex", 2)])
-def test_forces_and_moments_balance_on_faces_that_do_not_match(shape: str, order: int) -> None:
+def test_forces_and_moments_balance_on_faces_that_do_not_match(shape, order):
     structure = clamped(stacked(shape, order, 3, 2))
     force, whole = contact_forces(structure)
     assert whole == pytest.approx(FORCE, rel=1e-10)
@@ -106,7 +106,7 @@ def pushed_at(offset: float, n: int) -> Structure:
     )  # fmt: skip
 
 
-def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do() -> None:
+def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do():
     """Navier's triangle: contact on 3 (L/2 - e), peak 2 F / that, zero beyond (L = 1 m)."""
     structure = pushed_at(0.3, 20)
     nodes, p, gap = pressure(structure)
@@ -137,7 +137,7 @@ def cylinder(n: int) -> NamedMesh:
     return merged([named(replace(upper, doflocs=bent)), named(lower)])
 
 
-def test_a_cylinder_on_a_flat_tends_to_hertz() -> None:
+def test_a_cylinder_on_a_flat_tends_to_hertz():
     """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length, R = 1 m."""
     force = 2e7 * THICKNESS
     half = np.sqrt(8 * 2e7 * (1 - NU**2) / (np.pi * E))
@@ -175,7 +175,7 @@ def three_feet() -> NamedMesh:
     return merged(bodies)
 
 
-def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards() -> None:
+def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards():
     joints = [Joint(f"u_{x}", "preload", 0.3, against=f"l_{x}") for x in ("left", "right")]
     structure = clamped(three_feet(), joints, [Clamp(FORCE, shank=("u_cut", "l_cut"))])
     pressed = [patch.clamping_force for patch in structure.patches]
@@ -208,6 +208,6 @@ MESH = stacked("quad", 1)
         ({"joints": [replace(JOINT, pressure="bolts")], "bolts": []}, "must be in Pa"),
     ],
 )  # fmt: skip
-def test_what_presses_nothing_is_refused(how: dict[str, Any], sentence: str) -> None:
+def test_what_presses_nothing_is_refused(how, sentence):
     with pytest.raises(InputError, match=sentence):
         _ = clamped(MESH, **how).patches

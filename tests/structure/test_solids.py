@@ -48,7 +48,7 @@ def slanted(body: NamedMesh, lean: float = 0.3) -> NamedMesh:
 
 
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)
-def test_only_rigid_motions_strain_nothing(shape: str, order: int) -> None:
+def test_only_rigid_motions_strain_nothing(shape, order):
     """No element has a motion of its own that its quadrature does not feel."""
     some = structure(slanted(block(shape, order, 1, (0.4, 0.3, 0.2))), fixed=(), free=True)
     values = np.linalg.eigvalsh(some.matrices()[1].toarray())
@@ -58,7 +58,7 @@ def test_only_rigid_motions_strain_nothing(shape: str, order: int) -> None:
 
 
 @pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
-def test_an_even_pressure_goes_through_closed_contact_evenly(shape: str, order: int) -> None:
+def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     """Weakly: a linear motion meets nodal forces with the work that it meets the pressure with.
 
     Quadratic shape functions would give the vertices of a ten-node tetrahedron no force at all.
@@ -87,7 +87,7 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape: str, order: 
     ("kind", "elements"),
     [("triangle", 16), ("quadrilateral", 10), ("tetrahedron", 12), ("hexahedron", 10)],
 )
-def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind: Any, elements: int) -> None:
+def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind, elements):
     """Euler and Bernoulli's, of second order, distorted, one element across: within 0.5 %."""
     if kind in KINDS:
         body = build_box([("beam", 1.0, elements)], (0.02, 0.03), (1, 1), kind=kind, order=2)
@@ -128,9 +128,7 @@ def alike(one: Run, other: Run, within: float) -> None:
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", KINDS)
-def test_pulled_along_itself_without_contraction_a_solid_is_the_strut(
-    kind: Any, order: int
-) -> None:
+def test_pulled_along_itself_without_contraction_a_solid_is_the_strut(kind, order):
     """Within 0.1 % in displacement and friction energy; thin, as the strut has no shear."""
     common = {"stiffness_damping": 1e-5, "material": Material(E, DENSITY, 0.0)}
     bar = build_bar([("joint", LENGTH, 200)], {"left": 0.0, "right": LENGTH})
@@ -141,7 +139,7 @@ def test_pulled_along_itself_without_contraction_a_solid_is_the_strut(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind: Any) -> None:
+def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind):
     """Plane stress; pulled askew, it slips in two directions: within 0.5 %."""
     flat: Any = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}[kind]
     plate = build_plate([("joint", LENGTH, 12)], WIDE, 2, kind=flat, order=2)
@@ -152,7 +150,7 @@ def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_solid_held_across_its_width_is_the_plate_from_the_side(kind: Any) -> None:
+def test_a_solid_held_across_its_width_is_the_plate_from_the_side(kind):
     """Plane strain, ten times as thick, on its edge: within 0.5 %."""
     flat: Any = {"hexahedron": "quadrilateral", "tetrahedron": "triangle"}[kind]
     plate = build_plate([("all", LENGTH, 20)], 10 * THIN, 2, kind=flat, order=2)
@@ -170,8 +168,8 @@ def test_a_solid_held_across_its_width_is_the_plate_from_the_side(kind: Any) -> 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_faces_that_do_not_match_action_is_reaction_energy_is_kept_and_what_sticks_rests(
-    kind: Any, order: int
-) -> None:
+    kind, order
+):
     """Forces and moments of the whole contact, closed and rubbing, to 1e-9; Coulomb friction."""
     lower, upper = (
         build_box([(f"{name} joint", 0.1, n), (f"{name} rest", 0.1, 2)], (0.04, 0.02), (n - 1, 1),
