@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bodies import DENSITY, MU, THICKNESS, WIDTH, pressed, structure
+from bodies import DENSITY, EA, MU, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
-from stepping_systems import EA, arm
+from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis.backbone import Backbone, backbone, scene_backbone, stuck_modes

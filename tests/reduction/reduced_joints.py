@@ -6,14 +6,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from bodies import MU, STEEL, THICKNESS, WIDTH, E, structure
+from bodies import MU, STEEL, WIDTH, structure
 
 import skfem_joint as sj
 from skfem_joint.loads import Amplitude
 from skfem_joint.reduction.reference import lap_joint
 from skfem_joint.stepping.recording import Run
 
-EA = E * WIDTH * THICKNESS
 SPEED = 5000.0
 TAU = MU * 50e6 * WIDTH  # N/m
 STEPS = 100  # a period

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reduced_joints import EA, SPEED, case, case_i
+from bodies import EA
+from reduced_joints import SPEED, case, case_i
 
 import skfem_joint as sj
 from skfem_joint.reduction import active_length

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reduced_joints import EA, SPEED, STEPS, bar, case, case_i, errors, fig_18, full, three_periods
+from bodies import EA
+from reduced_joints import SPEED, STEPS, bar, case, case_i, errors, fig_18, full, three_periods
 from scipy import linalg
 
 import skfem_joint as sj
@@ -250,7 +251,7 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points():
         three_periods(reduced_system(system, basis, friction_points=k, beta=1e4, warn=[])[0], step)
         for k in ("all", 2)
     )
-    assert (every.system.w.size, few.system.w.size) == (4, 2)
+    assert few.system.w.size == 2 < basis.active.size
     history, energy = errors(few, every)
     assert history < 0.01
     assert abs(energy) < 0.06

@@ -6,7 +6,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from bodies import MU, STEEL, THICKNESS, WIDTH, E, pressed, structure
+from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
 from skfem_joint.loads import Amplitude, Harmonic
@@ -16,7 +16,6 @@ from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Joint, Load, Structure
 from skfem_joint.system import AppliedLoad, System
 
-EA = E * WIDTH * THICKNESS
 FIELDS = Save(fields=True)
 
 

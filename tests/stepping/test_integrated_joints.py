@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stepping_systems import EA, LapJoint, order_of, run_of, struts
+from bodies import EA
+from stepping_systems import LapJoint, order_of, run_of, struts
 
 import skfem_joint as sj
 from skfem_joint.analysis import pseudo_static

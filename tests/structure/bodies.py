@@ -12,6 +12,7 @@ from skfem_joint.structure import Joint, Material, Structure
 
 E, DENSITY, NU, MU = 200e9, 8000.0, 0.3, 0.7
 WIDTH, THICKNESS = 0.05, 0.01
+EA = E * WIDTH * THICKNESS
 STEEL = Material(E, DENSITY, NU)
 #: Shape and order of the elements.
 ELEMENTS = [("line", 1), ("tri", 1), ("tri", 2), ("quad", 1), ("quad", 2),

@@ -20,7 +20,7 @@ from bodies import (
     mapped,
     pressed,
     structure,
-)  # fmt: skip
+)
 from scipy import sparse
 from scipy.linalg import eigh
 

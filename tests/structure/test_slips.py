@@ -22,7 +22,7 @@ from bodies import (
     structure,
     turned,
     two_bars,
-)  # fmt: skip
+)
 from scipy import sparse
 
 import skfem_joint as sj

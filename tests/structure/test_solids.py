@@ -7,19 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bodies import (
-    DENSITY,
-    ELEMENTS,
-    MU,
-    PLANE,
-    SOLID,
-    E,
-    block,
-    distorted,
-    mapped,
-    pressed,
-    structure,
-)
+from bodies import ELEMENTS, MU, PLANE, SOLID, STEEL, block, distorted, mapped, pressed, structure
 from scipy.sparse.linalg import eigsh, spsolve
 
 from skfem_joint.analysis.history import compare
@@ -27,9 +15,10 @@ from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate, merged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Load, Material, Structure
+from skfem_joint.structure import Load, Structure
 
 KINDS: Any = ["hexahedron", "tetrahedron"]
+NO_CONTRACTION = replace(STEEL, poisson=0.0)
 
 
 def slanted(body: NamedMesh, lean: float = 0.3) -> NamedMesh:
@@ -64,8 +53,7 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     Quadratic shape functions would give the vertices of a ten-node tetrahedron no force at all.
     """
     p, body = 3e6, slanted(block(shape, order, 3, (0.4, 0.3, 0.2)), 0.0)
-    no_contraction = Material(E, DENSITY, 0.0)
-    some = structure(body, [pressed("base", pressure=p)], fixed=(), material=no_contraction)
+    some = structure(body, [pressed("base", pressure=p)], fixed=(), material=NO_CONTRACTION)
     (patch,) = some.patches
     part = some.facet_basis(body.boundaries["base"])
     linear = np.array([np.ones_like(part.dx), *np.asarray(part.global_coordinates())])
@@ -76,7 +64,7 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     # The same pressure on the other side strains all of the body alike.
     system = some.system([Load("top", Harmonic(p, 1.0), quantity="pressure")], [])
     u = np.zeros_like(some.nodes)
-    u[:, -1] = -p / E * some.nodes[:, -1]
+    u[:, -1] = -p / STEEL.E * some.nodes[:, -1]
     (load,) = system.loads
     force = load.amplitude.amplitude * load.vector
     found = system.K @ (some.arrangement.inverse @ u.ravel())
@@ -101,9 +89,9 @@ def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind, elements)
             [p[0] + 0.02 * np.sin(np.pi * p[0]) * np.sin(40 * p[0] + 90 * p[1]), p[1:]]
         ),
     )
-    system = structure(body, material=Material(E, DENSITY, 0.0)).system()
+    system = structure(body, material=NO_CONTRACTION).system()
     squares = eigsh(system.K, depths.size, system.M, sigma=0.0, return_eigenvectors=False)
-    beam = 1.8751041**2 * depths * np.sqrt(E / DENSITY / 12.0)
+    beam = 1.8751041**2 * depths * np.sqrt(STEEL.E / STEEL.density / 12.0)
     np.testing.assert_allclose(np.sort(np.sqrt(squares)), beam, rtol=5e-3)
 
 
@@ -130,7 +118,7 @@ def alike(one: Run, other: Run, within: float) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_pulled_along_itself_without_contraction_a_solid_is_the_strut(kind, order):
     """Within 0.1 % in displacement and friction energy; thin, as the strut has no shear."""
-    common = {"stiffness_damping": 1e-5, "material": Material(E, DENSITY, 0.0)}
+    common = {"stiffness_damping": 1e-5, "material": NO_CONTRACTION}
     bar = build_bar([("joint", LENGTH, 200)], {"left": 0.0, "right": LENGTH})
     strut = structure(bar, [JOINT], width=WIDE, thickness=THIN, **common)
     body = build_box([("all", LENGTH, 40 // order)], (WIDE, THIN), (1, 1), kind=kind, order=order)
