@@ -211,7 +211,6 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
         ({"load": [harmonic(amplitude=0.0)], "reduction": {"reference": "self"}}, "nothing moves"),
         ({"joint": [joint(pressure=0.0)]}, r"needs friction in a joint|no force enters any joint"),
         ({"reduction": paper(modes=10**6)}, r"reduction\.modes: found 1000000, must be"),
-        ({"load": [harmonic("joint")]}, "a load acts inside it"),
     ],
 )
 def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(changes, words):

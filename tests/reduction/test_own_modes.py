@@ -1,4 +1,4 @@
-"""Modes of a structure's own run, and reduced models made of a system in one line."""
+"""Modes of a structure's own run."""
 
 from dataclasses import replace
 
@@ -104,25 +104,6 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     basis = make_basis(structure, bent, one, **steps, enriched=True, warn=warn)
     assert basis.missed > 0.5
     assert warn[-1].startswith("The 1 vectors of the reduced model cannot follow")
-
-
-def test_a_system_is_reduced_in_one_line():
-    structure, system = fig_18()
-    full_run = sj.integrate(system, cycles=6, steps_per_cycle=200)
-    small = sj.reduce(system, 10)
-    assert small.n == 10 + 1 + 2  # modes, the load's response, interface modes
-    assert 30 <= small.w.size <= 39
-    assert small.points == system.points
-    run = sj.integrate(small, cycles=6, steps_per_cycle=200, save=sj.Save(fields=True))
-    at = system.points.index("end")
-    difference = np.abs(run.point_u[:, at] - full_run.point_u[:, at]).max() / full_run.peak[at]
-    assert difference < 0.001
-    energies = run.cycles.friction[-1] / full_run.cycles.friction[-1]
-    assert energies == pytest.approx(1.0, abs=0.01)
-    nodes = structure.unpacked(small.expand(run.u))
-    assert nodes.shape == (len(run.u), structure.n_nodes, 1)
-    np.testing.assert_allclose(nodes[:, -1, 0], run.point_u[:, at], rtol=1e-9)
-    assert not nodes[:, 0].any()  # supported
 
 
 def test_a_run_of_ones_own_gives_the_modes():

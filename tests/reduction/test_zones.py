@@ -35,14 +35,6 @@ def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]
     return found
 
 
-def test_structure_of_fig_18_has_one_zone_at_the_junction():
-    (zone,) = active_zones(*fig_18())
-    assert zone.name == "joint"
-    assert zone.nodes[0] == 100
-    assert zone.length == pytest.approx(0.1, rel=1e-14)
-    assert zone.tau == pytest.approx(TAU, rel=1e-13)
-
-
 PARTS = {"left": 0.1, "right": 0.1, "joint": 0.1, "a": 0.2, "b": 0.2}
 
 
@@ -96,15 +88,17 @@ def test_numbering_of_the_mesh_does_not_matter():
         ("edge", [(0.1, 0.0)]),
         ("two", [(0.0, 0.1), (0.1, 0.0)]),
         ("bars", [(0.0, 0.1), (0.1, 0.0)]),
+        ("fig 18", [(0.1, 0.0)]),
     ],
 )
 def test_zones_of_plates_and_of_two_bodies(name, expected):
-    structure, system = two_bars() if name == "bars" else case(name)[:2]
+    make = {"bars": two_bars, "fig 18": fig_18}.get(name, lambda: case(name)[:2])
+    structure, system = make()
     assert ends(structure, system) == [("joint", *zone) for zone in expected]
     zone = active_zones(structure, system)[0]
     limit = 0.7 * structure.patches[0].clamping_force if name != "edge" else 0.5 * 100e6 * 1e-3
     assert zone.tau * zone.length == pytest.approx(limit, rel=1e-12)
-    assert zone.is_line == (name in ("edge", "bars"))
+    assert zone.is_line == (name in ("edge", "bars", "fig 18"))
 
 
 def test_solid_on_its_foot_has_a_zone_where_the_arm_begins():
