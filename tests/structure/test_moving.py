@@ -21,28 +21,19 @@ def cycle(system: sj.System, cycles: int = 1, steps: int = STEPS) -> Run:
 
 
 @cache
-def strut(elements: int, beta: float = 1e5) -> Run:
-    body = sj.build_bar([("joint", 0.25, elements)], {"left": 0.0, "right": 0.25})
-    some = structure(body, [pressed(beta=beta, normal_force="consistent")], stiffness_damping=1e-5)
+def strut() -> Run:
+    body = sj.build_bar([("joint", 0.25, 400)], {"left": 0.0, "right": 0.25})
+    some = structure(body, [pressed(normal_force="consistent")], stiffness_damping=1e-5)
     return cycle(some.system([sj.Load("right", REFERENCE)]), cycles=2)
 
 
 @cache
-def reference_plate(
-    kind: str, order: int, poisson: float, cells: tuple[int, int], beta: float = 1e5
-) -> Run:
+def reference_plate(kind: str, order: int, poisson: float, cells: tuple[int, int]) -> Run:
     """The paper's reference system as a plate of (along, across) elements."""
     body = sj.build_plate([("joint", 0.25, cells[0])], WIDTH, cells[1], kind=kind, order=order)
     material = replace(STEEL, poisson=poisson)
-    some = structure(body, [pressed(beta=beta)], material=material, stiffness_damping=1e-5)
+    some = structure(body, [pressed()], material=material, stiffness_damping=1e-5)
     return cycle(some.system([sj.Load("right", REFERENCE, (1.0, 0.0))], []), cycles=2)
-
-
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-def test_columns_of_quadrilaterals_without_contraction_move_as_the_strut(beta):
-    errors = compare(strut(40, beta), reference_plate("quadrilateral", 1, 0.0, (40, 2), beta))
-    assert errors.displacement_max < 1e-10
-    assert abs(errors.friction_energy) < 1e-10
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -50,7 +41,7 @@ def test_columns_of_quadrilaterals_without_contraction_move_as_the_strut(beta):
 def test_any_plate_without_contraction_is_the_strut_and_no_mesh_changes_its_friction(kind, order):
     """With 40 nodes along the joint; those that contract across are compared with a finer one."""
     finest = reference_plate("quadrilateral", 2, 0.3, (24, 3))
-    for exact, poisson, across in ((strut(400), 0.0, 2), (finest, 0.3, 4 // order)):
+    for exact, poisson, across in ((strut(), 0.0, 2), (finest, 0.3, 4 // order)):
         errors = compare(exact, reference_plate(kind, order, poisson, (40 // order, across)))
         assert errors.displacement_max < 1e-3
         assert errors.displacement_rms < 1e-3
