@@ -72,7 +72,7 @@ def test_curves_of_a_bar_converge_to_the_exact_ones(power):
         seen = found.level > 0.1 * found.slips_at
         ratio = found.frequency / found.stuck_frequency / frequency
         errors.append(np.abs([ratio - 1.0, found.friction_damping / damping - 1.0])[:, seen].max(1))
-        assert found.masing_error < 1e-8
+        assert found.masing_error < 1e-12
     assert errors[1][0] < errors[0][0] < 1e-4
     assert errors[1][1] < 0.6 * errors[0][1] < 6e-3
 
