@@ -31,10 +31,9 @@ class KilledError(Exception):
 @pytest.fixture
 def scene(tmp_path):
     def write(cycles=30, output="", run='"full", "reduced"'):
-        return written(
-            *(tmp_path, ("cycles = 3", f"cycles = {cycles}"), ('"full", "reduced"', run)),
-            *(("[reduction]\nmodes = 5\n", ""), ("every = 1", output)),
-        )
+        time, all_modes = ("cycles = 3", f"cycles = {cycles}"), ("[reduction]\nmodes = 5\n", "")
+        models, asked = ('"full", "reduced"', run), ("every = 1", output)
+        return written(tmp_path, time, all_modes, models, asked)
 
     return write
 
