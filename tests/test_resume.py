@@ -59,11 +59,6 @@ def assert_only_whole_files(folder: Path) -> int:
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 assert all(arrays[name].size >= 0 for name in arrays)
-        elif path.suffix in (".png", ".gif"):
-            from PIL import Image
-
-            with Image.open(path) as picture:
-                picture.load()
         elif path.suffix == ".csv":
             assert np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
         elif path.suffix in (".pvd", ".vtm"):
@@ -186,7 +181,7 @@ def test_a_limit_on_file_sizes_leaves_whole_files(scene, tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (60 * 1024, 60 * 1024))
 
-    arguments = [*["run", "--checkpoint-every", "100", "--out"], str(out), str(path)]
+    arguments = ["run", str(path), "--out", str(out), "--checkpoint-every", "100"]
     command = [sys.executable, "-m", "skfem_joint", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
     said = ended.stderr
