@@ -3,20 +3,15 @@
 import csv
 import json
 import os
-import pty
-import re
-import select
-import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scene_texts import with_changes
+from scene_texts import written
 
 from skfem_joint import __version__, cli
 from skfem_joint.analysis import error_time, study
@@ -25,7 +20,6 @@ from skfem_joint.output import folder
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parent.parent
-Write = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 
 
@@ -33,17 +27,10 @@ Capture = pytest.CaptureFixture[str]
 def scene(tmp_path):
     """Write the harmonic structure of ``examples/``, short, with some of its text replaced."""
 
-    def write(*changes):
+    def write(*changes, more=""):
         text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
-        short = (
-            ("../meshes/", f"{(ROOT / 'meshes').as_posix()}/"),
-            ("cycles = 12", "cycles = 2"),
-            ("vtk = true\nplots = true", "vtk = false\nplots = false"),
-        )
-        text = with_changes(text, *short, *changes)
-        path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
+        short = ("cycles = 12", "cycles = 2"), ("vtk = true\nplots = true", NO_OUTPUT)
+        return written(tmp_path, *short, *changes, text=text, more=more)
 
     return write
 
@@ -141,9 +128,7 @@ def test_check_says_what_each_joint_is_and_each_note_once(tmp_path, capsys):
     text = (ROOT / "examples" / "plate_reference.toml").read_text(encoding="utf-8")
     table = "pressure = { positions = [-1.0, 0.0, 0.3], values = [0.0, 9e6, 2e6] }"
     changes = (("pressure = 8e6", table), ("thickness = 0.01", "thickness = 10.0"))
-    text = with_changes(text, ("../meshes", (ROOT / "meshes").as_posix()), *changes)
-    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
-    assert cli.main(["check", str(tmp_path / "scene.toml")]) == 0
+    assert cli.main(["check", str(written(tmp_path, *changes, text=text))]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "1 body, 1000 elements of order 1." in lines
     (joint,) = [line for line in lines if line.startswith("Joint joint: 1100 contact points")]
@@ -271,38 +256,6 @@ def test_run_that_does_not_converge_ends_with_3(scene, tmp_path, capsys, monkeyp
     assert files_below(out) == []
 
 
-def test_ctrl_c_on_a_terminal(scene, tmp_path):
-    out = tmp_path / "out"
-    path = scene(FULL_ONLY, ("cycles = 2", "cycles = 100000"), ("every = 1", "every = 1000"))
-    master, terminal = pty.openpty()
-    with (
-        os.fdopen(master, "rb", buffering=0) as screen,
-        subprocess.Popen(
-            command("run", path, "--out", out), stdout=subprocess.PIPE, stderr=terminal, text=True,
-            env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
-            # A shell's job ignores it.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        ) as process,
-    ):  # fmt: skip
-        os.close(terminal)
-        try:
-            shown = b""
-            while not re.search(rb"[1-9]\d*%", shown):  # the bar moves: steps are being done
-                assert select.select([screen], [], [], 60.0)[0], shown
-                shown += screen.read(4096)
-            process.send_signal(signal.SIGINT)
-            printed, _ = process.communicate(timeout=60.0)
-        finally:
-            process.kill()
-    assert b"full model" in shown
-    assert process.returncode == 130
-    assert "interrupted in the full model" in printed
-    steps = json.loads((out / "summary.json").read_text())["models"]["full"]["steps"]
-    assert 0 < steps < 20_000_000
-    with np.load(out / "history.npz", allow_pickle=False) as history:
-        assert abs(history["time"].size - 1 - steps / 1000) <= 1
-
-
 def test_points_may_have_any_name(tmp_path, scene):
     from skfem_joint.mesh import build_bar, write_mesh
 
@@ -348,8 +301,7 @@ def earlier(out: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["backbone", "response"])
 def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tmp_path, capsys):
-    path, out = scene(), earlier(tmp_path / "out")
-    path.write_text(path.read_text(encoding="utf-8") + STEADY, encoding="utf-8")
+    path, out = scene(more=STEADY), earlier(tmp_path / "out")
     assert cli.main([name, str(path), "--out", str(out)]) == 0
     more = {"ring_down.csv"} if name == "backbone" else set()
     ours = {f"{name}.csv", f"{name}.png", "summary.json"} | more
@@ -407,11 +359,7 @@ def test_error_time_replaces_what_was_there(scene, tmp_path, monkeypatch, capsys
     ("command", "table", "says"),
     [
         ("response", "", "response: missing"),
-        (
-            "response",
-            "[response]\nfrequencies = { from = 0.0, to = 1.0 }\n",
-            "response.frequencies",
-        ),
+        ("response", "[response]\nfrequencies = { from = 0, to = 1 }\n", "response.frequencies"),
         ("run --workers 2", "", "--certify"),
         ("run --checkpoint-every=0", "", "--checkpoint-every: found 0"),
         ("backbone", "[backbone]\nmodes = [5000]\n", "there are"),
@@ -422,8 +370,7 @@ def test_error_time_replaces_what_was_there(scene, tmp_path, monkeypatch, capsys
     ],
 )
 def test_what_a_command_cannot_be_asked_for(command, table, says, scene, tmp_path, capsys):
-    path = scene()
-    path.write_text(f"{path.read_text(encoding='utf-8')}\n{table}", encoding="utf-8")
+    path = scene(more=f"\n{table}")
     assert cli.main([*command.split(), str(path), "--out", str(tmp_path / "out")]) == 2
     assert says in capsys.readouterr().err
 

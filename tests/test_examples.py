@@ -50,10 +50,15 @@ def test_the_reduced_structure_is_small_and_close_to_the_full_one(run):
     found = run("reduced_structure")
     small, full = found["small"], found["system"]
     assert (full.n, full.contact_points) == (200, 100)
-    assert (small.n, found["last"].shape) == (13, (201, 1))
+    # Modes, the load's response, interface modes.
+    assert (small.n, found["last"].shape) == (10 + 1 + 2, (201, 1))
+    assert 30 <= small.w.size <= 39
+    assert small.points == full.points
+    assert found["errors"].by_point["free_end"][1] < 0.001
     assert abs(found["errors"].peak_displacement) < 0.001
     assert abs(found["errors"].friction_energy_per_cycle) < 0.01
-    tip = found["last"][-1, 0]
+    (wall,), (tip,) = found["last"][[0, -1]]
+    assert wall == 0.0
     assert tip == pytest.approx(found["reduced"].point_u[-1, 0], rel=1e-12)
 
 
@@ -70,9 +75,6 @@ def test_bolted_plates_hold_as_much_as_their_bolts_press(run):
     found = run("bolted_plates")
     assert found["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
     assert found["run"].energy_residual < 1e-11
-    loose = found["structure"].patches[0]
-    slip = found["run"].slip_peak[loose.points]
-    assert np.all(slip >= 0.0)
     assert found["run"].cycles.friction[-1] > 0.0
 
 

@@ -45,13 +45,13 @@ def library(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     return str(request.param)
 
 
-def test_a_factor_solves_a_matrix_that_is_not_definite(library: str) -> None:
+def test_a_factor_solves_a_matrix_that_is_not_definite(library):
     for A in (sparse.csr_array([[1.0, 2.0], [2.0, 1.0]]), grid((14, 14, 14)) - 1.3 * eye(14**3)):
         x = np.sin(1.0 + np.arange(A.shape[0]))
         np.testing.assert_allclose(factorised(A)(A @ x), x, atol=1e-9)
 
 
-def test_factors_stand_beside_each_other(library: str) -> None:
+def test_factors_stand_beside_each_other(library):
     A = grid((14, 14, 14))
     x = np.sin(1.0 + np.arange(A.shape[0]))
     solvers = [factorised(A + shift * eye(x.size)) for shift in range(4)]
@@ -65,9 +65,7 @@ def test_factors_stand_beside_each_other(library: str) -> None:
 @pytest.mark.parametrize("apart", [False, True])
 @pytest.mark.parametrize("shape", [(200,), (14, 14, 14)])
 @pytest.mark.parametrize("dense", [False, True])
-def test_what_is_condensed_follows(
-    shape: tuple[int, ...], apart: bool, dense: bool, library: str
-) -> None:
+def test_what_is_condensed_follows(shape, apart, dense, library):
     """The complement is the inverse of the inverse's part, for bodies that are apart too."""
     if dense and (apart or len(shape) == 3):
         return

@@ -18,17 +18,14 @@ class Clock:
     def __init__(self) -> None:
         self.now = 1000.0
         self.said: list[tuple[float, str]] = []
-        bar = Bar(
-            console=Console(file=io.StringIO()),
-            get_time=lambda: self.now,
-            speed_estimate_period=PACE_S,
-        )
+        console = Console(file=io.StringIO())
+        bar = Bar(console=console, get_time=lambda: self.now, speed_estimate_period=PACE_S)
         self.progress = told(bar, lambda line: self.said.append((self.now, line)))
 
-    def steps(self, seconds: float, first: int, last: int, total: int, label: str = "run") -> None:
+    def steps(self, seconds: float, first: int, last: int, total: int) -> None:
         for done in range(first, last + 1):
             self.now += seconds
-            self.progress(label, done, total)
+            self.progress("run", done, total)
 
 
 def left(line: str) -> float:

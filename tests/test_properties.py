@@ -71,9 +71,6 @@ def test_any_valid_scene_keeps_the_invariants(part):
         assert run.counters.steps == scene.n_steps
 
 
-# Invalid scenes
-
-
 def leaves(value: Any, path: Path = ()) -> list[Path]:
     """Paths of all numbers and words in tables."""
     if isinstance(value, dict):

@@ -4,11 +4,9 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from paper import cases
+from paper import cases, pseudo_static
 from paper.cases import CASES, DEFAULT, MOVED, PLAIN, difference, energy_error, run
 from paper.page import judged_reduced, limit_of, percent, printed, words
-
-from skfem_joint.analysis import pseudo_static
 
 CASE, STEPS = CASES["I"], 400
 TIME = {"cycles": 6, "steps_per_cycle": STEPS}

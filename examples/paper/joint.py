@@ -5,10 +5,10 @@ from functools import cache
 from math import inf, pi, tan
 
 import numpy as np
+from paper import pseudo_static
 from paper.cases import CASES, STIFFNESS, friction, loop_area, peak, run
 from paper.page import percent
 
-from skfem_joint.analysis import pseudo_static
 from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.friction import force as friction_force
 from skfem_joint.reduction import reference as package

@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 from typing import Any
 
+import pytest
+
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged
 from skfem_joint.scene import Scene, scene_from
 
 WIDTH, THICKNESS, MU = 0.05, 0.01, 0.7
 LENGTH, ELEMENTS = 0.25, 25
 
+STRUCTURE = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
 #: Regions and points of bars; all are held at ``fixed``.
 BARS: dict[str, tuple[list[tuple[str, float, int]], dict[str, float]]] = {
     # The structure of Fig. 18.
-    "structure": (
-        [("joint", 0.1, 100), ("linear", 0.5, 100)],
-        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
-    ),
+    "structure": ([("joint", 0.1, 100), ("linear", 0.5, 100)], STRUCTURE),
     "two_joints": (
         [("left", 0.1, 50), ("middle", 0.4, 40), ("right", 0.1, 50)],
         {"fixed": 0.0, "centre": 0.3, "end": 0.6},
@@ -24,13 +24,23 @@ BARS: dict[str, tuple[list[tuple[str, float, int]], dict[str, float]]] = {
         [("a", 0.2, 20), ("joint", 0.2, 100), ("b", 0.2, 20)],
         {"fixed": 0.0, "mouth": 0.2, "free_end": 0.6},
     ),
-    "coarse": (
-        [("joint", 0.1, 4), ("linear", 0.5, 10)],
-        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
-    ),
+    "coarse": ([("joint", 0.1, 4), ("linear", 0.5, 10)], STRUCTURE),
     "lap_joint": ([("joint", LENGTH, 100)], {"fixed": 0.0, "free_end": LENGTH}),
     "short_lap_joint": ([("joint", LENGTH, 40)], {"fixed": 0.0, "free_end": LENGTH}),
 }
+
+
+def steps_taken(patch: pytest.MonkeyPatch, module: Any) -> list[int]:
+    """Steps of each run that a module makes from now on."""
+    taken, real = [], module.integrate
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        run = real(*arguments, **options)
+        taken.append(run.counters.steps)
+        return run
+
+    patch.setattr(module, "integrate", counted)
+    return taken
 
 
 def harmonic(
@@ -105,13 +115,8 @@ def plate_scene(*run: str, mesh: NamedMesh | None = None, **changes: Any) -> Sce
 def two_plates(*run: str, **changes: Any) -> Scene:
     """Two plates of 0.2 m that overlap by 0.1 m, pulled apart with half of what friction holds."""
     lower = build_plate([("linear", 0.1, 3), ("joint", 0.1, 4)], WIDTH, 2)
-    upper = build_plate(
-        [("upper_joint", 0.1, 5), ("upper_linear", 0.1, 3)],
-        WIDTH,
-        2,
-        origin=(0.1, 0.0),
-        prefix="upper_",
-    )
+    strips = [("upper_joint", 0.1, 5), ("upper_linear", 0.1, 3)]
+    upper = build_plate(strips, WIDTH, 2, origin=(0.1, 0.0), prefix="upper_")
     values: dict[str, Any] = {
         "joint": [{"on": "upper_joint", "against": "joint", "pressure": 8e6, "friction": MU}],
         "load": [harmonic("upper_right", 14e3, 1000.0) | {"direction": [1.0, 0.0]}],

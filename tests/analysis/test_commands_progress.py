@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import pty
 import re
@@ -17,29 +18,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_files import MESHES
 from rich.console import Console
 from rich.progress import Progress as Bar
-from scene_texts import GOOD, with_changes
+from scene_texts import written
+from stepping_systems import arm
 
 from skfem_joint.analysis.backbone import CHECKED, INCREMENTS, TRIALS, backbone
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import build_bar
 from skfem_joint.progress import told as telling
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.steady import CHANGE
-from skfem_joint.structure import Joint, Load, Material, Structure
-from skfem_joint.system import System
 
-
-def bar() -> System:
-    mesh = build_bar([("joint", 0.2, 20), ("free", 0.5, 20)], {"fixed": 0.0, "end": 0.7})
-    structure = Structure(
-        mesh, Material(200e9, 8000.0), width=0.05, thickness=0.01, fixed=["fixed"],
-        joints=[Joint("joint", 50e6, 0.7, beta=np.inf)], stiffness_damping=1e-6,
-    )  # fmt: skip
-    return structure.system([Load("end", Harmonic(30e3, 2025.0))])
+BAR = arm(Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
 
 
 def told_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
@@ -49,10 +40,10 @@ def told_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
 
 
 @pytest.mark.parametrize("estimated", [True, False])
-def test_a_response_tells_every_vibration_that_it_looks_for(estimated: bool) -> None:
+def test_a_response_tells_every_vibration_that_it_looks_for(estimated):
     frequencies, levels = np.linspace(1900.0, 2100.0, 5), (0.5, 1.0)
     curves, told = told_by(
-        lambda tell: response(bar(), frequencies, levels, estimated=estimated, progress=tell)
+        lambda tell: response(BAR, frequencies, levels, estimated=estimated, progress=tell)
     )
     looked_for = sum(len(curve.points) for curve in curves) * (2 if estimated else 1)
     found = [one for one in told if len(one) == 2]
@@ -62,9 +53,9 @@ def test_a_response_tells_every_vibration_that_it_looks_for(estimated: bool) -> 
     assert found[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
 
 
-def test_a_backbone_tells_every_level_and_part_of_a_loop() -> None:
+def test_a_backbone_tells_every_level_and_part_of_a_loop():
     levels = 6
-    _, told = told_by(lambda tell: backbone(bar(), (1, 2), levels, progress=tell))
+    _, told = told_by(lambda tell: backbone(BAR, (1, 2), levels, progress=tell))
     trials = len(told) - 2 * (levels + CHECKED * INCREMENTS)  # for where a joint slips as a whole
     assert 0 <= trials <= 2 * TRIALS
     assert [done for done, _ in told] == list(range(1, len(told) + 1))
@@ -72,9 +63,9 @@ def test_a_backbone_tells_every_level_and_part_of_a_loop() -> None:
     assert told[0][1] >= len(told) - trials
 
 
-def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from_it() -> None:
+def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from_it():
     run, told = told_by(
-        lambda tell: integrate(bar(), until="steady", steps_per_cycle=100, progress=tell)
+        lambda tell: integrate(BAR, until="steady", steps_per_cycle=100, progress=tell)
     )
     notes = dict.fromkeys(note.partition(", change ")[2] for *_, note in told)
     changes = [float(note.split()[0]) for note in notes if note]
@@ -84,7 +75,7 @@ def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from
     assert changes[-1] <= CHANGE < changes[-2]
 
 
-def test_a_line_holds_the_note_of_what_cannot_be_counted() -> None:
+def test_a_line_holds_the_note_of_what_cannot_be_counted():
     now, said = [0.0], list[str]()
     progress = telling(
         Bar(console=Console(file=io.StringIO()), get_time=lambda: now[0]), said.append
@@ -95,39 +86,22 @@ def test_a_line_holds_the_note_of_what_cannot_be_counted() -> None:
     assert said == ["full model: 3.5 periods", "full model: 3 of 40, 3.5 periods"]
 
 
-#: Changes of the scene that make each command search for longer than anybody waits.
-LONG = {
-    "backbone": "levels = 20_000",
-    "response": "frequencies = { from = 400.0, to = 600.0, points = 200 }",
-    "run": "",
-}
-
-
-@pytest.mark.parametrize("command", LONG)
-def test_ctrl_c_ends_a_search_within_a_second(tmp_path: Path, command: str) -> None:
-    """On a terminal, which shows a live line: status 130, no traceback, no files."""
-    path, out = tmp_path / "scene.toml", tmp_path / "out"
-    text = with_changes(
-        GOOD,
-        ("bar.msh", (MESHES / "structure.msh").as_posix()),
-        ("cycles = 3", 'until = "steady"\nsteps_per_cycle = 20000'),
-        ('["full", "reduced"]', '["full"]'),
-        ("[output]", "[damping]\nstiffness = 1e-12\n[output]"),
-    )
-    path.write_text(text + (f"[{command}]\n{LONG[command]}\n" if LONG[command] else ""))
+def interrupted(pattern: bytes, *arguments: str | Path) -> tuple[int, bytes, float]:
+    """Status of a command whose terminal gets Ctrl-C once it shows a pattern, all, and seconds."""
     master, terminal = pty.openpty()
     with (
         os.fdopen(master, "rb", buffering=0) as screen,
         subprocess.Popen(
-            [sys.executable, "-m", "skfem_joint", command, str(path), "--out", str(out)],
+            [sys.executable, "-m", "skfem_joint", *map(str, arguments)],
             stdout=terminal, stderr=terminal, env={**os.environ, "TERM": "xterm", "COLUMNS": "150"},
+            # A shell's job ignores it.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         ) as process,
     ):  # fmt: skip
         os.close(terminal)
         try:
             shown = b""
-            while not re.search(rb"full model.*\d%|[1-9][.]\d periods", shown):
+            while not re.search(pattern, shown):
                 assert select.select([screen], [], [], 60.0)[0], shown
                 shown += screen.read(4096)
             begin = time.monotonic()
@@ -137,11 +111,42 @@ def test_ctrl_c_ends_a_search_within_a_second(tmp_path: Path, command: str) -> N
                     shown += screen.read(4096)
                 except OSError:  # the other end is closed
                     break
-            status, passed = process.wait(60.0), time.monotonic() - begin
+            return process.wait(60.0), shown, time.monotonic() - begin
         finally:
             process.kill()
+
+
+#: Tables that make each command search for longer than anybody waits.
+LONG = {
+    "backbone": "[backbone]\nlevels = 20_000",
+    "response": "[response]\nfrequencies = { from = 400.0, to = 600.0, points = 200 }",
+    "run": "",
+}
+FULL = ('["full", "reduced"]', '["full"]')
+
+
+@pytest.mark.parametrize("command", LONG)
+def test_ctrl_c_ends_a_search_within_a_second(tmp_path, command):
+    """On a terminal, which shows a live line: status 130, no traceback, no files."""
+    steady = ("cycles = 3", 'until = "steady"\nsteps_per_cycle = 20000')
+    damping = ("[output]", "[damping]\nstiffness = 1e-12\n[output]")
+    path, out = written(tmp_path, steady, FULL, damping, more=LONG[command]), tmp_path / "out"
+    pattern = rb"full model.*\d%|[1-9][.]\d periods"
+    status, shown, passed = interrupted(pattern, command, path, "--out", out)
     assert status == 130, shown
     assert b"interrupted" in shown
     assert b"Traceback" not in shown
     assert not out.exists() or not [file for file in out.rglob("*") if file.is_file()]
     assert passed < 5.0  # a second where nothing else runs
+
+
+def test_ctrl_c_in_a_run_keeps_the_steps_that_are_done(tmp_path):
+    path = written(tmp_path, ("cycles = 3", "cycles = 100000"), FULL, ("every = 1", "every = 1000"))
+    out = tmp_path / "out"
+    status, shown, _ = interrupted(rb"full model.*[1-9]\d*%", "run", path, "--out", out)
+    assert status == 130
+    assert b"interrupted in the full model" in shown
+    steps = json.loads((out / "summary.json").read_text())["models"]["full"]["steps"]
+    assert 0 < steps < 20_000_000
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert abs(history["time"].size - 1 - steps / 1000) <= 1

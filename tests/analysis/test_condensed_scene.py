@@ -35,36 +35,31 @@ def test_it_stands_between_full_and_reduced_in_all_results():
     assert [*study.models] == ["full", "condensed", "reduced"]
     assert reduced.run.system.n < model.run.system.n < full.run.system.n
     assert model.run.system.contact_points == full.run.system.contact_points
-    assert model.errors.displacement_max < min(1e-3, reduced.errors.displacement_max)
+    assert model.errors.displacement_max < min(1e-5, reduced.errors.displacement_max)
     found, true = (model_summary(study, m)["joints"]["joint"] for m in (model, full))
     for name, value in true.items():
-        assert found[name] == (value and pytest.approx(value, rel=1e-3)), name
+        assert found[name] == (value and pytest.approx(value, rel=1e-5)), name
     assert model.estimate.of("law", "friction_energy") == 0.0
     system = study.system
     for name in ("slips", "normalised_friction"):
         own, right = (np.array(getattr(m, name)(system)) for m in (model, full))
         assert np.abs(own - right).max() < 1e-2 * np.abs(right).max()
     work, right = (friction_work(study, m) for m in (model, full))
-    assert np.abs(work - right).max() < 1e-3 * right.max()
+    assert np.abs(work - right).max() < 1e-5 * right.max()
     assert needed(study.scene)["condensed model"] > 0
 
 
 def test_backbone_and_response_agree_with_the_full_model():
-    scene = condensed(
-        "condensed",
-        "full",
-        backbone={"modes": [1], "levels": 5},
-        response={
-            "frequencies": {"from": 400.0, "to": 800.0, "points": 2},
-            "levels": [7e3],
-        },
-        accuracy={"estimate": False},
-    )
+    tables = {
+        "backbone": {"modes": [1], "levels": 5},
+        "response": {"frequencies": {"from": 400.0, "to": 800.0, "points": 2}, "levels": [7e3]},
+        "accuracy": {"estimate": False},
+    }
+    scene = condensed("condensed", "full", **tables)
     _, model = scene_backbone(scene).models
     assert model.name == "condensed"
-    assert max(model.errors[0].values()) < 1e-2
+    assert max(model.errors[0].values()) < 1e-10
     full, other = (m.curves[0] for m in scene_response(scene).models)
-    assert other.column("amplitude") == pytest.approx(full.column("amplitude"), rel=1e-3)
-    assert other.column("friction_energy") == pytest.approx(
-        full.column("friction_energy"), rel=1e-2
-    )
+    assert other.column("amplitude") == pytest.approx(full.column("amplitude"), rel=1e-5)
+    energy = full.column("friction_energy")
+    assert other.column("friction_energy") == pytest.approx(energy, rel=1e-5)

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.estimates import judged, report, scenes
-from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene
+from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
+from skfem_joint.analysis import estimate
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import how_of
 from skfem_joint.analysis.estimate import again, of_full
@@ -16,7 +17,6 @@ from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scen
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 
 
@@ -105,12 +105,8 @@ def test_scenes_at_random_state_their_errors(kind, count):
 
 @pytest.mark.parametrize("steps", [8, 25, 50])
 def test_time_step_of_a_resonant_joint_is_told(steps):
-    scene = bar_scene(
-        "full",
-        load=[harmonic(frequency=2200.0)],
-        damping={"stiffness": 1e-7},
-        time={"cycles": 40, "steps_per_cycle": steps},
-    )
+    resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
+    scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
     how, system = how_of(scene), scene.system()
     run = again(system, how)
     stated = of_full(system, run, how).of("total", "displacement_rms") or 0.0
@@ -119,35 +115,18 @@ def test_time_step_of_a_resonant_joint_is_told(steps):
     assert 0.5 * true < stated < 3.0 * true
 
 
-@pytest.fixture
-def taken(monkeypatch):
-    """Steps of each run that an estimate makes."""
-    counts: list[int] = []
-
-    def counted(*arguments, **options):
-        run = integrate(*arguments, **options)
-        counts.append(run.counters.steps)
-        return run
-
-    monkeypatch.setattr("skfem_joint.analysis.estimate.integrate", counted)
-    return counts
-
-
-def test_a_full_estimate_takes_half_the_steps(taken):
+def test_a_full_estimate_takes_half_the_steps(monkeypatch):
+    taken = steps_taken(monkeypatch, estimate)
     run_scene(bar_scene("full", time={"cycles": 2}))
     assert taken == [200]
 
 
 @pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
-def test_looks_end_where_the_reduced_run_has_settled(taken, frequency, settles):
-    run_scene(
-        bar_scene(
-            "reduced",
-            load=[harmonic(frequency=frequency)],
-            damping={"stiffness": 1e-5 if settles else 1e-7},
-            time={"cycles": 12, "steps_per_cycle": 100},
-        )
-    )
+def test_looks_end_where_the_reduced_run_has_settled(monkeypatch, frequency, settles):
+    taken = steps_taken(monkeypatch, estimate)
+    damped = {"damping": {"stiffness": 1e-5 if settles else 1e-7}}
+    time = {"cycles": 12, "steps_per_cycle": 100}
+    run_scene(bar_scene("reduced", load=[harmonic(frequency=frequency)], time=time, **damped))
     assert taken[-1] == 50 * (4 if settles else 12)  # twice the step
     assert set(taken[:-1]) == {400 if settles else 1200}  # the run itself is not made again
 
@@ -181,13 +160,7 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension):
 
 
 def test_the_step_of_a_full_model_is_found_on_a_reduced_one(monkeypatch):
-    taken = []
-
-    def counted(system, **options):
-        taken.append(options["n_steps"])
-        return integrate(system, **options)
-
-    monkeypatch.setattr(study_module, "integrate", counted)
+    taken = steps_taken(monkeypatch, study_module)
     time = {"cycles": 4, "steps_per_cycle": 25}
     study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
     assert taken == [study.scene.n_steps]

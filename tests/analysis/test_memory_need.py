@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from joint_scenes import LENGTH, WIDTH, bar_scene, plate, plate_scene
+from joint_scenes import BARS, LENGTH, WIDTH, bar_scene, plate, plate_scene
 
 import skfem_joint as sj
 from skfem_joint.analysis import memory
@@ -19,20 +19,13 @@ BOTH = ("full", "reduced")
 
 
 def bar(
-    *run: str,
-    elements: int = 20,
-    cycles: int = 20,
-    steps: int = 200,
-    reference: str = "paper",
+    *run: str, elements: int = 20, cycles: int = 20, steps: int = 200, reference: str = "paper",
     **output: Any,
-) -> Scene:
-    mesh = sj.build_bar(
-        [("joint", 0.1, elements), ("linear", 0.5, elements)],
-        {"fixed": 0.0, "junction": 0.1, "free_end": 0.6},
-    )
+) -> Scene:  # fmt: skip
+    strips = [("joint", 0.1, elements), ("linear", 0.5, elements)]
     return bar_scene(
         *(run or ("full",)),
-        bar=mesh,
+        bar=sj.build_bar(strips, BARS["structure"][1]),
         time={"cycles": cycles, "steps_per_cycle": steps},
         reduction={"reference": reference},
         output=output,

@@ -33,10 +33,9 @@ def test_small_and_large_loads_go_to_the_linear_limits():
 def test_peaks_are_found_and_fall_with_the_level():
     system = bar()
     levels = np.array([0.03, 0.1, 0.3]) * system.w.sum()
+    asked = np.linspace(1600.0, 2600.0, 11)
     with ThreadPoolExecutor(1) as executor:
-        curves = sj.response(
-            system, np.linspace(1600.0, 2600.0, 11), levels.tolist(), executor=executor
-        )
+        curves = sj.response(system, asked, levels.tolist(), executor=executor)
     peaks = np.array([curve.peak for curve in curves])
     assert np.all(np.diff(peaks[:, 0]) < 0.0)
     fine = np.linspace(0.995, 1.005, 5) * peaks[1, 0]
@@ -53,7 +52,7 @@ def test_peaks_are_found_and_fall_with_the_level():
 def test_the_peak_lies_on_the_backbone_where_no_harmonic_meets_a_mode():
     system = bar(tip=3.0)  # frequencies 1 : 4.3 : 8.3
     (curve,) = sj.backbone(system, levels=15, up_to=0.4)
-    (down,) = [sj.ring_down(system, curve, 30)]
+    down = sj.ring_down(system, curve, 30)
     seen = (down.amplitude > curve.amplitude[0]) & (down.amplitude < 0.8 * curve.amplitude[-1])
     frequency = np.interp(down.amplitude[seen], curve.amplitude, curve.frequency)
     damping = np.interp(down.amplitude[seen], curve.amplitude, curve.damping_ratio)
@@ -88,14 +87,11 @@ def test_bad_frequencies_and_levels_are_refused(frequencies, levels, says):
         sj.response(bar(), np.array(frequencies), levels)
 
 
-def test_loads_at_another_frequency_keep_their_shape():
-    moved = at_frequency(bar(), 500.0, 3.0).loads[0].amplitude
+def test_loads_at_another_frequency_keep_their_shape_and_pulses_have_none():
+    system = bar()
+    moved = at_frequency(system, 500.0, 3.0).loads[0].amplitude
     times = np.linspace(0.0, 2e-3, 9)
     assert moved(times) == pytest.approx(3.0 * np.sin(2.0 * np.pi * 500.0 * times))
-
-
-def test_a_pulse_beside_a_harmonic_is_refused():
-    system = bar()
     pulse = replace(system.loads[0], amplitude=sj.HalfSine(1.0, 1e-3))
     with pytest.raises(sj.InputError, match="harmonic"):
         at_frequency(replace(system, loads=(*system.loads, pulse)), 500.0)

@@ -17,6 +17,7 @@ from joint_scenes import (
     joint,
     plate,
     plate_scene,
+    steps_taken,
     two_plates,
 )
 
@@ -152,15 +153,9 @@ def test_one_model_alone_is_integrated_once_and_not_compared(structure_study, mo
     assert model.errors is None
     assert model.run.peak == pytest.approx(structure_study.models["reduced"].run.peak, rel=1e-12)
     assert set(model.active_area_fraction) == {"joint"}
-    calls, real = [], study_module.integrate
-
-    def counted(*args, **options):
-        calls.append(args)
-        return real(*args, **options)
-
-    monkeypatch.setattr(study_module, "integrate", counted)
+    taken = steps_taken(monkeypatch, study_module)
     assert list(run_bar("full", time={"cycles": 2}).models) == ["full"]
-    assert len(calls) == 1
+    assert taken == [400]
 
 
 @pytest.mark.parametrize(
@@ -213,13 +208,9 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
     ("changes", "words"),
     [
         ({"load": [harmonic(amplitude=0.0)]}, r"nothing moves|no force|loads are zero"),
-        (
-            {"load": [harmonic(amplitude=0.0)], "reduction": {"reference": "self"}},
-            "nothing moves",
-        ),
+        ({"load": [harmonic(amplitude=0.0)], "reduction": {"reference": "self"}}, "nothing moves"),
         ({"joint": [joint(pressure=0.0)]}, r"needs friction in a joint|no force enters any joint"),
         ({"reduction": paper(modes=10**6)}, r"reduction\.modes: found 1000000, must be"),
-        ({"load": [harmonic("joint")]}, "a load acts inside it"),
     ],
 )
 def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(changes, words):
@@ -270,7 +261,9 @@ def test_plate_without_poisson_effect_is_the_bar(law):
         time={"cycles": 3, "steps_per_cycle": 100},
     )
     full, bar = results.models["full"], strut.models["full"]
-    assert full.run.friction_work.sum() == pytest.approx(bar.run.friction_work.sum(), rel=1e-6)
+    assert full.run.friction_work.sum() == pytest.approx(bar.run.friction_work.sum(), rel=1e-9)
+    off = full.run.point_u[:, 0] - bar.run.point_u[:, 0]
+    assert np.abs(off).max() < 1e-10 * bar.run.peak[0]
     assert bar.active_length["joint"] / LENGTH == pytest.approx(
         full.active_area_fraction["joint"], abs=1.5 / ELEMENTS
     )

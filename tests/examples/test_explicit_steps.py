@@ -85,7 +85,7 @@ def test_stable_step_is_the_edge(damping):
 def test_explicit_and_implicit_schemes_agree(kind):
     system, duration, share = {
         "chain": (LapJoint(elements=10, beta=10.0).system, 4e-4, 0.9),
-        "plate": (reference_plate(10.0, (4, 2))[1], 1e-4, 0.9),
+        "plate": (reference_plate(10.0, (4, 2)), 1e-4, 0.9),
         "dense": (replace(dense_system(singles=4), beta=np.full(10, 10.0)), 4.0, 0.05),
     }[kind]
     steps = int(np.ceil(duration / (share * stable_step(system))))

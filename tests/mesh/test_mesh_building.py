@@ -13,11 +13,12 @@ from skfem_joint.mesh import build_bar, build_box, build_plate
 
 PER_CELL = {"triangle": 2, "tetrahedron": 6}
 SIDES = {"left": 0.05, "right": 0.05, "bottom": 0.6, "top": 0.6}
+PLACES = {"left": -0.1, "right": 0.7, "bottom": 0.2, "top": -0.15, "front": -0.3, "back": 0.32}
 FACES = {name: 0.02 * size for name, size in SIDES.items()} | {"front": 0.03, "back": 0.03}
 
 
 @pytest.mark.parametrize(("kind", "order"), KINDS)
-def test_built_mesh_has_its_sizes_and_names(kind, order):
+def test_built_mesh_has_its_sizes_names_and_places(kind, order):
     mesh = strip(kind, order)
     cells = 8 * (1, 4, 8)[mesh.dim - 1]
     assert (mesh.kind, mesh.order, mesh.path, mesh.notes) == (kind, order, "", ())
@@ -27,28 +28,18 @@ def test_built_mesh_has_its_sizes_and_names(kind, order):
     whole = SIZES[mesh.dim]
     expected = {"linear": whole * 5 / 6, "joint": whole / 6}
     assert region_sizes(mesh) == pytest.approx(expected, rel=1e-13)
-    assert boundary_sizes(mesh) == pytest.approx(({}, SIDES, FACES)[mesh.dim - 1])
+    expected = ({}, SIDES, FACES)[mesh.dim - 1]
+    assert boundary_sizes(mesh) == pytest.approx(expected, rel=1e-13)
+    for name, size in expected.items():  # outward flux of the position, by scikit-fem
+        basis = skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=name)
+        flux = skfem.Functional(lambda w: dot(w.n, w.x)).assemble(basis)
+        assert flux == pytest.approx(PLACES[name] * size, rel=1e-12)
     places = {name: mesh.coordinates[at].tolist() for name, at in mesh.points.items()}
     tip, foot = [0.7, -0.15, 0.32], [0.1, -0.2, 0.3]
     for unused in range(mesh.dim, 3):
         tip[unused], foot[unused] = (-0.2, -0.2) if unused == 1 else (0.0, 0.0)
     assert places == {"tip": pytest.approx(tip), "foot": pytest.approx(foot)}
     assert not mesh.body.any()
-
-
-@pytest.mark.parametrize(("kind", "order"), FLAT_AND_SOLID)
-def test_named_facets_lie_where_they_should_for_scikit_fem(kind, order):
-    """Their outward flux of the position, and the size of the joint, by scikit-fem."""
-    mesh = strip(kind, order)
-
-    @skfem.Functional
-    def outward(w):
-        return dot(w.n, w.x)
-
-    place = {"left": -0.1, "right": 0.7, "bottom": 0.2, "top": -0.15, "front": -0.3, "back": 0.32}
-    for name, size in boundary_sizes(mesh).items():
-        basis = skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=name)
-        assert outward.assemble(basis) == pytest.approx(place[name] * size, rel=1e-12)
 
 
 @pytest.mark.parametrize(("kind", "order"), FLAT_AND_SOLID)

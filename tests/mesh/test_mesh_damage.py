@@ -8,16 +8,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from mesh_files import (
-    KINDS,
-    Cells,
-    assert_same,
-    msh22,
-    saved,
-    sizes,
-    strip,
-    tip_compliance,
-)
+from mesh_files import KINDS, Cells, assert_same, msh22, saved, sizes, strip, tip_compliance
 from stability.mutated import damaged
 
 from skfem_joint.errors import InputError

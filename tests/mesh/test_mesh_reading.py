@@ -14,7 +14,6 @@ from mesh_files import (
     assert_same,
     boundary_sizes,
     msh22,
-    nodes_and_elements,
     region_sizes,
     saved,
     sizes,
@@ -24,7 +23,6 @@ from mesh_files import (
 
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes, merged, named, write_mesh
-from skfem_joint.mesh.cells import CELLS
 
 # Three lines on x.
 BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
@@ -75,8 +73,6 @@ def by_position(mesh: NamedMesh) -> NamedMesh:
     points = {name: int(number[at]) for name, at in mesh.points.items()}
     return named(plain, points=points, order=mesh.order)
 
-
-# Files that are read as they are
 
 HOLES = 2 * 16 * 0.0055**2 * np.sin(np.pi / 16)  # two polygons of 32 sides
 #: Kind, order, bodies; sizes of regions; sizes of boundaries, or positions of a bar's points.
@@ -224,26 +220,24 @@ def test_both_gmsh_formats_give_the_same_mesh_for_every_cell(
 
 @pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])
 def test_second_order_nodes_are_written_where_gmsh_wants_them(kind, order, tmp_path):
-    """Gmsh's own table of the corners that each middle node lies between."""
-    edges = {
-        "triangle": [(0, 1), (1, 2), (2, 0)],
-        "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)],
-        "tetrahedron": [(0, 1), (1, 2), (2, 0), (3, 0), (2, 3), (1, 3)],
-        "hexahedron": [
-            *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7)),
-            *((5, 6), (6, 7), (0, 1, 2, 3), (0, 1, 4, 5), (0, 3, 4, 7), (1, 2, 5, 6)),
-            *((2, 3, 6, 7), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
-        ],
-    }[kind]
+    """Meshio gives each middle node its place between corners in the order of VTK."""
+    cell, edges = {
+        "triangle": ("triangle6", [(0, 1), (1, 2), (2, 0)]),
+        "quadrilateral": ("quad9", [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)]),
+        "tetrahedron": ("tetra10", [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]),
+        "hexahedron": ("hexahedron27", [
+            *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5)),
+            *((2, 6), (3, 7), (0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7)),
+            *((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
+        ]),
+    }[kind]  # fmt: skip
     mesh = strip(kind, order)
     write_mesh(mesh, tmp_path / "mesh.msh")
-    at, elements = nodes_and_elements((tmp_path / "mesh.msh").read_text())
-    position = np.array([at[tag] for tag in sorted(at)])
-    whole = len(CELLS[kind].turned) + len(edges)
-    nodes = np.array([row for row in elements if len(row) == whole]) - 1
+    raw = meshio.read(tmp_path / "mesh.msh")
+    nodes = raw.points[raw.cells_dict[cell]]
     assert len(nodes) == mesh.n_elements
-    middles = np.stack([position[nodes[:, between]].mean(axis=1) for between in edges], axis=1)
-    np.testing.assert_allclose(position[nodes[:, -len(edges) :]], middles, atol=1e-15)
+    middles = np.stack([nodes[:, between].mean(axis=1) for between in edges], axis=1)
+    np.testing.assert_allclose(nodes[:, -len(edges) :], middles, atol=1e-15)
 
 
 def test_other_format_with_named_sets(tmp_path):
@@ -258,26 +252,6 @@ def test_other_format_with_named_sets(tmp_path):
     text = text.replace("TYPE=T3D2\n1, 1, 2\n2, 2, 3\n", "TYPE=S3\n1, 1, 2, 3\n")
     with pytest.raises(InputError, match=r"plate\.inp: .*triangle cells; of \.inp files"):
         load_meshes([saved(tmp_path, text, "plate.inp")])
-
-
-@pytest.mark.parametrize(
-    ("nodes", "cells", "names"),
-    [(PLATE, SQUARES, PLATE_NAMES), (BOX, CUBES, BOX_NAMES), (BOX, TETRAHEDRA, BOX_NAMES)],
-)
-def test_files_written_by_hand(tmp_path, nodes, cells, names):
-    mesh = loaded(tmp_path, nodes, cells, names)
-    assert (mesh.order, mesh.body.max(), mesh.notes) == (1, 0, ())
-    np.testing.assert_allclose(region_sizes(mesh)["joint"], 1.0)
-    assert mesh.n_elements == 2 * mesh.regions["joint"].size
-    assert boundary_sizes(mesh) == pytest.approx({"left": 1.0, "inside": 1.0})
-    left, inside = (mesh.mesh.p[0, mesh.mesh.facets[:, f]] for f in mesh.boundaries.values())
-    assert (left == 0.0).all()
-    assert (inside == 1.0).all()
-    assert mesh.coordinates[mesh.points["corner"]].tolist() == [2.0, 0.0, 0.0]
-    assert mesh.path == str(tmp_path / "mesh.msh")
-
-
-# Bars in space
 
 
 @pytest.mark.parametrize("end", [(0.36, 0.48, 0.0), (0.0, 0.0, 0.6), (-0.2, 0.4, -0.4)])
@@ -327,9 +301,6 @@ def test_several_bar_files_are_several_bodies(tmp_path):
         write_mesh(both, tmp_path / "both.msh")
 
 
-# Repairs
-
-
 @pytest.mark.parametrize(
     ("nodes", "cells", "names"),
     [
@@ -342,6 +313,15 @@ def test_several_bar_files_are_several_bodies(tmp_path):
 def test_what_files_hold_besides_and_twice_does_not_matter(tmp_path, nodes, cells, names):
     """Order and direction of elements, spare nodes, units, and cells repeated for each group."""
     expected = loaded(tmp_path, nodes, cells, names)
+    assert (expected.order, expected.body.max(), expected.notes) == (1, 0, ())
+    assert expected.path == str(tmp_path / "mesh.msh")
+    if nodes is not BAR:
+        assert region_sizes(expected) == pytest.approx({"joint": 1.0, "linear": 1.0})
+        assert boundary_sizes(expected) == pytest.approx({"left": 1.0, "inside": 1.0})
+        for name, x in {"left": 0.0, "inside": 1.0}.items():
+            facets = expected.mesh.facets[:, expected.boundaries[name]]
+            assert (expected.mesh.p[0, facets] == x).all()
+        assert expected.coordinates[expected.points["corner"]].tolist() == [2.0, 0.0, 0.0]
     turned = [(kind, tag, list(at)[::-1]) for kind, tag, at in cells][::-1]
     if max(kind for kind, _, _ in cells) == 5:  # reversed, a cube would be another body
         turned = [(k, tag, [*at[4:], *at[:4]] if k == 5 else at) for k, tag, at in cells]
@@ -420,9 +400,6 @@ def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
         f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
         "by 0.0283 m at most.",
     )
-
-
-# Refusals
 
 
 def moved(nodes: list[tuple[float, ...]], node: int, *position: float) -> list[tuple[float, ...]]:

@@ -79,10 +79,7 @@ def test_second_order_meshes_of_scikit_fem_are_made_straight(kind, order):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (
-            {"_subdomains": {"a": np.array([0, 99])}},
-            "region 'a' must hold .* from 0 to 31, found 0",
-        ),
+        ({"_subdomains": {"a": np.array([0, 99])}}, "region 'a' must hold .* 0 to 31, found 0"),
         ({"_subdomains": {"a": np.array([-1])}}, "region 'a' must hold whole numbers"),
         ({"_subdomains": {"a": np.array([], dtype=int)}}, "region 'a' is empty"),
         ({"_subdomains": {"a": np.ones(32, dtype=bool)}}, "region 'a' must hold whole numbers"),
@@ -102,19 +99,11 @@ def test_groups_that_a_mesh_cannot_have_are_refused(change, reason):
         named(replace(mesh, **change), points={"tip": 0})
 
 
-def test_meshes_and_points_that_cannot_be_are_refused():
-    with pytest.raises(
-        InputError, match="MeshWedge1 with 3 coordinates is not a mesh of line, tri"
-    ):
-        named(skfem.MeshWedge1())
+def test_orders_and_points_that_cannot_be_are_refused():
     with pytest.raises(InputError, match="allowed are 1 and 2, for lines 1"):
         named(skfem.MeshLine(), order=2)
     with pytest.raises(InputError, match="point 'p' must hold whole numbers from 0 to 3"):
         named(skfem.MeshTri(), points={"p": 4})
-    with pytest.raises(InputError, match=r"vertex 2 belongs to no element; take"):
-        named(skfem.MeshLine1(np.array([[0.0, 1.0, 2.0]]), np.array([[0], [1]])))
-    with pytest.raises(InputError, match=r"node 2 at \(nan, 0, 0\) m: coordinates must be finite"):
-        named(skfem.MeshLine1(np.array([[0.0, np.nan]]), np.array([[0], [1]])))
 
 
 def with_p(mesh: skfem.Mesh, changes: dict[int, tuple[float, ...]]) -> skfem.Mesh:
@@ -127,6 +116,11 @@ def with_p(mesh: skfem.Mesh, changes: dict[int, tuple[float, ...]]) -> skfem.Mes
 @pytest.mark.parametrize(
     ("mesh", "reason"),
     [
+        (skfem.MeshWedge1(), "MeshWedge1 with 3 coordinates is not a mesh of line, tri"),
+        (skfem.MeshLine1(np.array([[0.0, 1.0, 2.0]]), np.array([[0], [1]])),
+         "vertex 2 belongs to no element; take"),
+        (skfem.MeshLine1(np.array([[0.0, np.nan]]), np.array([[0], [1]])),
+         r"node 2 at \(nan, 0, 0\) m: coordinates must be finite"),
         (skfem.MeshTri1(np.array([[0.0, 1.0, 0.5], [0.0, 0.0, 1e-12]]), np.array([[0], [1], [2]])),
          r"triangle has no area.* at \(0, 0, 0\) m to \(1, 0, 0\) m to \(0\.5, 1e-12"),
         (with_p(skfem.MeshTet1.init_refdom(), {3: (0.3, 0.3, 1e-12)}), "tetrahedron has no volume"),
@@ -149,7 +143,7 @@ def with_p(mesh: skfem.Mesh, changes: dict[int, tuple[float, ...]]) -> skfem.Mes
          r"same side of what joins them, \(0, 0, 0\) m to \(1, 0, 0\) m to \(0, 1, 0\) m"),
     ],
 )  # fmt: skip
-def test_elements_that_are_none_are_refused_with_their_place(mesh, reason):
+def test_meshes_and_elements_that_are_none_are_refused_with_their_place(mesh, reason):
     with pytest.raises(InputError, match=reason):
         named(mesh)
 
@@ -183,12 +177,8 @@ def test_bodies_that_touch_in_a_point_or_an_edge_are_refused():
 @pytest.mark.parametrize(("kind", "order"), FLAT_AND_SOLID)
 def test_a_crack_by_mistake_is_refused_and_a_gap_is_not(kind, order):
     """Two by two cells, through the thickness, whose right part has its middle nodes twice."""
-    corners = [
-        (i, j, 0)[: 2 if kind in ("triangle", "quadrilateral") else 3]
-        for i in (0, 1)
-        for j in (0, 1)
-    ]
-    mesh = cubes(*corners, kind=kind)
+    dim = strip(kind).dim
+    mesh = cubes(*((i, j, 0)[:dim] for i in (0, 1) for j in (0, 1)), kind=kind)
     split_nodes = np.flatnonzero((mesh.p[:2] == [[2.0], [1.0]]).all(axis=0))
     upper = mesh.p[1, mesh.t].mean(axis=0) > 1.0
     t = mesh.t.copy()
@@ -198,13 +188,11 @@ def test_a_crack_by_mistake_is_refused_and_a_gap_is_not(kind, order):
         moved = mesh.p[:, split_nodes]
         moved[1] += gap
         opened = type(mesh)(np.hstack([mesh.p, moved]), t)
-        if cracked:
-            with pytest.raises(
-                InputError, match=r"[24] nodes of one body lie .* first at \(2, 1, "
-            ):
-                named(opened, order=order)
-        else:
+        if not cracked:
             assert named(opened, order=order).body.max() == 0
+            continue
+        with pytest.raises(InputError, match=r"[24] nodes of one body lie .* first at \(2, 1, "):
+            named(opened, order=order)
 
 
 @pytest.mark.parametrize(("kind", "order"), KINDS)
@@ -269,9 +257,7 @@ def test_parallel_bars_are_measured_along_the_first():
     third = build_bar([("e", 0.2, 4)], {"far": 0.2}, origin=(2.0, 0.0, 0.0))
     three = merged([both, replace(third, coordinates=2.0 * axis + third.mesh.p.T * axis)])
     assert three.mesh.p[0, three.points["far"]] == pytest.approx(2.2)
-    with pytest.raises(
-        InputError, match=r"bars must be parallel: they run along \(0\.6, 0\.8, 0\)"
-    ):
+    with pytest.raises(InputError, match=r"bars must be parallel: .* along \(0\.6, 0\.8, 0\)"):
         merged([first, third])
 
 

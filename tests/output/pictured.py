@@ -5,15 +5,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from bodies import structure
 
 from skfem_joint.mesh import build_bar, build_box, build_plate, merged
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.structure import Joint, Material, Structure
+from skfem_joint.structure import Joint, Structure
 
-STEEL = Material(200e9, 8000.0, 0.3)
 TIMES = np.array([0.0, 1e-5, 0.1 + 0.2])
-PRESSURE = 50e6
+JOINT = Joint("joint", 50e6, 0.7)
 
 #: Kinds of elements by dimension, with the order of the displacement.
 PLATES = [("quadrilateral", 1), ("quadrilateral", 2), ("triangle", 1), ("triangle", 2)]
@@ -26,21 +25,16 @@ def bar(direction: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Structure:
     made = build_bar([("joint", 0.1, 4), ("linear", 0.5, 3)], {"fixed": 0.0, "free_end": 0.6})
     along = np.array(direction) / np.linalg.norm(direction)
     place = np.array([0.3, -0.2, 0.1]) + made.mesh.p[0][:, None] * along
-    return Structure(
-        replace(made, coordinates=place), STEEL, width=0.05, thickness=0.01, fixed=["fixed"],
-        joints=[Joint("joint", PRESSURE, 0.7)], regions={"linear": {"width": 0.03}},
-    )  # fmt: skip
+    narrow = {"linear": {"width": 0.03}}
+    return structure(replace(made, coordinates=place), [JOINT], ["fixed"], regions=narrow)
 
 
 @cache
 def plate(kind: Any = "quadrilateral", order: int = 1) -> Structure:
     """Joint of 0.1 m on a rigid base and a thicker free strip of 0.2 m, seen from above."""
     strips = [("joint", 0.1, 4), ("linear", 0.2, 4)]
-    return Structure(
-        build_plate(strips, 0.05, 2, kind=kind, order=order), STEEL, thickness=0.01,
-        fixed=["left"], joints=[Joint("joint", PRESSURE, 0.7)],
-        regions={"linear": {"thickness": 0.02}},
-    )  # fmt: skip
+    made = build_plate(strips, 0.05, 2, kind=kind, order=order)
+    return structure(made, [JOINT], regions={"linear": {"thickness": 0.02}})
 
 
 @cache
@@ -49,7 +43,7 @@ def box(kind: Any = "hexahedron", order: int = 1) -> Structure:
     made = build_box(
         [("foot", 0.1, 3), ("arm", 0.1, 2)], (0.05, 0.02), (2, 2), kind=kind, order=order
     )
-    return Structure(made, STEEL, fixed=["right"], joints=[Joint("front", PRESSURE, 0.7)])
+    return structure(made, [replace(JOINT, on="front")], ["right"])
 
 
 @cache
@@ -59,7 +53,7 @@ def bars() -> Structure:
     upper = build_bar([("joint", 0.1, 5), ("arm", 0.2, 6)], {"tip": 0.3}, origin=(0.2, 0.0, 0.0))
     both = merged([lower, upper])
     whole = both.mesh.with_subdomains({"Stoß": np.flatnonzero(both.body == 1)})
-    return lapped(replace(both, mesh=whole), width=0.05, fixed=["wall"])
+    return lapped(replace(both, mesh=whole), "wall")
 
 
 @cache
@@ -72,13 +66,12 @@ def lap(kind: str = "quadrilateral", order: int = 1) -> Structure:
     upper = build_plate(
         [("joint", 0.1, 5), ("arm", 0.2, 6)], 0.05, 3, origin=(0.2, 0.0), prefix="upper_", **options
     )
-    return lapped(merged([lower, upper]), fixed=["lower_left"])
+    return lapped(merged([lower, upper]), "lower_left")
 
 
-def lapped(mesh: Any, **options: Any) -> Structure:
-    joints = [Joint("joint", PRESSURE, 0.7, against="lower_joint")]
-    regions = {"base": {"thickness": 0.016}}
-    return Structure(mesh, STEEL, thickness=0.01, joints=joints, regions=regions, **options)
+def lapped(mesh: Any, fixed: str) -> Structure:
+    joint, thick = replace(JOINT, against="lower_joint"), {"base": {"thickness": 0.016}}
+    return structure(mesh, [joint], [fixed], regions=thick)
 
 
 @cache
@@ -89,10 +82,8 @@ def side(kind: str = "quadrilateral", order: int = 1) -> Structure:
     upper = build_plate(
         [("above", 0.2, 5)], 0.02, 2, origin=(0.05, 0.02), prefix="upper_", **options
     )
-    joints = [Joint("upper_bottom", PRESSURE, 0.7, against="lower_top")]
-    return Structure(
-        merged([lower, upper]), STEEL, thickness=0.03, fixed=["lower_left"], joints=joints
-    )
+    joint = replace(JOINT, on="upper_bottom", against="lower_top")
+    return structure(merged([lower, upper]), [joint], ["lower_left"], thickness=0.03)
 
 
 @cache
@@ -104,16 +95,16 @@ def blocks(kind: str = "hexahedron", order: int = 1) -> Structure:
         [("above", 0.1, 3)], (0.05, 0.02), (3, 1), origin=(0.05, 0.0, 0.02), prefix="upper_",
         **options,
     )  # fmt: skip
-    joints = [Joint("upper_front", PRESSURE, 0.7, against="lower_back")]
-    return Structure(merged([lower, upper]), STEEL, fixed=["lower_left"], joints=joints)
+    joint = replace(JOINT, on="upper_front", against="lower_back")
+    return structure(merged([lower, upper]), [joint], ["lower_left"])
 
 
-def random_field(structure: Structure, name: str, frames: int = 3, seed: int = 0) -> Field:
+def random_field(made: Structure, name: str, seed: int) -> Field:
     """Random history whose contact values live on the pressed nodes."""
-    draw = np.random.default_rng(seed)
-    n, dim = structure.nodes.shape
+    draw, frames = np.random.default_rng(seed), TIMES.size
+    n, dim = made.nodes.shape
     pressed = np.zeros(n, dtype=bool)
-    for patch in structure.patches:
+    for patch in made.patches:
         pressed[patch.nodes] = True
     return Field(
         name,
@@ -126,24 +117,21 @@ def random_field(structure: Structure, name: str, frames: int = 3, seed: int = 0
     )
 
 
-def random_frames(
-    structure: Structure, names: tuple[str, ...] = ("full",), times: NDArray[np.float64] = TIMES
-) -> Frames:
+def random_frames(made: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     """Random histories of models."""
-    fields = [random_field(structure, name, times.size, k) for k, name in enumerate(names)]
-    return Frames(structure, times, fields)
+    return Frames(made, TIMES, [random_field(made, name, k) for k, name in enumerate(names)])
 
 
-def pulled(structure: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
+def pulled(made: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     """Stretched along x and waved across it; slips from the ends inwards as it is pulled."""
     times, load_times = np.linspace(0.0, 4e-3, 9), np.linspace(0.0, 4e-3, 200)
-    x = structure.nodes[:, 0]
+    x = made.nodes[:, 0]
     amplitude = np.sin(2 * np.pi * 250 * times)[:, None]
-    u = np.zeros((times.size, *structure.nodes.shape))
+    u = np.zeros((times.size, *made.nodes.shape))
     u[..., 0] = amplitude * 1e-4 * x
-    if structure.dim > 1:
-        u[..., 1] = amplitude * 2e-5 * np.sin(9.0 * x) * structure.nodes[:, 1]
-    nodes = structure.patches[0].nodes
+    if made.dim > 1:
+        u[..., 1] = amplitude * 2e-5 * np.sin(9.0 * x) * made.nodes[:, 1]
+    nodes = made.patches[0].nodes
     state = np.full(u.shape[:2], -1, dtype=np.int8)
     middle = np.abs(x[nodes] - x[nodes].mean())
     state[:, nodes] = middle > 0.5 * np.ptp(x[nodes]) * (1.0 - 0.8 * np.abs(amplitude))
@@ -153,4 +141,4 @@ def pulled(structure: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     slip = np.where(state[..., None] >= 0, u, 0.0)
     fields = [Field(name, u, 2 * np.pi * 250 * u, slip, traction, state, work) for name in names]
     force = {"end": 60e3 * np.sin(2 * np.pi * 250 * load_times)}
-    return Frames(structure, times, fields, load_times, force)
+    return Frames(made, times, fields, load_times, force)

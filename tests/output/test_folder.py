@@ -26,13 +26,8 @@ def scene(*names: str, **tables: Any) -> Scene:
     strips = [("joint", 0.1, 10), ("arm", 0.1, 4), ("second", 0.1, 10)]
     bar = sj.build_bar(strips, {"fixed": 0.0, "tip": 0.3})
     joints = [joint(name, pressure=8e6) for name in names or ("joint",)]
-    base = {
-        "title": "a bar",
-        "joint": joints,
-        "load": [harmonic("tip", 14e3, 1000.0)],
-        "time": TIME,
-    }
-    return bar_scene("full", bar=bar, **(base | {"reduction": {}} | tables))
+    base = {"title": "a bar", "joint": joints, "time": TIME, "reduction": {}}
+    return bar_scene("full", bar=bar, **(base | {"load": [harmonic("tip", 14e3, 1000.0)]} | tables))
 
 
 def plate_study() -> Study:
@@ -99,7 +94,7 @@ def test_each_joint_and_each_bolt_has_its_part():
     content = report.summary(sj.run_scene(scene(joint=joints)))
     found = content["models"]["full"]["joints"]
     far, near = found["joint"]["friction_energy_by_bolt_J"]
-    assert 0.0 <= far < 1e-3 * near
+    assert 0.0 <= far < 1e-9 * near
     assert far + near == pytest.approx(found["joint"]["friction_energy_J"], rel=1e-12)
     assert 0.0 < found["joint"]["slipping_fraction"] < 0.5 < found["second"]["slipping_fraction"]
     assert 0.0 < found["joint"]["largest_slip_m"] < found["second"]["largest_slip_m"]
@@ -188,9 +183,6 @@ def test_the_table_shows_what_the_summary_holds(study, monkeypatch):
     assert "…" not in text
 
 
-# Fields of a study
-
-
 @pytest.mark.parametrize("dim", [1, 2])
 def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     """Traction times area is the friction force, and the work's density the energy by joint."""
@@ -216,9 +208,6 @@ def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     np.testing.assert_allclose(structure.expand(run.u), full.displacement)
 
 
-# Folders
-
-
 def names(path: Path) -> set[str]:
     return {file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()}
 
@@ -227,6 +216,8 @@ def test_the_next_run_replaces_what_this_one_wrote_and_nothing_else(study, tmp_p
     (tmp_path / "notes.txt").write_text("of the user")
     with prepare(study.scene, tmp_path) as notes:
         assert "notes.txt" in " ".join(notes)
+        with pytest.raises(sj.InputError, match="another run"), prepare(study.scene, tmp_path):
+            pass
         written = write(study, tmp_path)
     assert {file.name for file in written} == {
         "summary.json", "history.npz", "fields.pvd", "fields_load.csv"
@@ -264,16 +255,6 @@ def test_a_summary_cannot_make_a_run_remove_what_lies_elsewhere(tmp_path):
     (out / "summary.json").write_text(json.dumps({"files": listed}))
     folder.remove_old(out)
     assert names(tmp_path) == {"kept", "out/link"}
-
-
-def test_two_runs_in_one_folder_the_second_is_refused(study, tmp_path):
-    with prepare(study.scene, tmp_path):
-        with pytest.raises(sj.InputError, match="another run"), prepare(study.scene, tmp_path):
-            pass
-        with prepare(study.scene, tmp_path / "below"):
-            pass
-        write(study, tmp_path)
-    assert (tmp_path / "summary.json").exists()
 
 
 def test_an_interrupted_study_is_written_as_far_as_it_came(study, tmp_path):

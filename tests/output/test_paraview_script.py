@@ -37,7 +37,7 @@ drawing = pytest.mark.skipif(
 
 LOOK = """
 import json, sys
-from paraview import simple
+from paraview import servermanager, simple
 reader = simple.OpenDataFile(sys.argv[1])
 reader.UpdatePipeline()
 tree = reader.GetDataInformation().GetHierarchy()
@@ -48,7 +48,7 @@ found = {
         tree.GetAttributeOrDefault(node, "label", "")
         for node in tree.GetChildNodes(tree.GetRootNode(), False)
     ],
-    "points": {}, "cells": {},
+    "points": {}, "cells": {}, "units": [],
 }
 for time in reader.TimestepValues:
     reader.UpdatePipeline(time)
@@ -57,6 +57,12 @@ for time in reader.TimestepValues:
             size = array.GetNumberOfComponents()
             ranges = [array.GetRange(k) for k in range(size)]
             found[kind].setdefault(array.GetName(), []).append(ranges)
+data = servermanager.Fetch(reader)
+blocks = data.NewTreeIterator()
+while not blocks.IsDoneWithTraversal():
+    units = blocks.GetCurrentDataObject().GetFieldData().GetAbstractArray("units")
+    found["units"].append([units.GetValue(k) for k in range(units.GetNumberOfValues())])
+    blocks.GoToNextItem()
 print("FOUND" + json.dumps(found))
 """
 
@@ -72,21 +78,19 @@ def series(request, tmp_path_factory):
     return frames, bodies, path
 
 
-def in_paraview(code: str, *arguments: str | Path, folder: Path) -> dict[str, Any]:
-    file = folder / "code.py"
-    file.write_text(code)
-    ended = subprocess.run(
-        ["pvpython", str(file), *map(str, arguments)], capture_output=True, text=True, timeout=120.0
-    )
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    (line,) = [line for line in ended.stdout.splitlines() if line.startswith("FOUND")]
-    return dict(json.loads(line.removeprefix("FOUND")))
+def pvpython(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    command = ["pvpython", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240.0, **options)
 
 
 @paraview
 def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     frames, bodies, path = series
-    found = in_paraview(LOOK, path, folder=tmp_path)
+    (tmp_path / "code.py").write_text(LOOK)
+    ended = pvpython(tmp_path / "code.py", path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    (line,) = [line for line in ended.stdout.splitlines() if line.startswith("FOUND")]
+    found = json.loads(line.removeprefix("FOUND"))
     assert found["reader"] == "PVDReader"
     assert found["times"] == frames.times.tolist()
     models = ("full", "reduced")
@@ -106,6 +110,10 @@ def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     work = field.friction_work_density.max(axis=1)
     np.testing.assert_allclose(points["friction_work_density"][:, 0, 1], work)
     np.testing.assert_array_equal(points["slip_state"][-1], [[-1, field.slip_state[-1].max()]])
+    meanings = {f"{name}: {meaning}" for name, meaning in (POINT_ARRAYS | CELL_ARRAYS).items()}
+    assert len(found["units"]) == len(names)
+    assert all(meanings <= set(units) for units in found["units"])
+    assert len(found["cells"]["stress"][0]) == 6  # components
     assert set(found["cells"]) >= {*CELL_ARRAYS, "body", "region"}
     assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
 
@@ -115,10 +123,7 @@ def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
 def test_without_a_display_the_script_draws_or_says_what_is_missing(series, tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     picture = tmp_path / "a.png"
-    ended = subprocess.run(
-        ["pvpython", str(SCRIPT), str(series[2]), str(picture)],
-        capture_output=True, text=True, timeout=120.0, env=environment,
-    )  # fmt: skip
+    ended = pvpython(SCRIPT, series[2], picture, env=environment)
     if ended.returncode == 0:  # built for EGL or OSMesa
         assert matplotlib.image.imread(picture).std() > 0.05
     else:
@@ -150,8 +155,7 @@ def display():
 @pytest.mark.parametrize("series", ["bars", "solids"], indirect=True)
 def test_the_script_draws_the_joint_and_the_mark_on_its_load(series, tmp_path, display):
     picture = tmp_path / "a.png"
-    command = ["pvpython", str(SCRIPT), str(series[2]), str(picture), "--time", "5e-4"]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=display)
+    ended = pvpython(SCRIPT, series[2], picture, "--time", "5e-4", env=display)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     pixels = matplotlib.image.imread(picture)[..., :3]
     assert pixels.shape == (900, 1400, 3)

@@ -9,9 +9,10 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
+from bodies import structure
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pictured import STEEL, bar, blocks, lap, side
+from pictured import JOINT, bar, blocks, lap, side
 
 import skfem_joint as sj
 from skfem_joint.output import plots
@@ -99,18 +100,14 @@ def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, reference
 
 
 def test_points_that_rest_or_move_as_another_have_no_panel():
-    made = sj.Structure(
-        sj.build_plate([("bar", 0.2, 6)], 0.05, 2, points={"tip": (0.2, 0.025)}), STEEL,
-        thickness=0.01, fixed=["left"],
-    )  # fmt: skip
+    made = structure(sj.build_plate([("bar", 0.2, 6)], 0.05, 2, points={"tip": (0.2, 0.025)}))
     load = sj.Load("tip", sj.Harmonic(1e3, 100.0), (1.0, 0.0))
     run = sj.integrate(made.system([load]), step=1e-4, n_steps=50)
     assert run.system.points == ("tip", "tip.x", "tip.y")
     figure = plots.histories_figure({"full": run}, run.system.points)
     assert [panel.get_title(loc="left") for panel in figure.axes] == ["tip"]
-    still = sj.integrate(
-        made.system([sj.Load("tip", sj.Harmonic(0.0, 1.0), (1.0, 0.0))]), step=1, n_steps=3
-    )
+    rest = made.system([sj.Load("tip", sj.Harmonic(0.0, 1.0), (1.0, 0.0))])
+    still = sj.integrate(rest, step=1, n_steps=3)
     assert plots.histories_figure({"full": still}, ["tip"]).axes[0].lines
 
 
@@ -208,9 +205,6 @@ def test_mistakes_are_input_errors(runs, draw, message, monkeypatch):
         plots.histories_figure(runs, ["free_end"])
 
 
-# Active regions
-
-
 def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined():
     made = lap()
     x = made.nodes[made.patches[0].nodes, 0]
@@ -225,10 +219,7 @@ def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined
 
 def joint_of(length: float, width: float) -> sj.Structure:
     strips = [("joint", length, 6), ("arm", 0.1, 4)]
-    return sj.Structure(
-        sj.build_plate(strips, width, 3), STEEL, thickness=0.01, fixed=["right"],
-        joints=[sj.Joint("joint", 50e6, 0.7)],
-    )  # fmt: skip
+    return structure(sj.build_plate(strips, width, 3), [JOINT], ["right"])
 
 
 @pytest.mark.parametrize(

@@ -11,19 +11,7 @@ import numpy as np
 import pytest
 import pyvista
 from numpy.typing import NDArray
-from pictured import (
-    BOXES,
-    PLATES,
-    TIMES,
-    bar,
-    bars,
-    blocks,
-    box,
-    lap,
-    plate,
-    random_frames,
-    side,
-)
+from pictured import BOXES, PLATES, TIMES, bar, bars, blocks, box, lap, plate, random_frames, side
 from scipy.spatial import cKDTree
 
 from skfem_joint.errors import InputError
@@ -47,7 +35,7 @@ PAIRS: list[Build] = [
 ]
 
 
-def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path: Path) -> None:
+def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path):
     """Pressed at its ends a body lifts in the middle: gap where there is no pressure."""
     given = side()
     mesh, (joint,) = given.mesh.mesh, given.joints
@@ -94,10 +82,10 @@ def node_of(block: Any, structure: Structure) -> NDArray[np.intp]:
     return np.asarray(nodes[distance.argmin(axis=1)])
 
 
-def contents(made: Structure, frames: Frames) -> list[Any]:
+def contents(frames: Frames) -> list[Any]:
     """Blocks of the first frame without files."""
     arrays = frames.arrays(frames.fields[0], 0)
-    return [block.fill(arrays) for block in blocks_of(made)]
+    return [block.fill(arrays) for block in blocks_of(frames.structure)]
 
 
 @pytest.mark.parametrize("build", SINGLE)
@@ -140,7 +128,7 @@ def test_the_stress_of_a_uniform_strain_is_hookes(build, plane):
     if made.dim > 1:
         u[:, 0] += shear * x[:, 1]
     frames.fields[0].displacement[0] = u
-    (block,) = contents(made, frames)
+    (block,) = contents(frames)
     strip = plane == "strain" and made.dim == 2
     pull = E * stretch / (1.0 - nu**2 if strip else 1.0)
     side = E / (2.0 * (1.0 + nu)) * shear if made.dim > 1 else 0.0
@@ -252,7 +240,7 @@ def test_cells_say_where_bodies_touch_and_whether_they_slip(build, state):
     along = made.nodes[patch.nodes, 0]
     free = along > (0.25 if build in (bars, lap) else np.inf)
     frames.fields[0].slip_state[:, patch.nodes] = np.where(free, -1, state)
-    for block in contents(made, frames):
+    for block in contents(frames):
         names = np.array(list(block.field_data["region_names"]))[block.cell_data["region"]]
         found, middle = block.cell_data["contact_state"], block.cell_centers().points[:, 0]
         joint = np.char.endswith(names, "joint")
@@ -265,7 +253,7 @@ def test_cells_say_where_bodies_touch_and_whether_they_slip(build, state):
 def test_facets_that_touch_show_as_the_row_of_cells_behind_them(made, rows):
     frames = random_frames(made)
     frames.fields[0].slip_state[:, made.patches[0].nodes] = 1
-    for block, count in zip(contents(made, frames), rows, strict=True):
+    for block, count in zip(contents(frames), rows, strict=True):
         found = block.cell_data["contact_state"]
         assert np.count_nonzero(found == 1) == count
         assert np.count_nonzero(found == -1) == found.size - count

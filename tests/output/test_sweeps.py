@@ -12,29 +12,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_texts import GOOD, with_changes
+from scene_texts import written
 
 from skfem_joint import cli
 from skfem_joint.analysis.sweep import Row
 from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
 
-MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
 ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'
 FULL = ('"full", "reduced"', '"full"')
 WORDS = 'combine = "list"\n"joint[0].law" = ["arctan", "coulomb"]\n"time.cycles" = [1, 2]'
 
 
-def written(folder: Path, sweep: str, *changes: tuple[str, str]) -> Path:
-    path = folder / "scene.toml"
-    text = with_changes(GOOD, ("bar.msh", MESH.as_posix()), *changes)
-    path.write_text(f"{text}[sweep]\n{sweep}\n", encoding="utf-8")
-    return path
+def sweep_file(folder: Path, sweep: str, *changes: tuple[str, str]) -> Path:
+    return written(folder, *changes, more=f"[sweep]\n{sweep}\n")
 
 
 def swept_of(folder: Path, sweep: str) -> Swept:
-    return load_sweep(written(folder, sweep, ("every = 1", "plots = true")))
+    return load_sweep(sweep_file(folder, sweep, ("every = 1", "plots = true")))
 
 
 def row(number: int, peak: float | None = None, failure: str = "") -> Row:
@@ -96,7 +92,7 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
 
 def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, capsys):
     sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
-    path = written(tmp_path, sweep, ("cycles = 3", "cycles = 150"), FULL)
+    path = sweep_file(tmp_path, sweep, ("cycles = 3", "cycles = 150"), FULL)
     out, count = tmp_path / "out", 8
     journal = out / sweeps.JOURNAL
     arguments = ["sweep", str(path), "--out", str(out), "--workers", "2"]
@@ -108,7 +104,11 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         """Status and words of a command that is stopped when it has one row more."""
         before = len(lines())
         command = [sys.executable, "-m", "skfem_joint", *arguments]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True,
+            # A shell's job ignores it.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )  # fmt: skip
         end = time.monotonic() + 120.0
         while len(lines()) == before and time.monotonic() < end:
             time.sleep(0.005)
@@ -151,7 +151,7 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
 
 
 def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
-    path, table = written(tmp_path, ONE), tmp_path / sweeps.TABLE
+    path, table = sweep_file(tmp_path, ONE), tmp_path / sweeps.TABLE
     table.write_text("mine")
     assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
     assert "move them away" in capsys.readouterr().err
@@ -160,7 +160,7 @@ def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
 
 def test_failed_scenes_are_told_with_their_keys(tmp_path, capsys):
     sweep = '"reduction.reference" = ["static", "paper"]'
-    path = written(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
+    path = sweep_file(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
     arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]
     assert cli.main(["check", str(path)]) == 0
     assert "The sweep has 2 scenes, each valid." in capsys.readouterr().out

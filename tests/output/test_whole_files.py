@@ -75,9 +75,6 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder", "kept"]
 
 
-# Names
-
-
 @pytest.mark.parametrize("name", ["../../a", "/a", "..\\a", 'C:"<a>"|?*', "a\0b\n"])
 def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path, name):
     path = tmp_path / f"hysteresis_{safe_name(name)}.png"
@@ -85,9 +82,6 @@ def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path, name):
         pass
     assert list(tmp_path.iterdir()) == [path]
     assert len(path.name) == len("hysteresis_.png") + len(name)
-
-
-# Reading
 
 
 def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_path):
@@ -109,9 +103,6 @@ def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_pat
             read_whole(path, 7)
         assert str(caught.value).startswith(f"{path}: cannot be read: ")
         assert reason in str(caught.value)
-
-
-# Loss of power, and other processes
 
 
 def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(tmp_path, monkeypatch):

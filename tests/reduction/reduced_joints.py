@@ -1,19 +1,20 @@
 """Joints for the tests of reduced models: the paper's bars, and plates of the same section."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+from bodies import MU, STEEL, WIDTH, structure
 
 import skfem_joint as sj
 from skfem_joint.loads import Amplitude
-from skfem_joint.reduction.reference import FRICTION, MATERIAL, THICKNESS, WIDTH, lap_joint
+from skfem_joint.reduction.reference import lap_joint
 from skfem_joint.stepping.recording import Run
 
-EA = MATERIAL.E * WIDTH * THICKNESS
 SPEED = 5000.0
-TAU = FRICTION * 50e6 * WIDTH  # N/m
+TAU = MU * 50e6 * WIDTH  # N/m
 STEPS = 100  # a period
 
 
@@ -30,16 +31,9 @@ def bar(
     points |= {
         f"after {name}": float(x) for (name, _, _), x in zip(regions[:-1], ends[:-1], strict=True)
     }
-    structure = sj.Structure(
-        sj.build_bar(regions, points),
-        MATERIAL,
-        width=WIDTH,
-        thickness=THICKNESS,
-        fixed=fixed,
-        joints=[sj.Joint(name, 50e6, FRICTION, **options) for name in joints],
-        stiffness_damping=1e-5,
-    )
-    return structure, structure.system([sj.Load(on, amplitude) for on, amplitude in loads])
+    pressed = [sj.Joint(name, 50e6, MU, **options) for name in joints]
+    made = structure(sj.build_bar(regions, points), pressed, fixed, stiffness_damping=1e-5)
+    return made, made.system([sj.Load(on, amplitude) for on, amplitude in loads])
 
 
 def fig_18(
@@ -52,27 +46,15 @@ def fig_18(
 
 def case_i(frequency: float = 2000.0) -> tuple[sj.Structure, sj.System]:
     """Case I of Table 2: a longer lap joint, clamped harder."""
-    structure = lap_joint(0.5, 50e6)
-    return structure, structure.system([sj.Load("free_end", sj.Harmonic(437.5e3, frequency))])
-
-
-def plate(mesh: Any, joint: sj.Joint, poisson: float = 0.3, held: str = "left") -> sj.Structure:
-    """Plates of the paper's material, held at one end."""
-    return sj.Structure(
-        mesh,
-        sj.Material(MATERIAL.E, MATERIAL.density, poisson),
-        thickness=THICKNESS,
-        fixed=[held],
-        joints=[joint],
-        stiffness_damping=1e-5,
-    )
+    made = lap_joint(0.5, 50e6)
+    return made, made.system([sj.Load("free_end", sj.Harmonic(437.5e3, frequency))])
 
 
 @cache
 def case(name: str, poisson: float = 0.3) -> tuple[sj.Structure, sj.System, float]:
     """Structure, system and time step of a plate, of which three periods are run."""
     on, direction, frequency, held = "right", (1.0, 0.0), 500.0, "left"
-    pressed: dict[str, Any] = {"pressure": 50e6, "friction": FRICTION, "axis": (1.0, 0.0)}
+    pressed: dict[str, Any] = {"pressure": 50e6, "friction": MU, "axis": (1.0, 0.0)}
     if name == "lap":  # the paper's reference system
         mesh = sj.build_plate([("joint", 0.25, 40)], 0.05, 4)
         pressed["pressure"], force, frequency = 8e6, 63e3, 1000.0
@@ -88,9 +70,10 @@ def case(name: str, poisson: float = 0.3) -> tuple[sj.Structure, sj.System, floa
         over = sj.build_plate(parts, 0.05, 2, prefix="upper_", origin=(-0.3, 0.0))
         mesh, force, on, direction = sj.merged([under, over]), 60e3, "upper_left", (-1.0, 0.0)
         pressed["against"], held = "under", "lower_right"
-    structure = plate(mesh, sj.Joint("joint", **pressed), poisson, held)
-    system = structure.system([sj.Load(on, sj.Harmonic(force, frequency), direction)], [])
-    return structure, system, 1.0 / frequency / STEPS
+    how = {"material": replace(STEEL, poisson=poisson), "stiffness_damping": 1e-5}
+    made = structure(mesh, [sj.Joint("joint", **pressed)], [held], **how)
+    system = made.system([sj.Load(on, sj.Harmonic(force, frequency), direction)], [])
+    return made, system, 1.0 / frequency / STEPS
 
 
 def three_periods(system: sj.System, step: float) -> Run:

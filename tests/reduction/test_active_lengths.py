@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reduced_joints import EA, SPEED, case, case_i
+from bodies import EA
+from reduced_joints import SPEED, case, case_i
 
 import skfem_joint as sj
 from skfem_joint.reduction import active_length
@@ -76,9 +77,6 @@ def test_estimate_is_a_fixed_point():
         assert found.length == pytest.approx(0.25 * factor, rel=1e-9)
     slow = active_length.estimate(0.25, 1e-3, natural)
     assert slow.length == pytest.approx(0.25, rel=1e-9)
-
-
-# Active area
 
 
 def test_active_area_counts_the_area_of_slipping_points():

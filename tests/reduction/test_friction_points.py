@@ -90,9 +90,6 @@ def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
     assert gauss.cycles.friction == pytest.approx(nodes.cycles.friction, rel=1e-10)
 
 
-# Merged friction points
-
-
 def example() -> tuple[sj.System, Basis]:
     system = case("lap")[1]
     return system, own_basis(system, full("lap"), 8)
@@ -169,9 +166,6 @@ def test_partition_finds_what_is_apart():
     assert np.unique(np.stack([truth, label]), axis=1).shape[1] == 5
     assert sorted(partition(x[:3], np.ones(3), 3)) == [0, 1, 2]
     assert np.array_equal(partition(np.zeros((4, 2)), np.ones(4), 3), np.zeros(4))
-
-
-# Reduced systems
 
 
 def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():

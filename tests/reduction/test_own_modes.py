@@ -1,4 +1,4 @@
-"""Modes of a structure's own run, and reduced models made of a system in one line."""
+"""Modes of a structure's own run."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def test_fixed_interface_modes_do_not_slip():
     plain = own_basis(system, full("strip"), 6)
     more = own_basis(system, full("strip"), 6, interface_modes=2)
     assert more.V.shape[1] == 8
-    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-6  # holds the others
+    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-12  # holds the others
     assert np.linalg.matrix_rank(system.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
 
 
@@ -83,7 +83,7 @@ def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
     steps = {"step": step, "n_steps": 5 * STEPS, "cycle_steps": STEPS}
     basis = make_basis(structure, system, options, **steps, warn=warn)
     expected = own_basis(system, full("strip"), 6, interface_modes=2)
-    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-7
+    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-12
     assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
     assert warn == ["reduction.active_length has no effect but beside reference = 'paper'."]
     with pytest.raises(sj.InputError, match="must be 'static', 'self' or 'paper'"):
@@ -106,28 +106,6 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     assert warn[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 
-# One line
-
-
-def test_a_system_is_reduced_in_one_line():
-    structure, system = fig_18()
-    full_run = sj.integrate(system, cycles=6, steps_per_cycle=200)
-    small = sj.reduce(system, 10)
-    assert small.n == 10 + 1 + 2  # modes, the load's response, interface modes
-    assert 30 <= small.w.size <= 39
-    assert small.points == system.points
-    run = sj.integrate(small, cycles=6, steps_per_cycle=200, save=sj.Save(fields=True))
-    at = system.points.index("end")
-    difference = np.abs(run.point_u[:, at] - full_run.point_u[:, at]).max() / full_run.peak[at]
-    assert difference < 0.001
-    energies = run.cycles.friction[-1] / full_run.cycles.friction[-1]
-    assert energies == pytest.approx(1.0, abs=0.01)
-    nodes = structure.unpacked(small.expand(run.u))
-    assert nodes.shape == (len(run.u), structure.n_nodes, 1)
-    np.testing.assert_allclose(nodes[:, -1, 0], run.point_u[:, at], rtol=1e-9)
-    assert not nodes[:, 0].any()  # supported
-
-
 def test_a_run_of_ones_own_gives_the_modes():
     structure, _ = fig_18()
     system = structure.system([sj.Load("end", sj.HalfSine(5e4, 5e-4))])
@@ -140,4 +118,4 @@ def test_a_run_of_ones_own_gives_the_modes():
     at = system.points.index("end")
     difference = np.abs(again.point_u[:, at] - run.point_u[:, at]).max() / run.peak[at]
     assert small.w.size == system.w.size
-    assert difference < 0.01
+    assert difference < 2e-4

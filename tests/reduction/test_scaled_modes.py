@@ -6,18 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reduced_joints import (
-    EA,
-    SPEED,
-    STEPS,
-    bar,
-    case,
-    case_i,
-    errors,
-    fig_18,
-    full,
-    three_periods,
-)
+from bodies import EA
+from reduced_joints import SPEED, STEPS, bar, case, case_i, errors, fig_18, full, three_periods
 from scipy import linalg
 
 import skfem_joint as sj
@@ -33,12 +23,6 @@ from skfem_joint.reduction.reference import (
 from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
 
 # The reference system
-
-
-def test_proper_values_are_those_of_table_1():
-    proper = paper_reference(snapshots="displacement").proper
-    assert proper.proper_values[:5] == pytest.approx((86.55, 10.24, 1.70, 0.73, 0.29), abs=0.01)
-    assert proper.cumulative[3] > 99.0 > proper.cumulative[2]  # four modes hold 99 % (section 5)
 
 
 def assurance(one: ReferenceModes, other: ReferenceModes, count: int) -> np.ndarray:
@@ -72,9 +56,6 @@ def test_modes_keep_their_shape_on_the_unit_active_length():
     for modes in (0, 101):
         with pytest.raises(sj.InputError, match="must be from 1 to 100"):
             reference.at(reference.xi, modes)
-
-
-# Bars
 
 
 def scaled(
@@ -171,7 +152,7 @@ def test_interface_modes_that_take_no_part_are_left_out():
     nodes = structure.expand(V.T)
     x = structure.nodes
     axis = np.abs(x[:, 1] - 0.025) < 1e-9
-    assert np.abs(nodes[:, axis, 1]).max() < 1e-6 * np.abs(nodes).max()
+    assert np.abs(nodes[:, axis, 1]).max() < 1e-9 * np.abs(nodes).max()
     # Longitudinal vibration of the arm alone, clamped: 0.5 m.
     frequency = np.sqrt(linalg.eigvalsh(system.project(V).K)) / (2.0 * np.pi)
     assert frequency[0] < SPEED / (4 * 0.5) < frequency[-1]
@@ -211,9 +192,6 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 
     assert friction_error("rates") < 0.02
     assert friction_error("both") > 0.03
-
-
-# Plates
 
 
 @cache
@@ -265,8 +243,9 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points():
     assert basis.stretches is not None
     every, few = (
         three_periods(reduced_system(system, basis, friction_points=k, beta=1e4, warn=[])[0], step)
-        for k in ("all", 8)
+        for k in ("all", 2)
     )
+    assert few.system.w.size == 2 < basis.active.size
     history, energy = errors(few, every)
-    assert history < 0.02
-    assert abs(energy) < 0.02
+    assert history < 0.01
+    assert abs(energy) < 0.06

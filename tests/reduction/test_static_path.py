@@ -131,4 +131,4 @@ def test_a_dense_system_has_the_modes_of_the_sparse_one():
         for one in (system, system.project(np.eye(system.n)))
     ]
     spans = np.linalg.svd(bases[0].T @ (system.M @ bases[1]), compute_uv=False)
-    assert spans == pytest.approx(1.0, abs=1e-6)
+    assert spans == pytest.approx(1.0, abs=1e-12)

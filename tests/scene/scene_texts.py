@@ -9,6 +9,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import Scene, load_scene, scene_from
 
+MESHES = Path(__file__).parents[2] / "meshes"
 GOOD = """\
 title = "two joints and a plain bar"
 [mesh]
@@ -49,6 +50,14 @@ def with_changes(text: str, *changes: Change) -> str:
         assert text.count(old) == 1, f"{old!r} must stand in the good scene once"
         text = text.replace(old, new)
     return text
+
+
+def written(folder: Path, *changes: Change, text: str = GOOD, more: str = "") -> Path:
+    """File of a scene on the mesh of the paper's structure, with changes and more tables."""
+    path, meshes = folder / "scene.toml", MESHES.as_posix()
+    text = text.replace("bar.msh", f"{meshes}/structure.msh").replace("../meshes", meshes)
+    path.write_text(with_changes(text, *changes) + more, encoding="utf-8")
+    return path
 
 
 def scene_of(*changes: Change, folder: Path | None = None, mesh: NamedMesh | None = None) -> Scene:

@@ -50,7 +50,7 @@ def elsewhere(rows: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_pairs_that_lie_on_each_other_raise_no_doubt(dim: int) -> None:
+def test_pairs_that_lie_on_each_other_raise_no_doubt(dim):
     """Nor do those on a rigid base, and of bodies that are held already: nothing tells there."""
     some = matrices(dim)
     spring = sparse.coo_array(([some.K.diagonal().max()], ([0], [0])), shape=some.K.shape)
@@ -60,7 +60,7 @@ def test_pairs_that_lie_on_each_other_raise_no_doubt(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("change", [swapped, elsewhere])
-def test_a_pair_that_slips_as_all_moves_rigidly_is_told(dim: int, change: Change) -> None:
+def test_a_pair_that_slips_as_all_moves_rigidly_is_told(dim, change):
     some = matrices(dim, change)
     (found,) = some.unusual(some.system())
     assert "pair 5 of contact.upper slips" in found or "pair 6 of contact.upper slips" in found

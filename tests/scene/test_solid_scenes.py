@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista
 
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.cli import main
+from skfem_joint.output import write
 from skfem_joint.scene import load_scene
 
 FILES = Path(__file__).parent / "gmsh"
@@ -41,43 +43,32 @@ friction = 0.3
 law = "coulomb"
 [damping]
 stiffness = 1e-6
-[[load]]
-on = "upper right"
-quantity = "traction"
-direction = [1.0, 0.2, 0.0]
-kind = "harmonic"
-amplitude = 10e6
-frequency = 500.0
-[[load]]
-on = "upper back"
-quantity = "pressure"
-kind = "harmonic"
-amplitude = 1e6
-frequency = 500.0
-[[load]]
-on = "upper corner"
-direction = [0.0, 0.0, 1.0]
-kind = "harmonic"
-amplitude = 10.0
-frequency = 500.0
-[[load]]
-on = "upper above"
-direction = [1.0, 0.0, 0.0]
-kind = "harmonic"
-amplitude = 500.0
-frequency = 500.0
+"""
+LOADS = {
+    "right": ('quantity = "traction"\ndirection = [1.0, 0.2, 0.0]', 10e6),
+    "back": ('quantity = "pressure"', 1e6),
+    "corner": ("direction = [0.0, 0.0, 1.0]", 10.0),
+    "above": ("direction = [1.0, 0.0, 0.0]", 500.0),
+}
+HARMONIC = 'kind = "harmonic"\nfrequency = 500.0'
+SCENE += "".join(
+    f'[[load]]\non = "upper {on}"\n{how}\n{HARMONIC}\namplitude = {size}\n'
+    for on, (how, size) in LOADS.items()
+)
+SCENE += """\
 [time]
 cycles = 1
 steps_per_cycle = 60
 [models]
 run = ["full"]
+[output]
+vtk = true
+frames = 4
 """
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_path, kind):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
     study = run_scene(load_scene(path))
@@ -91,6 +82,9 @@ def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(
     np.testing.assert_allclose(peaks, expected, rtol=1e-12)
     assert run.energy_residual < 1e-10
     assert run.friction_work.sum() > 0.1 * np.abs(run.input_work).sum()
+    index = next(file for file in write(study, tmp_path) if file.suffix == ".pvd")
+    names = ["lower", "upper", "contact upper below", "contact lower above"]
+    assert pyvista.PVDReader(index).read()[0].keys() == [f"full: {name}" for name in names]
     locks = [sentence for sentence in study.warnings if "they lock" in sentence]
     assert len(locks) == (kind in ("tet4", "hex8"))
 
@@ -123,9 +117,7 @@ WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(
-    tmp_path: Path, wrong: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(tmp_path, wrong, capsys):
     lower, upper, changes, told = WRONG[wrong]
     files = {file.stem: file.read_text() for file in FILES.iterdir()}
     for kind in ("hex8", "tet10"):  # a corner is pushed through the elements beside it

@@ -1,20 +1,15 @@
 """Scenes of a sweep: which there are, and that each is checked as a scene of its own."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from scene_texts import GOOD, with_changes
+from scene_texts import written
 
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError
-from skfem_joint.scene import Swept, load_sweep
+from skfem_joint.scene import load_sweep
 from skfem_joint.scene.sweep_table import Sweep
-
-MESH = Path(__file__).parents[2] / "meshes" / "structure.msh"
-Read = Callable[..., Swept]
 
 
 @pytest.fixture
@@ -22,10 +17,7 @@ def read(tmp_path):
     """Read the good scene with a sweep and other changes."""
 
     def read(sweep, *changes):
-        text = with_changes(GOOD, ("bar.msh", MESH.as_posix()), *changes)
-        path = tmp_path / "scene.toml"
-        path.write_text(f"{text}[sweep]\n{sweep}\n", encoding="utf-8")
-        return load_sweep(path)
+        return load_sweep(written(tmp_path, *changes, more=f"[sweep]\n{sweep}\n"))
 
     return read
 

@@ -6,16 +6,17 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
 from skfem_joint.loads import Amplitude, Harmonic
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged
-from skfem_joint.structure import Joint, Load, Material, Structure
+from skfem_joint.mesh import build_bar, build_plate
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.structure import Joint, Load, Structure
 from skfem_joint.system import AppliedLoad, System
 
-E, DENSITY, WIDTH, THICKNESS, MU = 200e9, 8000.0, 0.05, 0.01, 0.7
-EA = E * WIDTH * THICKNESS
-STEEL = Material(E, DENSITY, 0.3)
+FIELDS = Save(fields=True)
 
 
 def struts(mesh: Any, joints: Sequence[Joint] = (), **changes: Any) -> Structure:
@@ -58,22 +59,20 @@ class LapJoint:
     def system(self) -> System:
         ends = {"fixed": 0.0, "free_end": self.length}
         bar = build_bar([("joint", self.length, self.elements)], ends)
-        structure = struts(bar, [self.joint], **(self.options or {}))
-        return structure.system([Load("free_end", self.amplitude)])
+        made = struts(bar, [self.joint], **(self.options or {}))
+        return made.system([Load("free_end", self.amplitude)])
 
 
 CASE_I = LapJoint(length=0.5, pressure=50e6, force=437.5e3, frequency=2000.0)
 
 
-def oscillator(
-    load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0.05, mass: float = 1.0
-) -> System:
+def oscillator(load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0.05) -> System:
     """Single mass on a spring without friction, observed as ``mass``."""
     omega, one = 2.0 * np.pi * frequency, np.ones((1, 1))
     return System(
-        M=mass * one,
-        C=2.0 * damping_ratio * omega * mass * one,
-        K=omega**2 * mass * one,
+        M=one,
+        C=2.0 * damping_ratio * omega * one,
+        K=omega**2 * one,
         B=np.zeros((0, 1)),
         w=np.zeros(0),
         beta=np.zeros(0),
@@ -91,57 +90,22 @@ def arm(
     regions = [("joint", 0.2, elements[0]), ("free", 0.5, elements[1])]
     mesh = build_bar(regions, {"fixed": 0.0, "end": 0.7})
     joint = joint or Joint("joint", 50e6, MU, beta=inf)
-    structure = struts(mesh, [joint], **{"stiffness_damping": 0.0, **changes})
-    return structure.system([Load("end", load)] if load else [], ["end"])
-
-
-def pressed(on: str = "joint", **changes: Any) -> Joint:
-    """Joint with the paper's pressure and friction."""
-    return Joint(on, **{"pressure": 8e6, "friction": MU, **changes})
-
-
-def plate(mesh: NamedMesh, joints: Sequence[Joint] = (), **changes: Any) -> Structure:
-    """Plates of the paper's material, held at ``left``."""
-    values = {"thickness": THICKNESS, "fixed": ("left",), "joints": joints}
-    return Structure(mesh, STEEL, **{**values, **changes})
+    made = struts(mesh, [joint], **{"stiffness_damping": 0.0, **changes})
+    return made.system([Load("end", load)] if load else [], ["end"])
 
 
 def reference_plate(
-    beta: float = 1e5, elements: tuple[int, int] = (20, 4), element: Any = ("quadrilateral", 1),
-    turn: Any = None, load: Any = None, **changes: Any,
-) -> tuple[Structure, System]:  # fmt: skip
+    beta: float = 1e5, elements: tuple[int, int] = (20, 4), load: Any = None
+) -> System:
     """The paper's reference system as a plate, pulled along it and a little across."""
-    kind, order = element
-    mesh = build_plate([("joint", 0.25, elements[0])], WIDTH, elements[1], kind=kind, order=order)
-    direction = np.array([1.0, 0.2])
-    if turn is not None:
-        mesh, direction = turned(mesh, turn), turn @ direction
-    structure = plate(mesh, [pressed(beta=beta)], stiffness_damping=1e-5, **changes)
-    pull = Load("right", load or Harmonic(60e3, 1000.0), tuple(direction))
-    return structure, structure.system([pull])
+    mesh = build_plate([("joint", 0.25, elements[0])], WIDTH, elements[1])
+    made = structure(mesh, [pressed(beta=beta)], stiffness_damping=1e-5)
+    return made.system([Load("right", load or Harmonic(60e3, 1000.0), (1.0, 0.2))])
 
 
-def turned(mesh: NamedMesh, turn: np.ndarray) -> NamedMesh:
-    """The same plate turned about the origin by a matrix (2, 2)."""
-    p = turn @ mesh.mesh.p
-    coordinates = np.vstack([p, np.zeros((1, p.shape[1]))]).T
-    return replace(mesh, mesh=replace(mesh.mesh, doflocs=p), coordinates=coordinates)
-
-
-def lapped_plates() -> tuple[Structure, System]:
-    """Two plates over each other, contact between two bodies, pulled apart."""
-    lower = build_plate([("lower_rest", 0.2, 4), ("lower_joint", 0.1, 4)], WIDTH, 2,
-                        prefix="lower_")  # fmt: skip
-    upper = build_plate([("upper_joint", 0.1, 5), ("upper_rest", 0.2, 4)], WIDTH, 2,
-                        prefix="upper_", origin=(0.2, 0.0))  # fmt: skip
-    joint = pressed("upper_joint", against="lower_joint")
-    structure = plate(merged([lower, upper]), [joint], fixed=("lower_left",))
-    return structure, structure.system([Load("upper_right", Harmonic(20e3, 500.0), (1.0, 0.0))])
-
-
-def dense_system(pairs: int = 6, singles: int = 0, n: int = 4, **changes: Any) -> System:
+def dense_system(singles: int = 0, **changes: Any) -> System:
     """Dense system with random points that slip in two directions and in one."""
-    generator = np.random.default_rng(7)
+    generator, pairs, n = np.random.default_rng(7), 6, 4
     A = generator.standard_normal((n, n))
     directions = generator.permutation(np.repeat([2, 1], [pairs, singles])).astype(np.int64)
     values: dict[str, Any] = {
@@ -174,6 +138,11 @@ def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
     return System(M, C, K, rows, bar.w, np.full(n, beta), (pull,), P, ("one", "other"))
 
 
+def run_of(system: System, n_steps: int = 100, **changes: Any) -> Run:
+    """Steps of 10 µs, with fields."""
+    return integrate(system, **{"step": 1e-5, "n_steps": n_steps, "save": FIELDS, **changes})
+
+
 def order_of(errors: Sequence[float], steps: Sequence[float]) -> float:
     """Slope of log error against log step."""
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
@@ -202,8 +171,8 @@ def of_stepper(kind: str, load: Any = None) -> System:
         "Coulomb": lambda: replace(joint, beta=inf).system,
         "dense": lambda: joint.system.project(basis),
         "linear": lambda: replace(joint, friction=0.0).system,
-        "contact": lambda: reference_plate(1e5, (10, 2), load=load)[1],
-        "contact Coulomb": lambda: reference_plate(inf, (10, 2), load=load)[1],
+        "contact": lambda: reference_plate(1e5, (10, 2), load),
+        "contact Coulomb": lambda: reference_plate(inf, (10, 2), load),
         "relative": lambda: relative_slips(load=load),
     }
     return make[kind]()

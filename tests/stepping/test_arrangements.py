@@ -7,15 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import skfem
+from bodies import LAP, lap, structure
 from scipy import sparse
 from scipy.integrate import trapezoid
-from stepping_systems import (
-    LapJoint,
-    lapped_plates,
-    reference_plate,
-    relative_slips,
-    struts,
-)
+from stepping_systems import LapJoint, reference_plate, relative_slips, run_of, struts
 
 import skfem_joint as sj
 from skfem_joint.stepping import integrate as driver
@@ -23,12 +18,6 @@ from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.unknowns import slips_as_unknowns
-
-FIELDS = sj.Save(fields=True)
-
-
-def run_of(system: sj.System, n_steps: int = 100, **changes: Any) -> Run:
-    return sj.integrate(system, **{"step": 1e-5, "n_steps": n_steps, "save": FIELDS, **changes})
 
 
 def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
@@ -41,16 +30,13 @@ def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
     np.testing.assert_allclose(*works, rtol=0.0, atol=10 * rtol * energy)
 
 
-# Choice
-
-
 def test_each_system_gets_its_stepper():
     system = LapJoint(elements=10).system
     assert arranged(system).kind == "chain"
     assert arranged(replace(system, w=0 * system.w)).kind == "linear"
     assert arranged(system.project(np.eye(10)[:, :3])).kind == "dense"
-    assert arranged(reference_plate(elements=(4, 2))[1]).kind == "contact"
-    assert arranged(lapped_plates()[1]).kind == "contact"
+    assert arranged(reference_plate(elements=(4, 2))).kind == "contact"
+    assert arranged(structure(lap(), [LAP], ["lower_left"]).system()).kind == "contact"
     # One unknown for each slip row, but more bands than a chain has.
     band = sparse.csr_array(system.M + 1e-3 * sparse.eye_array(10, k=2) @ system.M)
     band = sparse.csr_array(0.5 * (band + band.T))
@@ -71,9 +57,6 @@ def test_slips_that_depend_on_each_other_in_a_large_system_are_refused(rows):
                    directions=np.ones(rows + 1, dtype=int), J=None, joints=())  # fmt: skip
     with pytest.raises(sj.InputError, match="depend on each other"):
         sj.integrate(more, step=1e-5, n_steps=1)
-
-
-# Any numbering
 
 
 @pytest.mark.parametrize("beta", [1e5, inf])
@@ -108,9 +91,6 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
     for name in ("friction_work", "slip_peak"):
         a, b = getattr(shuffled, name)[point], getattr(row, name)[other]
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * b.max())
-
-
-# Slip rows of any kind
 
 
 @pytest.mark.parametrize("beta", [1e3, inf])
@@ -151,13 +131,10 @@ def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far():
     np.testing.assert_allclose(run.friction_work, 2 * single.friction_work, rtol=1e-7)
 
 
-# Named points
-
-
 def test_a_load_on_a_region_works_on_its_mean_displacement():
     bar = sj.build_bar([("joint", 0.2, 16), ("rest", 0.1, 8)], {"fixed": 0.0, "free_end": 0.3})
-    structure = struts(bar, [LapJoint().joint])
-    system = structure.system([sj.Load("rest", sj.Harmonic(40e3, 1000.0))], ["free_end"])
+    made = struts(bar, [LapJoint().joint])
+    system = made.system([sj.Load("rest", sj.Harmonic(40e3, 1000.0))], ["free_end"])
     assert np.diff(sparse.csr_array(system.P).indptr)[0] > 1
     assert arranged(system).kind == "chain"
     run = run_of(system, 200)
@@ -165,13 +142,10 @@ def test_a_load_on_a_region_works_on_its_mean_displacement():
     force, mean = run.amplitudes[:, 0], run.point("rest")
     work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(mean))
     assert work == pytest.approx(run.input_work[0], rel=1e-10)
-    u = structure.expand(run.u)[..., 0]
-    s, inside = structure.nodes[:, 0], structure.nodes[:, 0] >= 0.2 - 1e-9
+    u = made.expand(run.u)[..., 0]
+    s, inside = made.nodes[:, 0], made.nodes[:, 0] >= 0.2 - 1e-9
     exact = trapezoid(u[:, inside], s[inside], axis=1) / 0.1
     np.testing.assert_allclose(mean, exact, atol=1e-12 * run.peak.max())
-
-
-# The same books
 
 
 @pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.5)])

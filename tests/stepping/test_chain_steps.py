@@ -144,9 +144,6 @@ def test_a_few_passes_find_slip_that_spreads_from_the_ends(n, ends):
             assert 0 < np.count_nonzero(v) < n
 
 
-# Runs
-
-
 @pytest.mark.parametrize("beta", [1e5, 1e7, 1e9])
 def test_coarse_steps_of_steep_laws_start_from_coulombs_solution(beta):
     # Without it such steps take 22 iterations and most of them nested ones.
@@ -164,22 +161,19 @@ def test_work_does_not_grow_with_the_chain(beta, most):
     assert run.energy_residual < 1e-9
 
 
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-@pytest.mark.parametrize("joint", [LapJoint(), CASE_I], ids=["reference", "case_I"])
-def test_long_chains_need_neither_descents_nor_halved_steps(joint, beta):
-    system = replace(joint, elements=10_000, beta=beta).system
-    run = integrate(system, step=0.01 / joint.frequency, n_steps=45)
+# Without rules for flips between stick and slip, Newton's iteration cycles in the steps 50 to 65 of
+# Coulomb's reference: some of them then take descents, and some are halved.
+@pytest.mark.parametrize(
+    ("joint", "steps"),
+    [
+        *((LapJoint(), 45), (CASE_I, 45), (replace(CASE_I, beta=np.inf), 45)),
+        *((LapJoint(beta=np.inf, normal_force=kind), 65) for kind in ("equal", "consistent")),
+    ],
+)
+def test_long_chains_need_neither_descents_nor_halved_steps(joint, steps):
+    system = replace(joint, elements=10_000).system
+    run = integrate(system, step=0.01 / joint.frequency, n_steps=steps)
     assert run.counters.descents == run.counters.halved_steps == 0
     assert run.counters.newton_iterations <= 60 * run.counters.steps
-    assert run.energy_residual < 1e-9
-
-
-@pytest.mark.parametrize("normal_force", ["equal", "consistent"])
-def test_coulomb_points_at_the_edge_of_slip_do_not_flip_for_ever(normal_force):
-    # Without rules for flips between stick and slip, Newton's iteration cycles in steps 50 to 65:
-    # some of them then take descents, and some are halved.
-    joint = LapJoint(elements=10_000, beta=np.inf, normal_force=normal_force)
-    run = integrate(joint.system, step=1e-5, n_steps=65)
-    assert run.counters.descents == run.counters.halved_steps == 0
-    assert run.counters.largest_iterations <= 100
+    assert np.isfinite(joint.beta) or run.counters.largest_iterations <= 100
     assert run.energy_residual < 1e-9

@@ -39,7 +39,8 @@ FORCES = """
 
 def errors_of(*code: str, **environment: str) -> str:
     """Error output of code in a fresh interpreter that finds the helpers of the tests."""
-    paths = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
+    inherited = filter(None, [os.environ.get("PYTHONPATH")])
+    paths = os.pathsep.join([str(HERE), str(HERE.parent / "structure"), *inherited])
     result = subprocess.run(
         [sys.executable, "-W", "always", "-c", "\n".join(map(textwrap.dedent, code))],
         capture_output=True, text=True, check=False,

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bodies import WIDTH, pressed, structure
 from scipy import sparse
-from stepping_systems import WIDTH, plate, pressed, reference_plate
+from stepping_systems import reference_plate
 
 import skfem_joint as sj
 from skfem_joint import friction
@@ -134,9 +135,6 @@ def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sw
         assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))
 
 
-# Runs
-
-
 def run(system: sj.System, steps: int = 50, **changes: Any) -> Run:
     values = {"step": 1e-3 / steps, "n_steps": steps, "save": sj.Save(fields=True)} | changes
     return sj.integrate(system, **values)
@@ -146,10 +144,8 @@ def run(system: sj.System, steps: int = 50, **changes: Any) -> Run:
 def test_a_solid_on_its_base_is_stepped_as_a_plate_is(beta):
     sides = {"left": "left", "right": "right", "base": "front"}
     mesh = sj.build_box([("joint", 0.25, 6)], (WIDTH, 0.01), (2, 1), boundaries=sides)
-    structure = sj.Structure(mesh, sj.Material(200e9, 8000.0, 0.3), fixed=("left",),
-                          joints=[pressed("base", beta=beta)], stiffness_damping=1e-5)  # fmt: skip
-    load = sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.2, 0.0))
-    system = structure.system([load])
+    made = structure(mesh, [pressed("base", beta=beta)], stiffness_damping=1e-5)
+    system = made.system([sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.2, 0.0))])
     assert np.all(system.directions == 2)
     found = run(system, 100)
     assert found.energy_residual < 1e-11
@@ -161,8 +157,8 @@ def test_a_solid_on_its_base_is_stepped_as_a_plate_is(beta):
 @pytest.mark.parametrize("beta", LAWS)
 def test_condensing_changes_nothing(beta, monkeypatch):
     mesh = sj.build_plate([("linear", 0.2, 16), ("joint", 0.05, 4)], WIDTH, 4)
-    structure = plate(mesh, [pressed(beta=beta)], fixed=("right",))
-    system = structure.system([sj.Load("left", sj.Harmonic(12e3, 1000.0), (1.0, 0.1))])
+    made = structure(mesh, [pressed(beta=beta)], fixed=("right",))
+    system = made.system([sj.Load("left", sj.Harmonic(12e3, 1000.0), (1.0, 0.1))])
     condensed = run(system)
     monkeypatch.setattr(steppers, "CONDENSED", 0)
     on_all = run(system)
@@ -175,7 +171,7 @@ def test_condensing_changes_nothing(beta, monkeypatch):
 
 def test_few_factorizations_serve_many_iterations(monkeypatch):
     monkeypatch.setattr(steppers, "CONDENSED", 0)
-    _, system = reference_plate(1e5, elements=(30, 6))
+    system = reference_plate(1e5, elements=(30, 6))
     counters = run(system, steps=200).counters
     assert counters.newton_iterations < 5 * counters.steps
     assert counters.factorizations < counters.newton_iterations / 5
@@ -186,8 +182,8 @@ def test_few_factorizations_serve_many_iterations(monkeypatch):
 def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side():
     """A roller along the lower edge takes one direction of its nodes: their force is along x."""
     mesh = sj.build_plate([("joint", 0.25, 10)], WIDTH, 2)
-    structure = plate(mesh, [pressed(beta=np.inf)], fixed_y=("bottom",))
-    system = structure.system([sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.0))])
+    made = structure(mesh, [pressed(beta=np.inf)], fixed_y=("bottom",))
+    system = made.system([sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.0))])
     assert set(system.directions) == {1, 2}
     found = run(system)
     assert found.energy_residual < 1e-10
@@ -211,8 +207,8 @@ def test_a_loaded_body_beside_one_in_contact_at_rest(beta):
     """Condensed, the contact has no force at all while the step has."""
     sticks = sj.build_plate([("joint", 0.1, 4)], WIDTH, 2, prefix="held_")
     moves = sj.build_plate([("free", 0.3, 12)], WIDTH, 3, origin=(0.5, 0.0))
-    structure = plate(sj.merged([sticks, moves]), [pressed(beta=beta)], fixed=("held_left", "left"))
-    found = run(structure.system([sj.Load("right", sj.Harmonic(1e4, 1000.0), (1.0, 0.0))]))
+    made = structure(sj.merged([sticks, moves]), [pressed(beta=beta)], fixed=("held_left", "left"))
+    found = run(made.system([sj.Load("right", sj.Harmonic(1e4, 1000.0), (1.0, 0.0))]))
     assert found.friction_work.sum() == 0.0
     assert found.energy_residual < 1e-10
     assert np.abs(found.v).max() > 0.0

@@ -20,9 +20,6 @@ def turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-# One step
-
-
 def problem(pairs: int, singles: int, n: int, seed: int = 0, beta: float = 1e5) -> Any:
     """Step matrix, contact, right-hand side; the points with one direction come in between."""
     generator = np.random.default_rng(seed)
@@ -63,9 +60,6 @@ def test_newton_converges_quadratically():
     assert found.newton_iterations <= 6
     assert found.line_searches == 0
     assert found.friction_evaluations == found.newton_iterations + 1
-
-
-# Runs
 
 
 def run_of(s: System, steps: int = 200, **options: Any) -> Run:

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from math import inf, pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bodies import DENSITY, E
 from stepping_systems import (
-    DENSITY,
     STEPPERS,
-    E,
     LapJoint,
     dense_system,
     differing,
@@ -38,7 +38,16 @@ SMALL = LapJoint(elements=5).system
 every_stepper = pytest.mark.parametrize("kind", STEPPERS)
 
 
-# How long, in which steps
+def advance_by(patch: pytest.MonkeyPatch, advance: Any, **changes: Any) -> None:
+    """Let steppers advance by a function of them, of their own way and of its arguments."""
+    choose = driver.choose
+
+    def chosen(*arguments: Any) -> Stepper:
+        stepper = choose(*arguments)
+        vars(stepper).update(changes, advance=partial(advance, stepper, stepper.advance))
+        return stepper
+
+    patch.setattr(driver, "choose", chosen)
 
 
 def test_all_ways_to_give_the_steps_are_one():
@@ -86,9 +95,6 @@ def test_arguments_that_do_not_fit_are_refused(arguments, message):
         sj.integrate(SMALL, **arguments)
 
 
-# Rows and chunks
-
-
 @every_stepper
 def test_rows_are_stored_at_the_asked_strides(kind):
     system = of_stepper(kind)
@@ -131,23 +137,14 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
     seen: list[tuple[float, int]] = []
     saved: list[int] = []
 
-    def counted(*arguments):
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def slower(_, advance, h, amplitudes, first, store):
+        nonlocal now, longest
+        steps = advance(h, amplitudes, first, store)
+        took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
+        now, longest = now + took, max(longest, took)
+        return steps
 
-        def slower(h, amplitudes, first, store):
-            nonlocal now, longest
-            steps = advance(h, amplitudes, first, store)
-            took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
-            now, longest = now + took, max(longest, took)
-            return steps
-
-        monkeypatch.setattr(stepper, "advance", slower)
-        stepper.first_call = 1
-        return stepper
-
-    choose = driver.choose
-    monkeypatch.setattr(driver, "choose", counted)
+    advance_by(monkeypatch, slower, first_call=1)
     monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
     monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
     run = sj.integrate(
@@ -180,41 +177,26 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(fricti
     assert used[2] < used[1] + 100_000
 
 
-# Interruptions
-
-
 @every_stepper
 @pytest.mark.parametrize("jumps", [False, True])
 def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jumps, monkeypatch):
     """In the middle of a chunk, when rows, works and counters have gone on already."""
     system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
-    options: dict[str, Any] = {
-        "step": 5e-6,
-        "save": sj.Save(every=2, fields=True),
-        "cycle_steps": 10,
-    }
+    options = {"step": 5e-6, "save": sj.Save(every=2, fields=True), "cycle_steps": 10}
     calls = 0
 
-    def interrupted(*arguments):
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def half(_, advance, h, amplitudes, first, store):
+        nonlocal calls
+        steps = amplitudes.shape[1] - 1
+        if steps > 0 and first >= 33:
+            calls += 1
+            advance(h, amplitudes[:, : steps // 2 + 1], first, store)
+            raise KeyboardInterrupt
+        return advance(h, amplitudes, first, store)
 
-        def half(h, amplitudes, first, store):
-            nonlocal calls
-            steps = amplitudes.shape[1] - 1
-            if steps > 0 and first >= 33:
-                calls += 1
-                advance(h, amplitudes[:, : steps // 2 + 1], first, store)
-                raise KeyboardInterrupt
-            return advance(h, amplitudes, first, store)
-
-        stepper.advance = half
-        return stepper
-
-    choose = driver.choose
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "choose", interrupted)
+        advance_by(patch, half)
         run = sj.integrate(system, n_steps=60, **options)
     assert calls == 1
     assert run.interrupted
@@ -225,30 +207,18 @@ def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jump
     assert differing(replace(run, interrupted=False), whole) == []
 
 
-# Steps that do not converge
-
-
 def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
     """Let steps fail that ``refuses`` (first step, step size)."""
-    choose = driver.choose
 
-    def chosen(*arguments: Any) -> Stepper:
-        stepper = choose(*arguments)
-        advance = stepper.advance
+    def maybe(stepper, advance, h, amplitudes, first, store):
+        for k in range(amplitudes.shape[1] - 1):
+            if refuses(first + k, h):
+                done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
+                stepper.failure = Failure(12.5, 3)
+                return done
+        return advance(h, amplitudes, first, store)
 
-        def maybe(h: float, amplitudes: Any, first: int, store: bool) -> int:
-            steps = amplitudes.shape[1] - 1
-            for k in range(steps):
-                if refuses(first + k, h):
-                    done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
-                    stepper.failure = Failure(12.5, 3)
-                    return done
-            return advance(h, amplitudes, first, store)
-
-        stepper.advance = maybe
-        return stepper
-
-    monkeypatch.setattr(driver, "choose", chosen)
+    advance_by(monkeypatch, maybe)
 
 
 @pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])
@@ -302,9 +272,6 @@ def test_a_tolerance_below_round_off_still_ends(kind):
     loose = sj.integrate(system, step=1e-5, n_steps=60)
     tight = sj.integrate(system, step=1e-5, n_steps=60, tolerance=0.0)
     np.testing.assert_allclose(tight.point_u, loose.point_u, atol=1e-8 * loose.peak[0])
-
-
-# Loads that jump
 
 
 def under_rectangle(times: np.ndarray, load: sj.Rectangle) -> np.ndarray:
@@ -374,9 +341,6 @@ def test_coulomb_points_at_rest_start_to_slip_only_as_far_as_the_load_reaches():
     still = sj.integrate(quiet.system, step=1e-6, n_steps=10, save=sj.Save(fields=True))
     assert np.all(still.u == 0.0)
     assert still.sigma[-1, -1] == pytest.approx(0.5, rel=1e-12)
-
-
-# Steps that are too long for a load
 
 
 @pytest.mark.parametrize(

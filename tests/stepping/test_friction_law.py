@@ -26,9 +26,6 @@ PARAMETERS = np.concatenate(
 )
 
 
-# One direction
-
-
 def test_arctan_law_is_equation_2():
     # At beta v = 1, sqrt(3) and 1 / sqrt(3) the arctangent is pi / 4, pi / 3 and pi / 6.
     beta = 1e5
@@ -58,9 +55,6 @@ def test_force_is_odd_monotone_and_bounded(beta):
     assert np.all(friction.slope(v, beta) >= 0.0)
 
 
-# Slip vectors
-
-
 def slips(count: int = 50) -> np.ndarray:
     generator = np.random.default_rng(3)
     return generator.standard_normal((count, 2)) * 10.0 ** generator.uniform(-9, 1, (count, 1))
@@ -76,9 +70,6 @@ def test_force_has_the_slip_s_direction_and_the_scalar_law_s_size(beta):
     np.testing.assert_allclose(f[:, 0] * y[:, 1], f[:, 1] * y[:, 0], rtol=8 * EPS)
     assert np.all(np.einsum("pd,pd->p", f, y) > 0.0)
     assert np.array_equal(friction.force_vectors(np.zeros(4), beta, two[:2]), np.zeros(4))
-
-
-# Compiled
 
 
 @compiled.compiled
@@ -116,9 +107,6 @@ def test_compiled_forces_are_the_plain_ones():
     compiled.forces(beta, slip, sigma)
     np.testing.assert_allclose(sigma, friction.force(slip, beta), rtol=4 * EPS, atol=0.0)
     assert np.all(np.abs(sigma) <= 1.0)
-
-
-# The graph and its parameter
 
 
 def resolved(kappa: float, beta: float) -> Any:

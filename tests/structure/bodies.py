@@ -12,6 +12,7 @@ from skfem_joint.structure import Joint, Material, Structure
 
 E, DENSITY, NU, MU = 200e9, 8000.0, 0.3, 0.7
 WIDTH, THICKNESS = 0.05, 0.01
+EA = E * WIDTH * THICKNESS
 STEEL = Material(E, DENSITY, NU)
 #: Shape and order of the elements.
 ELEMENTS = [("line", 1), ("tri", 1), ("tri", 2), ("quad", 1), ("quad", 2),
@@ -32,23 +33,15 @@ def block(shape: str, order: int = 1, n: int = 3, size: tuple[float, ...] = (1, 
             enumerate(size[:dim])]  # fmt: skip
     mesh = _MESHES[shape](axes[0]) if dim == 1 else _MESHES[shape].init_tensor(*axes)
     half, last, end = size[0] / 2, dim - 1, 1e-9 * size[0]
-    mesh = mesh.with_subdomains(
-        {"joint": lambda x: x[0] < half, "rest": lambda x: x[0] > half}
-    ).with_boundaries(
-        {
-            "left": lambda x: x[0] < end,
-            "right": lambda x: x[0] > size[0] - end,
-            **(
-                {
-                    "base": lambda x: x[last] < end,
-                    "top": lambda x: x[last] > size[last] - end,
-                    "pressed": lambda x: (x[last] < end) & (x[0] < half),
-                }
-                if dim > 1
-                else {}
-            ),
+    mesh = mesh.with_subdomains({"joint": lambda x: x[0] < half, "rest": lambda x: x[0] > half})
+    borders = {"left": lambda x: x[0] < end, "right": lambda x: x[0] > size[0] - end}
+    if dim > 1:
+        borders |= {
+            "base": lambda x: x[last] < end,
+            "top": lambda x: x[last] > size[last] - end,
+            "pressed": lambda x: (x[last] < end) & (x[0] < half),
         }
-    )
+    mesh = mesh.with_boundaries(borders)
     corner = int(np.argmax(mesh.p.sum(axis=0)))
     points = {"corner": corner} if dim > 1 else None
     return named(mesh, points=points, order=order)
@@ -62,10 +55,10 @@ def mapped(body: NamedMesh, function: Callable[[np.ndarray], np.ndarray]) -> Nam
     return replace(body, mesh=mesh, coordinates=coordinates)
 
 
-def distorted(body: NamedMesh, part: float = 0.15, seed: int = 1) -> NamedMesh:
+def distorted(body: NamedMesh, part: float = 0.15) -> NamedMesh:
     """The same body with the vertices inside its regions moved by a part of the element's size."""
     mesh = body.mesh
-    shift = part * mesh.param() / 2 * np.random.default_rng(seed).uniform(-1, 1, mesh.p.shape)
+    shift = part * mesh.param() / 2 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
     regions = [np.unique(mesh.t[:, elements]) for elements in body.regions.values()]
     used = np.bincount(np.concatenate(regions), minlength=mesh.p.shape[1])
     shift[:, mesh.boundary_nodes()] = 0.0
@@ -83,8 +76,8 @@ def turned(body: NamedMesh, angle: float) -> NamedMesh:
 
 def section(body: NamedMesh) -> dict[str, float]:
     """Width and thickness as the dimension needs them."""
-    sizes = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}[body.mesh.dim()]
-    return {name: {"width": WIDTH, "thickness": THICKNESS}[name] for name in sizes}
+    sizes = {"thickness": THICKNESS, "width": WIDTH}
+    return dict(list(sizes.items())[: 3 - body.mesh.dim()])
 
 
 def structure(

@@ -5,21 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bodies import (
-    DENSITY,
-    LAP,
-    MU,
-    SIDE,
-    THICKNESS,
-    WIDTH,
-    E,
-    block,
-    lap,
-    pressed,
-    side,
-    structure,
-    two_bars,
-)
+from bodies import EA, LAP, SIDE, STEEL, THICKNESS, WIDTH, lap, pressed, side, structure, two_bars
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import compare
@@ -29,91 +15,60 @@ STEPS = 100
 REFERENCE = sj.Harmonic(63e3, 1000.0)
 
 
-def cycle(system: sj.System, frequency: float = 1000.0, cycles: int = 1, steps: int = STEPS) -> Run:
+def cycle(system: sj.System, cycles: int = 1, steps: int = STEPS) -> Run:
     """The first periods from rest, in which the joint slips there, back and there again."""
-    return sj.integrate(
-        system,
-        step=1.0 / frequency / steps,
-        n_steps=cycles * steps,
-        cycle_steps=steps,
-        save=sj.Save(fields=True),
-    )
+    return sj.integrate(system, cycles=cycles, steps_per_cycle=steps, save=sj.Save(fields=True))
 
 
 @cache
-def strut(elements: int, beta: float = 1e5, normal_force: str = "consistent") -> Run:
-    body = sj.build_bar([("joint", 0.25, elements)], {"left": 0.0, "right": 0.25})
-    joint = pressed(beta=beta, normal_force=normal_force)
-    some = structure(body, [joint], ["left"], stiffness_damping=1e-5)
+def strut() -> Run:
+    body = sj.build_bar([("joint", 0.25, 400)], {"left": 0.0, "right": 0.25})
+    some = structure(body, [pressed(normal_force="consistent")], stiffness_damping=1e-5)
     return cycle(some.system([sj.Load("right", REFERENCE)]), cycles=2)
 
 
 @cache
-def reference_body(
-    shape: str, order: int, poisson: float, cells: tuple[int, ...], beta: float
-) -> Run:
-    """The paper's reference system as a plate or solid of (along, across) elements."""
-    if shape in ("triangle", "quadrilateral"):
-        body = sj.build_plate([("joint", 0.25, cells[0])], WIDTH, cells[1], kind=shape, order=order)
-        on = "joint"
-    else:
-        body = block(shape, order, cells[0], (0.25, WIDTH, THICKNESS))
-        on = "base"
-    material = replace(structure(body).material, poisson=poisson)
-    some = structure(body, [pressed(on, beta=beta)], material=material, stiffness_damping=1e-5)
-    pull = (1.0, *[0.0] * (some.dim - 1))
-    return cycle(some.system([sj.Load("right", REFERENCE, pull)], []), cycles=2)
-
-
-@pytest.mark.parametrize("beta", [1e5, np.inf])
-def test_columns_of_quadrilaterals_without_contraction_move_as_the_strut(beta):
-    errors = compare(strut(40, beta), reference_body("quadrilateral", 1, 0.0, (40, 2), beta))
-    assert errors.displacement_max < 1e-8
-    assert abs(errors.friction_energy) < 1e-7
+def reference_plate(kind: str, order: int, poisson: float, cells: tuple[int, int]) -> Run:
+    """The paper's reference system as a plate of (along, across) elements."""
+    body = sj.build_plate([("joint", 0.25, cells[0])], WIDTH, cells[1], kind=kind, order=order)
+    material = replace(STEEL, poisson=poisson)
+    some = structure(body, [pressed()], material=material, stiffness_damping=1e-5)
+    return cycle(some.system([sj.Load("right", REFERENCE, (1.0, 0.0))], []), cycles=2)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
-def test_any_plate_without_contraction_is_the_strut_to_its_mesh(kind, order):
-    """The 0.5 % asked for on displacement and energy of the reference system, five times over."""
-    found = reference_body(kind, order, 0.0, (40 // order, 2), 1e5)
-    errors = compare(strut(400), found)
-    assert errors.displacement_max < 1e-3
-    assert errors.displacement_rms < 1e-3
-    assert abs(errors.friction_energy) < 1e-3
+def test_any_plate_without_contraction_is_the_strut_and_no_mesh_changes_its_friction(kind, order):
+    """With 40 nodes along the joint; those that contract across are compared with a finer one."""
+    finest = reference_plate("quadrilateral", 2, 0.3, (24, 3))
+    for exact, poisson, across in ((strut(), 0.0, 2), (finest, 0.3, 4 // order)):
+        errors = compare(exact, reference_plate(kind, order, poisson, (40 // order, across)))
+        assert errors.displacement_max < 1e-3
+        assert errors.displacement_rms < 1e-3
+        assert abs(errors.friction_energy) < 1e-3 * (1 + (poisson > 0.0))
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
-def test_friction_energy_does_not_depend_on_the_mesh(kind, order):
-    """Within 0.2 % for plates that contract across, with 40 nodes along the joint."""
-    finest = reference_body("quadrilateral", 2, 0.3, (24, 3), 1e5)
-    errors = compare(finest, reference_body(kind, order, 0.3, (40 // order, 4 // order), 1e5))
-    assert errors.displacement_max < 1e-3
-    assert abs(errors.friction_energy) < 2e-3
+def damped_bars(above: int, below: int, arm: int = 20) -> sj.Structure:
+    return two_bars(above, below, beta=np.inf, arm=arm, stiffness_damping=1e-5)
 
 
-def damped_bars(above: int, below: int, beta: float = np.inf, arm: int = 20) -> sj.Structure:
-    return two_bars(above, below, beta=beta, arm=arm, stiffness_damping=1e-5)
-
-
-FORCE, TAU, EA = 87.5e3, MU * 50e6 * WIDTH, E * WIDTH * THICKNESS
+FORCE, TAU = 87.5e3, 0.7 * 50e6 * WIDTH
 
 
 def test_a_slow_load_gives_the_closed_form_of_two_slipping_ends():
     # Slip runs F / (2 tau) in from both ends, between them each bar carries F / 2; the lower bar is
     # held at its end, so that the upper one's end moves by both ends' stretch.
     some = damped_bars(160, 160, arm=5)
-    run = cycle(some.system([sj.Load("upper_end", sj.Harmonic(-FORCE, 5.0))]), 5.0, 2, 200)
+    run = cycle(some.system([sj.Load("upper_end", sj.Harmonic(-FORCE, 5.0))]), 2, 200)
     at_mouth = FORCE * 0.1 / (2 * EA) + FORCE**2 / (8 * EA * TAU)
     expected = 2 * (at_mouth + FORCE * 0.5 / EA)
-    assert run.cycles.peak[-1][0] == pytest.approx(expected, rel=1e-3)
+    assert run.cycles.peak[-1][0] == pytest.approx(expected, rel=1e-4)
     assert run.cycles.friction[-1] == pytest.approx(FORCE**3 / (3 * EA * TAU), rel=1e-2)
     (patch,) = some.patches
     x = some.nodes[patch.nodes, 0]
     stuck = x[run.slip_peak[patch.points] < 1e-3 * run.slip_peak.max()]
-    assert stuck.min() - 0.5 == pytest.approx(FORCE / (2 * TAU), abs=2e-3)
-    assert 0.7 - stuck.max() == pytest.approx(FORCE / (2 * TAU), abs=2e-3)
+    reach = [stuck.min() - 0.5, 0.7 - stuck.max()]  # to an element of 1.25 mm
+    assert reach == pytest.approx([FORCE / (2 * TAU)] * 2, abs=1.3e-3)
 
 
 @pytest.mark.parametrize("pair", ["lap", "side", "bars"])
@@ -131,13 +86,12 @@ def test_on_a_body_a_million_times_stiffer_it_moves_as_on_a_rigid_base(pair, bet
         load = [sj.Load("upper_right", sj.Harmonic(force, 1000.0), (1.0, 0.1))]
     joint = replace(joint, beta=beta)
     under = [name for name in body.regions if name.startswith("lower")]
-    stiff = {region: {"E": 1e6 * E, "density": 1e6 * DENSITY} for region in under}
+    stiff = {region: {"E": 1e6 * STEEL.E, "density": 1e6 * STEEL.density} for region in under}
     on_body = structure(body, [joint], fixed, regions=stiff, stiffness_damping=1e-5)
     on_base = structure(
         body, [replace(joint, against=None)], [*fixed, *under], stiffness_damping=1e-5
     )
-    frequency = load[0].amplitude.frequency
-    base, moved = (cycle(s.system(load, []), frequency) for s in (on_base, on_body))
+    base, moved = (cycle(s.system(load, [])) for s in (on_base, on_body))
     errors = compare(base, moved)
     assert base.friction_work.sum() > 0.01 * base.input_work.sum()
     assert errors.displacement_max < 1e-4
@@ -147,10 +101,10 @@ def test_on_a_body_a_million_times_stiffer_it_moves_as_on_a_rigid_base(pair, bet
 def test_meshes_that_do_not_match_converge_to_those_that_do():
     """At first order in the friction energy: between nodes of the other bar a node must slip."""
     load = [sj.Load("upper_end", sj.Harmonic(-FORCE, 500.0))]
-    exact = cycle(damped_bars(160, 160, arm=40).system(load), 500.0, 2)
+    exact = cycle(damped_bars(160, 160, arm=40).system(load), 2)
     errors = []
     for n in (20, 40, 80):
-        run = cycle(damped_bars(n, (4 * n) // 5, arm=40).system(load), 500.0, 2)
+        run = cycle(damped_bars(n, (4 * n) // 5, arm=40).system(load), 2)
         energy = run.friction_work.sum() / exact.friction_work.sum() - 1.0
         errors.append((abs(run.peak[0] / exact.peak[0] - 1.0), abs(energy)))
     displacement, energies = np.array(errors).T

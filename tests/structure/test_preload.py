@@ -21,10 +21,9 @@ JOINT, BOLT = Joint("u_base", "preload", 0.3, against="l_top"), Clamp(FORCE, "u_
 def at(body: NamedMesh, prefix: str, *shift: float) -> NamedMesh:
     """The same body elsewhere, its names with a prefix."""
     mesh = mapped(body, lambda p: p + np.array(shift)[:, np.newaxis]).mesh
-    groups = {f"_{kind}": {prefix + name: some for name, some in getattr(body, kind).items()}
-              for kind in ("boundaries",)}  # fmt: skip
-    regions = {prefix + name: some for name, some in body.regions.items()}
-    return named(replace(mesh, _subdomains=regions, **groups), order=body.order)
+    regions, borders = ({prefix + name: some for name, some in groups.items()}
+                        for groups in (body.regions, body.boundaries))  # fmt: skip
+    return named(replace(mesh, _subdomains=regions, _boundaries=borders), order=body.order)
 
 
 def stacked(shape: str, order: int, upper: int = 2, lower: int = 2) -> NamedMesh:
@@ -58,7 +57,7 @@ def contact_forces(structure: Structure) -> Any:
 
 
 @pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
-def test_blocks_pressed_evenly_have_the_even_pressure(shape: str, order: int) -> None:
+def test_blocks_pressed_evenly_have_the_even_pressure(shape, order):
     """In the weak sense: of second order too, whose nodal forces are zero at some nodes."""
     structure = clamped(stacked(shape, order))
     area = THICKNESS if structure.dim == 2 else 1.0
@@ -69,20 +68,20 @@ def test_blocks_pressed_evenly_have_the_even_pressure(shape: str, order: int) ->
     # The stress in every element is that of the press.
     assert structure.preload is not None
     stress = structure.stress(structure.preload.displacement)[:, structure.dim - 1]
-    assert stress == pytest.approx(-FORCE / area, rel=1e-8)
+    assert stress == pytest.approx(-FORCE / area, rel=1e-11)
 
 
 @pytest.mark.parametrize(("shape", "order"), [("tri", 2), ("quad", 1), ("tet", 1), ("hex", 2)])
-def test_forces_and_moments_balance_on_faces_that_do_not_match(shape: str, order: int) -> None:
+def test_forces_and_moments_balance_on_faces_that_do_not_match(shape, order):
     structure = clamped(stacked(shape, order, 3, 2))
     force, whole = contact_forces(structure)
     assert whole == pytest.approx(FORCE, rel=1e-10)
     upper = structure.body == structure.body[structure.nodes[:, -1].argmax()]
     assert force[upper].sum(axis=0)[-1] == pytest.approx(FORCE, rel=1e-10)
-    assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-9 * FORCE)
+    assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-12 * FORCE)
     x = structure.nodes
     moments = np.einsum("ni,nj->ij", x, force)
-    assert moments - moments.T == pytest.approx(0.0, abs=1e-9 * FORCE)
+    assert moments - moments.T == pytest.approx(0.0, abs=1e-12 * FORCE)
     _, p, _ = pressure(structure)  # by quadrature over the other face's kinks
     area = THICKNESS if structure.dim == 2 else 1.0
     assert p == pytest.approx(FORCE / area, rel=0.03)
@@ -107,14 +106,14 @@ def pushed_at(offset: float, n: int) -> Structure:
     )  # fmt: skip
 
 
-def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do() -> None:
+def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do():
     """Navier's triangle: contact on 3 (L/2 - e), peak 2 F / that, zero beyond (L = 1 m)."""
     structure = pushed_at(0.3, 20)
     nodes, p, gap = pressure(structure)
     x, length = structure.nodes[nodes, 0], 3 * (0.5 - 0.3)
     peak = 2 * FORCE / (length * THICKNESS)
     inside = np.maximum(0.0, 1.0 - (1.0 - x) / length) * peak
-    assert p == pytest.approx(inside, abs=0.02 * peak)
+    assert p == pytest.approx(inside, abs=1e-3 * peak)
     assert np.all(p[x > 1.0 - length + 0.03] > 0.0)
     assert np.all(gap[x < 1.0 - length - 0.03] > 0.0)
     assert np.all(p * gap <= 1e-9 * peak * gap.max())
@@ -123,25 +122,25 @@ def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do() ->
     assert set(patch.nodes) == set(nodes[p > 0.0])
 
 
-def cylinder(n: int, radius: float = 1.0, size: float = 0.2) -> NamedMesh:
-    """Body with a bottom of that radius on a flat one, finer towards the middle."""
-    s, t = np.linspace(-1, 1, 2 * n + 1), np.linspace(0, 1, n + 1)
+def cylinder(n: int) -> NamedMesh:
+    """Body with a bottom of 1 m radius on a flat one, finer towards the middle."""
+    size, s, t = 0.2, np.linspace(-1, 1, 2 * n + 1), np.linspace(0, 1, n + 1)
     x, y = size * (0.25 * s + 0.75 * s**3), size * (0.25 * t + 0.75 * t**2)
     upper = skfem.MeshQuad.init_tensor(x, y).with_boundaries(
         {"u_base": lambda x: x[1] == 0.0, "u_top": lambda x: x[1] == size}
     )
     bent = upper.p.copy()
-    bent[1] += bent[0] ** 2 / (2 * radius) * (1.0 - bent[1] / size)
+    bent[1] += bent[0] ** 2 / 2 * (1.0 - bent[1] / size)
     lower = skfem.MeshQuad.init_tensor(x, -y[::-1]).with_boundaries(
         {"l_top": lambda x: x[1] == 0.0, "l_base": lambda x: x[1] == -size}
     )
     return merged([named(replace(upper, doflocs=bent)), named(lower)])
 
 
-def test_a_cylinder_on_a_flat_tends_to_hertz() -> None:
-    """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length."""
-    force, radius = 2e7 * THICKNESS, 1.0
-    half = np.sqrt(8 * 2e7 * radius * (1 - NU**2) / (np.pi * E))
+def test_a_cylinder_on_a_flat_tends_to_hertz():
+    """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length, R = 1 m."""
+    force = 2e7 * THICKNESS
+    half = np.sqrt(8 * 2e7 * (1 - NU**2) / (np.pi * E))
     peak, errors = 2 * 2e7 / (np.pi * half), []
     for n in (8, 16, 32):
         bolts = [Clamp(force, "u_top", "l_base")]
@@ -176,12 +175,11 @@ def three_feet() -> NamedMesh:
     return merged(bodies)
 
 
-def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards() -> None:
+def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards():
     joints = [Joint(f"u_{x}", "preload", 0.3, against=f"l_{x}") for x in ("left", "right")]
     structure = clamped(three_feet(), joints, [Clamp(FORCE, shank=("u_cut", "l_cut"))])
-    assert [p.clamping_force for p in structure.patches] == pytest.approx(
-        [FORCE / 2, FORCE / 2], rel=1e-9
-    )
+    pressed = [patch.clamping_force for patch in structure.patches]
+    assert pressed == pytest.approx([FORCE / 2, FORCE / 2], rel=1e-12)
     u = structure.expand(np.random.default_rng(1).normal(size=structure.T.shape[1]))
     ends = [np.sort(structure.nodes_of(name)) for name in ("u_cut", "l_cut")]
     order = [some[np.argsort(structure.nodes[some, 0])] for some in ends]
@@ -210,6 +208,6 @@ MESH = stacked("quad", 1)
         ({"joints": [replace(JOINT, pressure="bolts")], "bolts": []}, "must be in Pa"),
     ],
 )  # fmt: skip
-def test_what_presses_nothing_is_refused(how: dict[str, Any], sentence: str) -> None:
+def test_what_presses_nothing_is_refused(how, sentence):
     with pytest.raises(InputError, match=sentence):
         _ = clamped(MESH, **how).patches

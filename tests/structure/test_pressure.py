@@ -4,14 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import (
-    MU,
-    WIDTH,
-    block,
-    distorted,
-    pressed,
-    structure,
-)  # fmt: skip
+from bodies import MU, WIDTH, block, distorted, pressed, structure
 from scipy.integrate import quad
 from skfem import MeshTri
 

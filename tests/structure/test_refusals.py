@@ -85,9 +85,8 @@ def test_each_dimension_asks_for_what_it_needs(shape, changes, message):
 def test_overrides_of_regions_that_share_elements_are_refused():
     body = block("quad")
     both = body.mesh.with_subdomains({"all": np.arange(body.mesh.t.shape[1])})
-    (found,) = problems(
-        replace(body, mesh=both), regions={"joint": {"E": 1.0}, "all": {"E": 2.0, "density": 1.0}}
-    )
+    own = {"joint": {"E": 1.0}, "all": {"E": 2.0, "density": 1.0}}
+    (found,) = problems(replace(body, mesh=both), regions=own)
     assert "found E, which region 'joint' also sets" in found
 
 
@@ -147,9 +146,7 @@ def test_joints_that_do_not_overlap_are_refused_with_place_and_distance():
 
 
 def test_what_is_pressed_on_another_body_must_not_be_supported():
-    with pytest.raises(
-        sj.InputError, match=r"3 of its nodes are supported, the first at \(0.2, 0\)"
-    ):
+    with pytest.raises(sj.InputError, match=r"3 of its nodes are supported, .* at \(0.2, 0\)"):
         structure(lap((4, 3)), [LAP], ["lower_left"], fixed_y=["upper_left"])
     # The other body may be: its nodes do not move, the slip is the whole displacement.
     held = structure(lap(), [LAP], ["lower_left", "lower_joint"]).system()
@@ -228,8 +225,8 @@ def said(joint: sj.Joint, force: float = 1e3, elements: int = 40, **changes: Any
     return doubts(some, some.system([sj.Load("left", sj.Harmonic(force, 1.0), (1.0, 0.0))], []))
 
 
-def bolted(at: tuple[float, float], force: float = 20e3) -> sj.Joint:
-    return pressed(pressure=sj.Bolts((sj.Bolt(at, force, 0.009, 0.005),), 0.01))
+def bolted(at: tuple[float, float]) -> sj.Joint:
+    return pressed(pressure=sj.Bolts((sj.Bolt(at, 20e3, 0.009, 0.005),), 0.01))
 
 
 def test_a_sound_structure_raises_no_doubt():

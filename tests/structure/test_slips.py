@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from bodies import (
-    DENSITY,
     ELEMENTS,
     LAP,
     MU,
@@ -23,7 +22,7 @@ from bodies import (
     structure,
     turned,
     two_bars,
-)  # fmt: skip
+)
 from scipy import sparse
 
 import skfem_joint as sj
@@ -175,7 +174,7 @@ def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes():
         exact = np.stack([0.2 * x[:, 0], 0.2 * x[:, 1], -np.ones(len(x))], axis=1)
         exact /= np.linalg.norm(exact, axis=1)[:, None]
         inner = np.all(np.abs(x[:, :2]) < 0.4, axis=1)
-        np.testing.assert_allclose(normals[on][inner], exact[inner], atol=1e-2)
+        np.testing.assert_allclose(normals[on][inner], exact[inner], atol=1e-12)
 
 
 def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
@@ -190,8 +189,9 @@ def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
             structure(body, [pressed("joint"), pressed("rest", beta=np.inf)])
 
 
-def balanced(some: sj.Structure, system: sj.System) -> None:
-    """Friction forces, as the system applies them, are in balance over both bodies."""
+def check_balance(some: sj.Structure, system: sj.System) -> None:
+    """What `check_form` says; friction forces, as applied, are in balance over both bodies."""
+    check_form(some, system)
     forces = np.random.default_rng(7).standard_normal(system.B.shape[0])
     first = system.first_row
     applied = np.zeros((some.n_nodes, some.dim))
@@ -223,9 +223,7 @@ def test_action_equals_reaction_between_two_plates(kind, order, elements):
     bolts = sj.Bolts((sj.Bolt((0.25, 0.025), 20e3, 0.02, 0.005),), 0.01)
     for joint in (LAP, replace(LAP, pressure=bolts)):
         some = structure(body, [joint], ["lower_left"])
-        system = some.system()
-        check_form(some, system)
-        balanced(some, system)
+        check_balance(some, some.system())
         (patch,) = some.patches
         # Interpolation reproduces linear fields, and picks the nodes where they match.
         np.testing.assert_allclose(patch.other.sum(axis=1), 1.0, rtol=1e-14)
@@ -239,12 +237,9 @@ def test_action_equals_reaction_between_two_plates(kind, order, elements):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 40.0])
 def test_action_equals_reaction_between_two_edges(order, elements, angle):
-    some = structure(
-        turned(side(elements, order), angle), [SIDE], ["lower_left"], fixed_y=["upper_right"]
-    )
-    system = some.system()
-    check_form(some, system)
-    balanced(some, system)
+    body = turned(side(elements, order), angle)
+    some = structure(body, [SIDE], ["lower_left"], fixed_y=["upper_right"])
+    check_balance(some, some.system())
     assert some.patches[0].clamping_force == pytest.approx(8e6 * 0.1 * THICKNESS, rel=1e-12)
 
 
@@ -252,8 +247,7 @@ def test_action_equals_reaction_between_two_edges(order, elements, angle):
 def test_action_equals_reaction_between_two_bars(below):
     some = two_bars(20, below)
     system = some.system([sj.Load("upper_end", LOAD), sj.Load("upper_joint", LOAD)])
-    check_form(some, system)
-    balanced(some, system)
+    check_balance(some, system)
     # Loads work on what is observed, beside the joint and on it.
     rates = np.random.default_rng(1).normal(size=system.n)
     work = rates @ system.load_vectors()
@@ -293,9 +287,4 @@ def test_two_solids_pressed_on_each_other_are_in_balance(kind, order):
     )  # fmt: skip
     joint = sj.Joint("upper front", 8e6, MU, "lower back")
     some = structure(sj.merged([lower, upper]), [joint], ["lower front"])
-    system = some.system()
-    check_form(some, system)
-    balanced(some, system)
-    motion = np.tile([1.0, 0.0, 0.0], some.n_nodes)
-    mass = DENSITY * 2 * 0.2 * 0.1 * 0.05
-    assert motion @ (some.matrices()[0] @ motion) == pytest.approx(mass, rel=1e-12)
+    check_balance(some, some.system())
