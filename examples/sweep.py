@@ -18,9 +18,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from paper.pseudo_static import loop_energy
 
 import skfem_joint as sj
-from skfem_joint.analysis.pseudo_static import loop_energy
 from skfem_joint.analysis.sweep import processes
 from skfem_joint.output import plots
 
