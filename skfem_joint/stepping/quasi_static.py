@@ -25,11 +25,10 @@ from typing import cast
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import factorised, symmetric_lu
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
@@ -47,8 +46,9 @@ HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-12
 #: Pivots below this share of the largest are zero; iterations for the friction limit; stiffness of
-#: motions without strain, as a share of the mean square frequency, and most of them.
-_SINGULAR, _ITERATIONS, _RIGID, _MOST_RIGID = 1e-11, 20, 1e-9, 12
+#: motions without strain, as a share of the mean square frequency, and most of them; share of their
+#: displacement that is no slip.
+_SINGULAR, _ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 1e-11, 20, 1e-9, 12, 1e-6
 #: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
 #: their stiffness, over the least of all, beyond which round-off hides that one.
 _STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
@@ -86,7 +86,8 @@ class QuasiStatic:
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta[acting]
         self.problem: ContactProblem | Condensed | _Dense
-        self.condensed: Condensed | None = None
+        self.whole: Condensed | None = None  # what is condensed
+        self.condensed: Condensed | None = None  # the same, where the contact is stepped alone
         if dense:
             self.problem, self._limited = _Dense(self.A, inner), np.flatnonzero(acting)
             self._rate = self.problem.beta
@@ -95,8 +96,9 @@ class QuasiStatic:
             chain = self.to.kind == "chain"  # its own factors cost nothing
             self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
             if isinstance(contact, Condensed):
-                points = points.numbered(contact.contact)
-                contact = self.problem = self._condense(contact)
+                self.whole, points = contact, points.numbered(contact.contact)
+                contact = contact.problem
+                self._step_contact_alone(self.whole)
             self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
         self._fronts = _Fronts(self.A, inner) if self.to.kind == "chain" else None
         self.last = np.zeros(self.A.shape[0])
@@ -108,19 +110,21 @@ class QuasiStatic:
         """Matrices factorised so far."""
         return self.problem.factorizations
 
-    def _condense(self, condensed: Condensed) -> ContactProblem:
-        """Step through the contact alone; all else follows."""
-        self.condensed, self.A = condensed, condensed.problem.A
-        self.B = self.B[:, condensed.contact]
-        rigid = self.rigid[condensed.contact]
+    def _step_contact_alone(self, whole: Condensed) -> None:
+        """Let all else follow, unless it can move as a rigid body without slip."""
+        rigid = self.rigid[whole.contact]
+        still = _STILL * np.abs(self.rigid).max(initial=0.0)
+        if rigid.size and np.linalg.svd(rigid, compute_uv=False).min() <= still:
+            return
+        self.condensed, self.problem, self.A = whole, whole.problem, whole.problem.A
         image = self.A @ rigid
         self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
-        self.stiffness = self.A - self.added
-        return condensed.problem
+        self.stiffness, self.B = self.A - self.added, self.B[:, whole.contact]
 
-    @cached_property
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
+        if isinstance(self.problem, Condensed):
+            return self.problem.without_friction()
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
 
     @cached_property
@@ -132,22 +136,19 @@ class QuasiStatic:
         n = self.to.system.n
         if not self.shift:
             return np.zeros((n, 0))
-        whole = self.condensed
-        solve = self._without_friction if whole is None else whole.without_friction()
+        solve = self._without_friction()
         X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
         for _ in range(3):
             X = np.linalg.qr(solve(self.M @ X))[0]
         squares, shares = linalg.eigh(X.T @ (self.K @ X), X.T @ (self.M @ X))
-        found = X @ shares[:, squares < _RIGID * self.to.system.mean_square_frequency]
-        return np.asarray(found)
+        limit = _RIGID * self.to.system.mean_square_frequency
+        return np.asarray(X @ shares[:, squares < limit])
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
         """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
-        inner = self.condensed
-        if inner is None or self.to.maps:
+        if self.whole is None or self.to.maps or not np.array_equal(F.indices, self.whole.rest):
             return None
-        known = np.array_equal(F.indices, inner.rest)
-        return cast("Callable[[FloatArray], FloatArray]", inner.factor) if known else None
+        return cast("Callable[[FloatArray], FloatArray]", self.whole.factor)
 
     def follow(
         self,
@@ -252,7 +253,7 @@ class QuasiStatic:
     def _limit(self, f: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
-        multiple = 1.0
+        multiple, without_friction = 1.0, self._without_friction()
         for _ in range(_ITERATIONS):
             found = self._solve(multiple * f)
             if self._carried(found, multiple * f) <= _SHIFTED:
@@ -262,7 +263,7 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = self._without_friction(self.added @ found.v)  # without what strains
+            rigid = without_friction(self.added @ found.v)  # without what strains
             lower = float(inner.w @ inner.slip_norm(self.B @ rigid) / (f @ rigid))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
@@ -335,12 +336,8 @@ class _Fronts:
 
 def is_singular(K: sparse.csr_array) -> bool:
     """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
-    symmetric = {"SymmetricMode": True}
     try:
-        factor = splu(
-            sparse.csc_array(K), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
-        )
+        pivots = symmetric_lu(K).U.diagonal()
     except RuntimeError:  # exactly singular
         return True
-    pivots = factor.U.diagonal()
     return bool(np.min(pivots) <= _SINGULAR * np.max(pivots))

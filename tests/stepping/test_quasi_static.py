@@ -5,11 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bodies import WIDTH, pressed, structure
+from bodies import LAP, WIDTH, lap, pressed, structure
 from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
+from skfem_joint.stepping import steppers
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 TAU, JOINT = 1.75e6, 0.2  # N/m, m
@@ -47,6 +48,28 @@ def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
 
 def test_an_elastic_support_has_no_friction_limit():
     assert QuasiStatic(bar()).limit(bar().loads[0].vector) == np.inf
+
+
+@pytest.mark.parametrize("fixed", [("lower_left",), ()])
+def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
+    """Of plates that friction holds; where nothing holds them both, the contact is not alone."""
+    made = structure(lap(), [LAP], fixed, free=not fixed, stiffness_damping=0.0)
+    pulled = {"upper_right": (1.0, 0.2)} | ({} if fixed else {"lower_left": (-1.0, -0.2)})
+    loads = [sj.Load(end, sj.Harmonic(1.0, 1.0), along) for end, along in pulled.items()]
+    system = made.system(loads, [])
+    pull = system.load_vectors().sum(axis=1) * float(system.w.sum())
+    if not fixed:  # without what would turn the plates together
+        pull = system.K @ QuasiStatic(system).follow(pull[np.newaxis], held=np.inf)[0]
+    forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
+    alone = QuasiStatic(system, 1e-10)
+    assert (alone.condensed is not None) == bool(fixed)
+    monkeypatch.setattr(steppers, "CONDENSED", 0)
+    together = QuasiStatic(system, 1e-10)
+    assert together.whole is None
+    u, v = (np.asarray((system.B @ path.follow(forces).T).T) for path in (alone, together))
+    assert np.abs(u).max() > 1e-8
+    np.testing.assert_allclose(u, v, rtol=0, atol=1e-6 * np.abs(v).max())
+    assert alone.limit(pull) == pytest.approx(together.limit(pull), rel=1e-6)
 
 
 def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left():
