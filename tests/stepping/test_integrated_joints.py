@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import EA
+from paper import pseudo_static
 from stepping_systems import LapJoint, order_of, run_of, struts
 
 import skfem_joint as sj
-from skfem_joint.analysis import pseudo_static
 from skfem_joint.stepping.schemes import generalized_alpha
 
 MESHES = Path(__file__).parents[2] / "meshes"
