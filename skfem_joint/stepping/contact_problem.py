@@ -6,11 +6,11 @@ method is the truncated nonsmooth Newton method (Graeser and Kornhuber, J. Compu
 Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018): contact points are relaxed one after
 another, each with its law solved exactly, then one Newton step on all points but those that Coulomb
 friction holds, and an exact search along it. Where that is short, points that would turn over on it
-are stopped instead, if that leads further down: one of them would block all the others. Every part
-lowers the objective, so that the iteration converges from any start whatever beta is; it needs no
-parameter. Newton's systems are solved by conjugate gradients, preconditioned by the factor of an
-earlier tangent where the law acts as it did then and by the diagonal where it does not; that factor
-serves for several iterations.
+are stopped, and the step is made anew for the others, if that leads further down: one of them would
+block all the others. Every part lowers the objective, so that the iteration converges from any
+start whatever beta is; it needs no parameter. Newton's systems are solved by conjugate gradients,
+preconditioned by the factor of an earlier tangent where the law acts as it did then and by the
+diagonal where it does not; that factor serves for several iterations.
 
 Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
 1e5, 4,032 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
@@ -320,8 +320,8 @@ class ContactProblem:
             length, trials = self._search(v, d, left, along)
             evaluations += trials
             if length < 1.0:
-                stopped = self._stopped(v, d)
-                evaluations += 2
+                stopped, more, trials = self._stopped(v, d, g)
+                solves, evaluations = solves + more, evaluations + trials + 2
                 if self.objective(v + stopped, g) < self.objective(v + length * d, g):
                     length, d, along = 1.0, stopped, times(self.A, stopped)
             v += length * d
@@ -343,14 +343,26 @@ class ContactProblem:
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
         return float(self.w @ potential(slip, self.beta))
 
-    def _stopped(self, v: FloatArray, d: FloatArray) -> FloatArray:
-        """The direction ``d``, along which slips that would turn over end where these stop.
+    def _stopped(self, v: FloatArray, d: FloatArray, g: FloatArray) -> tuple[FloatArray, int, int]:
+        """Step that stops the slips which would turn along ``d``, and is Newton's for the others.
 
-        One point that turns would block all the others.
+        One point that turns would block all the others. Solves and trials come with it.
         """
-        turning, (i, j) = v * (v + d), self.pairs
+        i, j = self.pairs
+        turning = v * (v + d)
         turning[i] = turning[j] = turning[i] + turning[j]
-        return np.where(self.limited & (turning < 0.0), -v, d)
+        turns = self.limited & (turning < 0.0)
+        stop = np.where(turns, -v, 0.0)
+        r = g - times(self.A, v + stop)
+        left, sigma, held = r.copy(), np.zeros_like(r), np.zeros_like(turns)
+        _subtract_friction(*self.laws, v + stop, r, sigma, held)
+        tangents = np.zeros_like(self.block)
+        _tangent(*self.points, self.block, self.w, self.beta, v + stop, tangents)
+        held |= turns
+        r[held] = 0.0
+        d, solves = self._newton_direction(r, tangents, held)
+        length, trials = self._search(v + stop, d, left, times(self.A, d))
+        return stop + length * d, solves, trials
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())

@@ -116,6 +116,23 @@ def test_sweeps_that_leave_all_points_at_rest_are_not_the_end(dense):
     np.testing.assert_allclose(A @ found.v + w * found.sigma, g, atol=1e-10)
 
 
+def test_points_that_turn_do_not_block_the_others():
+    """Light points on heavy unknowns: of the first 3,000 draws 8 once took more than 99 steps."""
+    random = np.random.default_rng(0)
+    for _ in range(700):
+        m = int(random.integers(1, 4))
+        A = np.diag(np.repeat([10.0 ** random.uniform(-7, -3), 1.0], [2 * m, 2]))
+        P = random.normal(size=(2, 2 * m)) * 10.0 ** random.uniform(-2, 0)
+        A[: 2 * m, : 2 * m] += P.T @ P
+        A[2 * m :, : 2 * m], A[: 2 * m, 2 * m :] = P, P.T
+        w, g = 10.0 ** random.uniform(-1, 1, m), 10.0 * random.normal(size=2 * m + 2)
+        first = np.arange(0, 2 * m, 2)
+        made = ContactProblem(A, first, first + 1, w, np.full(m, np.inf))
+        found = made.solve(g, np.zeros(g.size), 1e-11)
+        assert found.converged
+        assert found.counts["newton_iterations"] < 40
+
+
 @pytest.mark.parametrize("directions", [1, 2])
 @pytest.mark.parametrize("sweeps", [0, contact_problem.SWEEPS])
 def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sweeps, monkeypatch):
