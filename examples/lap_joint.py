@@ -19,9 +19,9 @@ Sound and Vibration (2010), sections 2.1, 3 and 4 (reference system, Table 1).
 from pathlib import Path
 
 import numpy as np
+from paper import pseudo_static
 
 import skfem_joint as sj
-from skfem_joint.analysis import pseudo_static
 from skfem_joint.reduction.pod import proper_modes
 
 force, frequency = 63e3, 1000.0  # N, Hz
