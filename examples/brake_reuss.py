@@ -14,6 +14,9 @@ elements, with one point of integration each, and its nuts, which hold the shank
 Its mesh without contact has 149.5 Hz when it is assembled anew with such elements, 155.2 Hz with
 elements that bend (incompatible modes), and 157.7 Hz with nuts joined to the shanks as well. These
 shanks have 16 sides and 95 % of the circle's second moment of area; such ones have 157.4 Hz here.
+
+With the contact stuck the first mode has 170.6 Hz. Loaded by half of what makes the joint slip as a
+whole it has 158.9 Hz and a damping ratio of 3.3 %.
 """
 
 from pathlib import Path
