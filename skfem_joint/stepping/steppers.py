@@ -38,8 +38,8 @@ Motion = tuple[FloatArray, FloatArray]
 #: Stride of rows that are never stored.
 NEVER = 2**62
 #: Largest contact, in unknowns, that is condensed, and the most that its square may be for each
-#: unknown of the system: beyond it dense products cost more than sparse ones.
-CONDENSED, CONDENSED_SQUARE = 1200, 50
+#: entry of the matrix: beyond it dense products cost more than sparse ones.
+CONDENSED, CONDENSED_SQUARE = 1200, 3
 
 
 @dataclass
@@ -362,9 +362,8 @@ class Points:
 
     def best_problem(self, A: Any) -> ContactProblem | Condensed:
         """The same, condensed to the contact where that is cheaper."""
-        n, contact = A.shape[0], self.unknowns().size
-        dense = isinstance(A, np.ndarray)
-        most = n - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * n))
+        dense, contact = isinstance(A, np.ndarray), self.unknowns().size
+        most = len(A) - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * A.nnz))
         return Condensed(A, self) if contact <= most else self.problem(A)
 
     def numbered(self, unknowns: IntArray) -> Points:
