@@ -293,7 +293,6 @@ class ContactProblem:
         v = start.copy() if scale > NOTHING else np.zeros_like(start)
         sigma = np.zeros(v.size)
         held = np.zeros(v.size, dtype=np.bool_)
-        tangents = np.zeros_like(self.block)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
         r = g - times(self.A, v)
@@ -312,15 +311,10 @@ class ContactProblem:
             )
             if converged:
                 break
-            _tangent(*self.points, self.block, self.w, self.beta, v, tangents)
-            r[held] = 0.0
-            d, more = self._newton_direction(r, tangents, held)
-            solves += more
-            along = times(self.A, d)
-            length, trials = self._search(v, d, left, along)
-            evaluations += trials
-            if length < 1.0:
-                stopped, more, trials = self._stopped(v, d, g)
+            d, along, length, more, trials = self._newton_step(v, left, r, held)
+            solves, evaluations = solves + more, evaluations + trials
+            if length < 1.0 and (turns := self._turns(v, d)).any():
+                stopped, more, trials = self._stopped(v, turns, g)
                 solves, evaluations = solves + more, evaluations + trials + 2
                 if self.objective(v + stopped, g) < self.objective(v + length * d, g):
                     length, d, along = 1.0, stopped, times(self.A, stopped)
@@ -343,25 +337,40 @@ class ContactProblem:
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
         return float(self.w @ potential(slip, self.beta))
 
-    def _stopped(self, v: FloatArray, d: FloatArray, g: FloatArray) -> tuple[FloatArray, int, int]:
-        """Step that stops the slips which would turn along ``d``, and is Newton's for the others.
+    def _newton_step(
+        self, v: FloatArray, left: FloatArray, r: FloatArray, held: BoolArray
+    ) -> tuple[FloatArray, FloatArray, float, int, int]:
+        """Newton's direction d from ``v``, A d, and its length; solves and trials.
 
-        One point that turns would block all the others. Solves and trials come with it.
+        ``left`` is g - A v, ``r`` that without friction; unknowns that are ``held`` rest.
         """
+        tangents = np.zeros_like(self.block)
+        _tangent(*self.points, self.block, self.w, self.beta, v, tangents)
+        r[held] = 0.0
+        d, solves = self._newton_direction(r, tangents, held)
+        along = times(self.A, d)
+        length, trials = self._search(v, d, left, along)
+        return d, along, length, solves, trials
+
+    def _turns(self, v: FloatArray, d: FloatArray) -> BoolArray:
+        """Unknowns of points whose slip would turn over along ``d``."""
         i, j = self.pairs
         turning = v * (v + d)
         turning[i] = turning[j] = turning[i] + turning[j]
-        turns = self.limited & (turning < 0.0)
+        return np.asarray(self.limited & (turning < 0.0))
+
+    def _stopped(
+        self, v: FloatArray, turns: BoolArray, g: FloatArray
+    ) -> tuple[FloatArray, int, int]:
+        """Step that stops the slips which would turn over, and is Newton's for the others.
+
+        One point that turns would block all the others. Solves and trials come with it.
+        """
         stop = np.where(turns, -v, 0.0)
         r = g - times(self.A, v + stop)
         left, sigma, held = r.copy(), np.zeros_like(r), np.zeros_like(turns)
         _subtract_friction(*self.laws, v + stop, r, sigma, held)
-        tangents = np.zeros_like(self.block)
-        _tangent(*self.points, self.block, self.w, self.beta, v + stop, tangents)
-        held |= turns
-        r[held] = 0.0
-        d, solves = self._newton_direction(r, tangents, held)
-        length, trials = self._search(v + stop, d, left, times(self.A, d))
+        d, _, length, solves, trials = self._newton_step(v + stop, left, r, held | turns)
         return stop + length * d, solves, trials
 
     def _round_off(self, v: FloatArray, g: FloatArray) -> float:

@@ -438,7 +438,8 @@ class ContactStepper(PlainStepper):
         """Acceleration and friction of points at rest."""
         held = Points.of(self.system, at_rest).problem(as_compressed(self.system.M))
         found = held.solve(right, np.zeros_like(right), self.tolerance)
-        self.failure = Failure(found.residual, found.where)
+        if not found.converged:
+            self.failure = Failure(found.residual, found.where)
         return (found.v, found.sigma[self.unknown]) if found.converged else None
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
