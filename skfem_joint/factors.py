@@ -89,14 +89,43 @@ def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A") -> SuperLU:
     return splu(sparse.csc_array(A), order, **how)
 
 
-def condensed(A: Any, kept: IntArray) -> tuple[IntArray, Any, FloatArray]:
-    """Unknowns that are not ``kept``, solver of their part of a symmetric positive definite A.
+class Condensation:
+    """A symmetric positive definite matrix condensed to the unknowns that are ``kept``, sorted.
 
-    The Schur complement of those that are kept, (k, k), comes third. Of large matrices it is what
-    the last pivots leave: one more factorisation in place of a solution for each unknown.
+    Attributes
+    ----------
+    kept, rest : ndarray of int, shape (k,) and (n - k,)
+    inside : callable
+        Solver of the rest alone.
+    complement : ndarray, shape (k, k)
+        Schur complement of those that are kept.
     """
-    rest = np.setdiff1d(np.arange(A.shape[0]), kept)
-    solve = factorised(A[rest][:, rest])
+
+    def __init__(self, A: Any, kept: IntArray) -> None:
+        self.kept, self.rest = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
+        self.inside = factorised(A[self.rest][:, self.rest])
+        self._outwards = as_compressed(A[self.rest][:, kept])
+        self._inwards = as_compressed(self._outwards.T)
+        self.complement = _complement(A, kept, self.rest, self.inside)
+
+    def inward(self, g: FloatArray) -> FloatArray:
+        """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns."""
+        return np.asarray(g[self.kept] - self._inwards @ self.inside(g[self.rest]))
+
+    def outward(self, x: FloatArray, g: FloatArray) -> FloatArray:
+        """All unknowns, (n,) or (n, m), from those that are kept, under the right side of all."""
+        every = np.empty_like(g)
+        every[self.kept] = x
+        every[self.rest] = self.inside(g[self.rest] - self._outwards @ x)
+        return every
+
+
+def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
+    """Schur complement.
+
+    Of large matrices it is what the last pivots leave: one more factorisation in place of a
+    solution for each unknown.
+    """
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([rest[np.argsort(lu.perm_c)], kept])
@@ -107,11 +136,11 @@ def condensed(A: Any, kept: IntArray) -> tuple[IntArray, Any, FloatArray]:
             L, U = (as_dense(part[rest.size :, rest.size :]) for part in (whole.L, whole.U))
             S = np.empty((kept.size, kept.size))
             S[np.ix_(last, last)] = L @ U
-            return rest, solve, 0.5 * (S + S.T)
+            return np.asarray(0.5 * (S + S.T))
     S, columns = as_dense(A[kept][:, kept]), as_compressed(A[rest][:, kept].T)
     for k in range(0, kept.size, BLOCK):
         S[:, k : k + BLOCK] -= columns @ solve(as_dense(columns[k : k + BLOCK].T))
-    return rest, solve, np.ascontiguousarray(0.5 * (S + S.T))
+    return np.ascontiguousarray(0.5 * (S + S.T))
 
 
 class Band:

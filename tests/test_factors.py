@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 from skfem_joint import factors
-from skfem_joint.factors import BAND, BlockFactors, condensed, factorised
+from skfem_joint.factors import BAND, BlockFactors, Condensation, factorised
 
 
 def eye(n: int) -> sparse.csr_array:
@@ -71,14 +71,15 @@ def test_what_is_condensed_follows(shape, apart, dense, library):
         return
     A = sparse.csr_array(sparse.block_diag([grid(shape)] * 2)) if apart else grid(shape)
     kept = np.sort(np.random.default_rng(7).permutation(A.shape[0])[:30])
-    rest, solve, S = condensed(A.toarray() if dense else A, kept)
+    made = Condensation(A.toarray() if dense else A, kept)
     forces = np.zeros((A.shape[0], kept.size))
     forces[kept] = np.eye(kept.size)
     inverse = factorised(A)(forces)
-    np.testing.assert_allclose(S @ inverse[kept], np.eye(kept.size), atol=1e-11)
-    np.testing.assert_allclose(
-        solve(-(A[rest][:, kept] @ inverse[kept])), inverse[rest], atol=1e-11
-    )
+    np.testing.assert_allclose(made.complement @ inverse[kept], made.inward(forces), atol=1e-11)
+    np.testing.assert_allclose(made.outward(inverse[kept], forces), inverse, atol=1e-11)
+    some = np.sin(np.arange(A.shape[0]))
+    u = made.outward(np.linalg.solve(made.complement, made.inward(some)), some)
+    np.testing.assert_allclose(A @ u, some, atol=1e-11)
 
 
 @pytest.mark.parametrize("hold", [False, True])

@@ -96,7 +96,7 @@ class QuasiStatic:
             chain = self.to.kind == "chain"  # its own factors cost nothing
             self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
             if isinstance(contact, Condensed):
-                self.whole, points = contact, points.numbered(contact.contact)
+                self.whole, points = contact, points.numbered(contact.kept)
                 contact = contact.problem
                 self._step_contact_alone(self.whole)
             self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
@@ -112,14 +112,14 @@ class QuasiStatic:
 
     def _step_contact_alone(self, whole: Condensed) -> None:
         """Let all else follow, unless it can move as a rigid body without slip."""
-        rigid = self.rigid[whole.contact]
+        rigid = self.rigid[whole.kept]
         still = _STILL * np.abs(self.rigid).max(initial=0.0)
         if rigid.size and np.linalg.svd(rigid, compute_uv=False).min() <= still:
             return
         self.condensed, self.problem, self.A = whole, whole.problem, whole.problem.A
         image = self.A @ rigid
         self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
-        self.stiffness, self.B = self.A - self.added, self.B[:, whole.contact]
+        self.stiffness, self.B = self.A - self.added, self.B[:, whole.kept]
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
@@ -148,7 +148,7 @@ class QuasiStatic:
         """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
         if self.whole is None or self.to.maps or not np.array_equal(F.indices, self.whole.rest):
             return None
-        return cast("Callable[[FloatArray], FloatArray]", self.whole.factor)
+        return cast("Callable[[FloatArray], FloatArray]", self.whole.inside)
 
     def follow(
         self,
@@ -182,7 +182,7 @@ class QuasiStatic:
         if start is not None:
             u, f = self.to.inner(start[0]), self.to.force(start[1])
             if inside is not None:
-                u, f = u[inside.contact], inside.inward(f)
+                u, f = u[inside.kept], inside.inward(f)
         path = np.empty((len(forces), u.size))
         lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
         for level, force in enumerate(right.T):
@@ -220,7 +220,7 @@ class QuasiStatic:
             rest = (held, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
         elif not found.converged:
-            where = found.where if self.condensed is None else self.condensed.contact[found.where]
+            where = found.where if self.condensed is None else self.condensed.kept[found.where]
             raise ConvergenceError(
                 "the slip under a slowly changing load was not found: a force residual of "
                 f"{found.residual:.3g} N is left at unknown {where}"

@@ -23,7 +23,7 @@ from scipy import linalg, sparse
 
 from skfem_joint import friction
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
-from skfem_joint.factors import condensed, factorised
+from skfem_joint.factors import Condensation, factorised
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
@@ -372,15 +372,12 @@ class Points:
         return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
 
 
-class Condensed:
+class Condensed(Condensation):
     """Contact problem of a matrix that is condensed to its contact unknowns."""
 
     def __init__(self, A: Any, points: Points) -> None:
-        self.A, self.contact = A, points.unknowns()
-        self.rest, self.factor, S = condensed(A, self.contact)
-        self.A_rc = as_compressed(A[self.rest][:, self.contact])
-        self.A_cr = as_compressed(self.A_rc.T)
-        self.problem = points.numbered(self.contact).problem(S)
+        super().__init__(A, points.unknowns())
+        self.A, self.problem = A, points.numbered(self.kept).problem(self.complement)
 
     @property
     def factorizations(self) -> int:
@@ -392,34 +389,23 @@ class Condensed:
         contact = linalg.lu_factor(self.problem.A)
         return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
 
-    def inward(self, g: FloatArray) -> FloatArray:
-        """Forces on the contact alone, (c,) or (c, k), from those on all unknowns."""
-        return np.asarray(g[self.contact] - self.A_cr @ self.factor(g[self.rest]))
-
-    def outward(self, v: FloatArray, g: FloatArray) -> FloatArray:
-        """All unknowns, (n,) or (n, k), from those of the contact under forces on all."""
-        every = np.empty_like(g)
-        every[self.contact] = v
-        every[self.rest] = self.factor(g[self.rest] - self.A_rc @ v)
-        return every
-
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""
-        return float(v @ (0.5 * (self.A @ v) - g)) + self.problem.lost(v[self.contact])
+        return float(v @ (0.5 * (self.A @ v) - g)) + self.problem.lost(v[self.kept])
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
         force, right = float(np.abs(g).max()), self.inward(g)
-        found = self.problem.solve(right, start[self.contact], tolerance, force)
+        found = self.problem.solve(right, start[self.kept], tolerance, force)
         v, sigma = self.outward(found.v, g), np.zeros_like(g)
-        sigma[self.contact] = found.sigma
+        sigma[self.kept] = found.sigma
         return replace(
             found,
             v=v,
             sigma=sigma,
             converged=found.converged and bool(np.all(np.isfinite(v))),
             counts=found.counts | {"linear_solves": found.counts["linear_solves"] + 2},
-            where=int(self.contact[found.where]),
+            where=int(self.kept[found.where]),
         )
 
 

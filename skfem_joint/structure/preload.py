@@ -19,14 +19,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import condensed, factorised
+from skfem_joint.factors import Condensation, factorised
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -405,26 +405,16 @@ class _Solver:
         return np.asarray(_STIFF * mean / self.area**2)
 
     @cached_property
-    def _condensed(self) -> tuple[IntArray, IntArray, Any, FloatArray, Matrix]:
-        """Unknowns that contact moves, the others, their solver, Schur complement and coupling."""
+    def _condensed(self) -> Condensation:
+        """The stiffness, condensed to the unknowns that contact moves."""
         K = sparse.csr_array(self.K + _SHIFT * sparse.diags_array(self.K.diagonal()))
-        kept = np.unique(self.G.indices)
-        rest, solve, S = condensed(K, kept)
-        return kept, rest, solve, S, K[kept][:, rest]
+        return Condensation(K, np.unique(self.G.indices))
 
     def _solver(self, G: Matrix, penalty: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver with some contact closed, whose rows move few of the unknowns."""
-        kept, rest, inside, S, coupling = self._condensed
-        G = sparse.csr_array(G)[:, kept]
-        on_faces = factorised(S + (G.T @ sparse.diags_array(penalty) @ G).toarray())
-
-        def solve(right: FloatArray) -> FloatArray:
-            x, y = np.empty_like(right), inside(right[rest])
-            x[kept] = on_faces(right[kept] - coupling @ y)
-            x[rest] = y - inside(coupling.T @ x[kept])
-            return x
-
-        return solve
+        K, G = self._condensed, sparse.csr_array(G)[:, self._condensed.kept]
+        solve = factorised(K.complement + (G.T @ sparse.diags_array(penalty) @ G).toarray())
+        return lambda right: K.outward(solve(K.inward(right)), right)
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
