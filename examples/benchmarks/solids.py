@@ -8,7 +8,8 @@ The scene is ``examples/solid_lap_joint.toml`` on bricks of second order: a lap 
 under two bolts, pulled by half of its friction limit; 40 mm wide, without holes, pressed by rings.
 It runs from rest, three periods of 200 steps, with exact Coulomb friction in the full and in the
 condensed model. BLAS threads are pinned. Errors, in percent, are against the full model, as
-measured and as stated without it; off-line is all before the first step.
+measured and as stated without it; off-line is all before the first step but the factors of the
+static path, which are left from what is told of every scene before it is run.
 """
 
 import os

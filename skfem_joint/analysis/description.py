@@ -24,7 +24,7 @@ from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.quasi_static import TOLERANCE, QuasiStatic
 from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
@@ -44,6 +44,7 @@ class Description:
     facts: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     values: dict[str, Any] = field(default_factory=dict)
+    path: QuasiStatic | None = None  #: its factors, for modes
 
 
 def describe(scene: Scene) -> Description:
@@ -166,6 +167,7 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     _normal(scene, structure, vibration, found)
     to = arranged(system)
     path = QuasiStatic(to.system, _TOLERANCE)
+    found.path = path.afresh(to, TOLERANCE)
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
     force = to.force(dynamic)
     level = path.limit(force)

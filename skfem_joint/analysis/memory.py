@@ -111,6 +111,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     share, power = _FILL[dim]
     largest = structure.dim * nodes if scene.bolt else n  # a preload is solved for all nodes
     factor = int(_OF_THE_FACTOR * share * largest ** (1.0 + power))
+    factor += factor if reduced and models > 1 else 0  # that of the static path is kept
     cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads + joints)
     return {
         _POINTS: _NUMBER * (stored * history + estimated),

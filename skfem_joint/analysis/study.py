@@ -151,6 +151,8 @@ def run_scene(
         elif study.system.contact_points and scene.reduction.reference != "self":
             with suppress(InputError):  # no reduced model: the full one's own estimate tells
                 study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
+    if study.met is not None or "reduced" not in scene.models.run:
+        study.description.path = None  # its factors are large
     for name in scene.models.run:
         how: dict[str, Any] = {"progress": partial(progress, f"{name} model")}
         if checkpoints is not None:
@@ -329,7 +331,7 @@ def reduction_of(
 
 
 def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
-    how = how_of(study.scene) | {"enriched": enriched}
+    how = how_of(study.scene) | {"enriched": enriched, "path": study.description.path}
     if how["until"] == "steady":
         how["n_steps"] *= TO_STEADY
     del how["save"], how["until"]

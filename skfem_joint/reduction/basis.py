@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import sparse
@@ -59,6 +59,9 @@ from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
+
+if TYPE_CHECKING:
+    from skfem_joint.stepping.quasi_static import QuasiStatic
 
 #: Cycles of a run that modes come from.
 TRAINING_CYCLES = 3
@@ -138,11 +141,13 @@ def make_basis(
     cycle_steps: int | None = None,
     scheme: Scheme | None = None,
     enriched: bool = False,
+    path: QuasiStatic | None = None,
     warn: list[str],
 ) -> Basis:
     """Basis of a structure as its options say; does the run that it needs.
 
-    Steps and scheme are those of the run to come, as `integrate` takes them. Sentences about what
+    Steps and scheme are those of the run to come, as `integrate` takes them; a quasi-static
+    ``path`` of the system may have factors for the static one. Sentences about what
     to beware of are appended to ``warn``; one that misses too much is among them where the basis
     is ``enriched`` before it counts, and the end of it elsewhere. InputError if nothing moves, or
     the modes do not fit; KeyboardInterrupt if a run is interrupted.
@@ -155,14 +160,14 @@ def make_basis(
         run = integrate(system, step=step, n_steps=steps, scheme=scheme, save=save).finished()
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
-        path = slip_path(system, step, n_steps, scheme, modes)
-        if path.blind > BLIND:
+        found = slip_path(system, step, n_steps, scheme, modes, path)
+        if found.blind > BLIND:
             warn.append(
-                f"The slip went on growing while the modes were made: {100 * path.blind:.2g} % of "
+                f"The slip went on growing while the modes were made: {100 * found.blind:.2g} % of "
                 "what slips at last stuck in the round before. Use more modes and see whether the "
                 "result stays, or take reference = 'self'."
             )
-        basis = static_basis(system, path, modes, interface)
+        basis = static_basis(system, found, modes, interface)
     elif options.reference == "paper":
         if not isinstance(structure, Structure):
             raise InputError(

@@ -147,21 +147,24 @@ def slip_path(
     n_steps: int,
     scheme: Scheme | None = None,
     modes: int = 0,
+    path: QuasiStatic | None = None,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come, as `integrate` takes it.
 
     Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
-    through time is followed too: motions that ring beside the load's have phases of their own.
+    through time is followed too: motions that ring beside the load's have phases of their own. A
+    ``path`` of the system may have its factors.
 
     InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
     state is not found; KeyboardInterrupt if the preliminary run is interrupted.
     """
-    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
+    # Its compiled loops are slow to load.
+    from skfem_joint.stepping.quasi_static import TOLERANCE, QuasiStatic
 
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
-    path = QuasiStatic(system)
+    path = QuasiStatic(system) if path is None else path.afresh(path.to, TOLERANCE)
     rise = np.array([loads.lasting])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]

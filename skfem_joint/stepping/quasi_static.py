@@ -20,6 +20,7 @@ brings it down to it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from functools import cached_property
 from typing import cast
 
@@ -30,7 +31,7 @@ from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.factors import factorised, symmetric_lu
 from skfem_joint.progress import Tally
-from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
 from skfem_joint.stepping.chain_solver import passes_of
 from skfem_joint.stepping.contact_problem import ContactProblem, Solution
@@ -39,6 +40,8 @@ from skfem_joint.stepping.dense import make_memory as make_dense_memory
 from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
 
+#: Largest force residual, relative to the largest force.
+TOLERANCE = 1e-8
 #: Share of the load at which everything slips that is taken where nothing else holds.
 HELD = 0.98
 #: A level that is not found at once is gone to in parts, halved at most this often.
@@ -72,7 +75,9 @@ class QuasiStatic:
         If no point carries friction, or slip rows of a large sparse system depend on each other.
     """
 
-    def __init__(self, system: System, tolerance: float = 1e-8, tally: Tally | None = None) -> None:
+    def __init__(
+        self, system: System, tolerance: float = TOLERANCE, tally: Tally | None = None
+    ) -> None:
         self.to = arranged(system)
         inner = self.to.system
         acting = inner.w > 0.0
@@ -104,6 +109,13 @@ class QuasiStatic:
         self.last = np.zeros(self.A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
+
+    def afresh(self, to: Arranged, tolerance: float) -> QuasiStatic:
+        """One with the same factors that has followed nothing; ``to``: of what was arranged."""
+        path = copy(self)
+        path.to, path.tolerance, path.tally = to, tolerance, Tally()
+        path.last, path.solves, path.held_back = np.zeros_like(self.last), 0, 0
+        return path
 
     @property
     def factorizations(self) -> int:
