@@ -24,7 +24,7 @@ from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.quasi_static import TOLERANCE, QuasiStatic
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
 from skfem_joint.structure.checks import loose_bodies, per_wavelength
 from skfem_joint.system import System
@@ -34,7 +34,7 @@ SHOWN, MOST_STEPS = 3, 5_000
 #: Strains, and displacements over the structure's length, that are not small.
 LARGE_STRAIN, LARGE = 0.01, 0.1
 #: Share of the mass that is added to a stiffness which leaves rigid motions.
-_SHIFT, _TOLERANCE = 1e-9, 1e-6
+_SHIFT = 1e-9
 
 
 @dataclass
@@ -166,8 +166,8 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
         return
     _normal(scene, structure, vibration, found)
     to = arranged(system)
-    path = QuasiStatic(to.system, _TOLERANCE)
-    found.path = path.afresh(to, TOLERANCE)
+    path = QuasiStatic(to.system)
+    found.path = path.afresh(to)
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
     force = to.force(dynamic)
     level = path.limit(force)

@@ -158,13 +158,12 @@ def slip_path(
     InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
     state is not found; KeyboardInterrupt if the preliminary run is interrupted.
     """
-    # Its compiled loops are slow to load.
-    from skfem_joint.stepping.quasi_static import TOLERANCE, QuasiStatic
+    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
-    path = QuasiStatic(system) if path is None else path.afresh(path.to, TOLERANCE)
+    path = QuasiStatic(system) if path is None else path.afresh(path.to)
     rise = np.array([loads.lasting])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
@@ -287,7 +286,8 @@ def interface_modes(
     """Fixed-interface modes, (n, k), and their shares in the response, the largest first.
 
     Each is an oscillator that the inertia of the static ``response`` (n, loads) drives; its share
-    is its largest strain energy over that of the response, as a root. A ``path`` may have the
+    is its largest strain energy over that of the response, as a root. They are chosen of the
+    ``most`` lowest, or of twice as many where those beyond may count. A ``path`` may have the
     factor for them.
     """
     F = motions_without_slip(system)
@@ -295,12 +295,19 @@ def interface_modes(
         return np.zeros((system.n, 0)), np.zeros(0)
     K, M, C = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M, system.C))
     solve = None if path is None else path.stuck(F)
-    frequency, shapes = natural_modes(K, M, min(2 * most, F.shape[1]), solve)
-    omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
+    inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
+    for count in (most, 2 * most):
+        frequency, shapes = natural_modes(K, M, min(count, F.shape[1]), solve)
+        omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
+        participation = shapes.T @ (F.T @ inertia)
+        left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
+        # Modes beyond the last follow their drive but for its acceleration over omega squared.
+        if 2.0 * left * loads.fastest**2 <= _SHARE * strain * omega[-1]:
+            break
     stop = loads.step * loads.n_steps
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
     times = np.arange(0.0, stop * (1.0 + 1e-9), loads.step)
-    driven = (shapes.T @ (F.T @ (system.M @ response))) @ loads(times)
+    driven = participation @ loads(times)
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     share = np.zeros(omega.size)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
@@ -308,7 +315,6 @@ def interface_modes(
         oscillator = ([[0.0, w], [-w, -c]], [[0.0], [w]], [[1.0, c / w]], [[0.0]])
         share[k] = w * np.abs(lsim(oscillator, driven[k], times)[1] - driven[k]).max()
     order = np.argsort(-share, kind="stable")[:most]
-    strain = float(np.sqrt(np.einsum("ij,ij->", response, system.K @ response)))
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
 
 

@@ -40,8 +40,6 @@ from skfem_joint.stepping.dense import make_memory as make_dense_memory
 from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
 
-#: Largest force residual, relative to the largest force.
-TOLERANCE = 1e-8
 #: Share of the load at which everything slips that is taken where nothing else holds.
 HELD = 0.98
 #: A level that is not found at once is gone to in parts, halved at most this often.
@@ -75,9 +73,7 @@ class QuasiStatic:
         If no point carries friction, or slip rows of a large sparse system depend on each other.
     """
 
-    def __init__(
-        self, system: System, tolerance: float = TOLERANCE, tally: Tally | None = None
-    ) -> None:
+    def __init__(self, system: System, tolerance: float = 1e-8, tally: Tally | None = None) -> None:
         self.to = arranged(system)
         inner = self.to.system
         acting = inner.w > 0.0
@@ -110,10 +106,10 @@ class QuasiStatic:
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
 
-    def afresh(self, to: Arranged, tolerance: float) -> QuasiStatic:
+    def afresh(self, to: Arranged) -> QuasiStatic:
         """One with the same factors that has followed nothing; ``to``: of what was arranged."""
         path = copy(self)
-        path.to, path.tolerance, path.tally = to, tolerance, Tally()
+        path.to, path.tally = to, Tally()
         path.last, path.solves, path.held_back = np.zeros_like(self.last), 0, 0
         return path
 

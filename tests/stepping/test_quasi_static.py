@@ -70,7 +70,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     assert np.abs(u).max() > 1e-8
     np.testing.assert_allclose(u, v, rtol=0, atol=1e-6 * np.abs(v).max())
     assert alone.limit(pull) == pytest.approx(together.limit(pull), rel=1e-6)
-    again = alone.afresh(alone.to, 1e-10)
+    again = alone.afresh(alone.to)
     assert again.solves == 0
     w = np.asarray((system.B @ again.follow(forces).T).T)  # whatever was followed before
     np.testing.assert_allclose(w, v, rtol=0, atol=1e-6 * np.abs(v).max())
