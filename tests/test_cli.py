@@ -210,14 +210,6 @@ def test_missing_or_broken_files(scene, tmp_path, capsys):
         assert mesh in line
 
 
-@pytest.mark.parametrize("below", ["", "/deeper/still"])
-def test_output_folder_that_is_a_file(below, scene, tmp_path, capsys):
-    (tmp_path / "taken").write_text("mine")
-    refused(["run", str(scene()), "--out", f"{tmp_path}/taken{below}"], capsys, "taken")
-    assert (tmp_path / "taken").read_text() == "mine"
-    assert files_below(tmp_path) == ["scene.toml", "taken"]
-
-
 def test_reduction_that_does_not_fit_the_scene(scene, tmp_path, capsys):
     paper = ('reference = "static"', 'reference = "paper"')
     path = scene(('on = "free_end"', 'on = "joint"'), paper)
@@ -254,28 +246,6 @@ def test_run_that_does_not_converge_ends_with_3(scene, tmp_path, capsys, monkeyp
     assert cli.main(["run", str(scene()), "--out", str(out)]) == 3
     assert capsys.readouterr().err == "skfem-joint: step 7 at t = 7e-05 s did not converge\n"
     assert files_below(out) == []
-
-
-def test_points_may_have_any_name(tmp_path, scene):
-    from skfem_joint.mesh import build_bar, write_mesh
-
-    name = "freie Länge / 2"
-    bar = build_bar(
-        [("joint", 0.1, 10), ("linear", 0.5, 10)], {"fixed": 0.0, "junction": 0.1, name: 0.6}
-    )
-    write_mesh(bar, tmp_path / "named.msh")
-    path = scene(
-        FULL_ONLY,
-        (f"{(ROOT / 'meshes').as_posix()}/structure.msh", "named.msh"),
-        ('on = "free_end"', f'on = "{name}"'),
-        ('points = ["free_end", "junction"]', f'points = ["{name}"]'),
-        (NO_OUTPUT, "plots = true\nframes = 4"),
-    )
-    out = tmp_path / "out"
-    assert cli.main(["run", str(path), "--out", str(out)]) == 0
-    assert len(list(out.glob("hysteresis*.png"))) == 1
-    with np.load(out / "history.npz", allow_pickle=False) as history:
-        assert f"full_{name}_displacement" in history
 
 
 STEADY = """
@@ -327,8 +297,8 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
     assert both[:, 1] == pytest.approx(both[:, 0], abs=0.01)
     if name == "backbone":
         error = content["models"]["reduced"]["modes"][0]["error"]
-        assert error["frequency"] < 1e-3
-        assert error["damping_ratio"] < 0.02
+        assert error["frequency"] < 1e-6
+        assert error["damping_ratio"] < 1e-3
     if name == "response":
         full, reduced = (model["levels"] for model in content["models"].values())
         for one, other in zip(full, reduced, strict=True):

@@ -261,8 +261,8 @@ def _bolted(
 def _frame(corners: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) in the plane of triangles in space, perpendicular to each other."""
     sides = corners[:, 1:] - corners[:, :1]
-    normal = np.cross(sides[:, 0], sides[:, 1]).sum(axis=0)
-    return np.asarray(np.linalg.svd(normal[np.newaxis])[2][1:])
+    normals = np.cross(sides[:, 0], sides[:, 1])  # of either sense: those of tetrahedra alternate
+    return np.asarray(np.linalg.eigh(normals.T @ normals)[1][:, :2].T)
 
 
 def disc_moments(triangles: FloatArray, centre: FloatArray, radius: float) -> FloatArray:

@@ -10,7 +10,6 @@ from joint_scenes import (
     ELEMENTS,
     LENGTH,
     MU,
-    THICKNESS,
     WIDTH,
     bar_scene,
     harmonic,
@@ -61,10 +60,10 @@ def errors_of(results: Study) -> Errors:
     return results.models["reduced"].errors
 
 
-def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float = 1.0) -> None:
+def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float = 0.03) -> None:
     errors = errors_of(results)
-    assert abs(errors.peak_displacement or 0.0) <= peak
-    assert abs(errors.friction_energy_per_cycle or 0.0) <= energy
+    assert abs(errors.peak_displacement or np.inf) <= peak
+    assert abs(errors.friction_energy_per_cycle or np.inf) <= energy
     assert errors.displacement_rms <= rms
 
 
@@ -111,25 +110,22 @@ def test_energy_balances_close_and_joints_add_up(what, request):
 FEW: dict[str, Any] = {"time": {"cycles": 6}}
 LITTLE: dict[str, Any] = {"load": [harmonic(amplitude=500.0)], "time": {"cycles": 3}}
 ENDS = [harmonic("mouth", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)]
-#: Scenes of bars whose reduced models err by no more than: peak, friction energy, history.
-SOUND: dict[str, tuple[dict[str, Any], tuple[float, float, float]]] = {
-    "friction at every node": ({"reduction": paper(friction_points="all")}, (2e-3, 0.05, 0.05)),
-    "load spread along a region": ({"load": [harmonic("linear")]}, (5e-3, 0.05, 0.05)),
-    "several harmonics": (FEW | {"load": [MULTI_HARMONIC]}, (5e-3, 0.05, 0.03)),
-    "joint pulled at both ends": (FEW | {"bar": "inner_joint", "load": ENDS}, (5e-3, 0.05, 0.05)),
-    "joint pulled at one end": (
-        FEW | {"bar": "inner_joint", "load": ENDS[1:], "output": {"every": 10}},
-        (5e-3, 0.05, 0.03),
-    ),
+INNER: dict[str, Any] = FEW | {"bar": "inner_joint"}
+#: Scenes of bars and the largest errors of their reduced models: peak, friction energy, history.
+SOUND: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
+    "friction at every node": ({"reduction": paper(friction_points="all")}, (2e-3,)),
+    "load spread along a region": ({"load": [harmonic("linear")]}, (4e-3,)),
+    "several harmonics": (FEW | {"load": [MULTI_HARMONIC]}, (1e-3,)),
+    "joint pulled at both ends": (INNER | {"load": ENDS}, (1e-3,)),
+    "joint pulled at one end": (INNER | {"load": ENDS[1:], "output": {"every": 10}}, (1e-3,)),
     # 0.3 mm of slip, while elements are 1 mm or 25 mm long.
-    "little slip": (LITTLE, (0.01, 1.0, 1.0)),
-    "little slip on few elements": (LITTLE | {"bar": "coarse"}, (0.01, 1.0, 1.0)),
+    "little slip": (LITTLE, (1e-3,)),
+    "little slip on few elements": (LITTLE | {"bar": "coarse"}, (1e-6, 1e-6, 1e-4)),
 }
 
 
-@pytest.mark.parametrize("name", SOUND)
-def test_reduced_models_follow_the_full_ones(name):
-    changes, allowed = SOUND[name]
+@pytest.mark.parametrize(("changes", "allowed"), SOUND.values(), ids=SOUND)
+def test_reduced_models_follow_the_full_ones(changes, allowed):
     check_errors(run_bar(**changes), *allowed)
 
 
@@ -137,7 +133,7 @@ def test_two_joints_each_have_their_active_length_and_energy():
     joints, load = [joint("left"), joint("right")], [harmonic("centre", 150e3)]
     results = run_bar(**FEW, bar="two_joints", joint=joints, load=load)
     # The far end of a joint, at rest, does not count.
-    check_errors(results, 5e-3, 0.05, 0.03)
+    check_errors(results, 1e-3)
     length = results.models["reduced"].active_length
     # Symmetric but for the fixed node.
     assert length["left"] == pytest.approx(length["right"], rel=0.02)
@@ -176,9 +172,9 @@ def test_gross_slip_of_a_plate_warns_at_every_frequency():
 
     def said(amplitude, frequency=1000.0):
         load = [harmonic("right", amplitude, frequency) | {"direction": [1.0, 0.0]}]
-        held = {"fixed_y": ["joint"]}
+        tables = {"support": {"fixed_y": ["joint"]}, "accuracy": {"estimate": False}}
         return " ".join(
-            sj.run_scene(plate_scene("full", mesh=plate(5), load=load, support=held)).warnings
+            sj.run_scene(plate_scene("full", mesh=plate(5), load=load, **tables)).warnings
         )
 
     force = 1.2 * MU * 8e6 * WIDTH * LENGTH
@@ -272,11 +268,11 @@ def test_plate_without_poisson_effect_is_the_bar(law):
     )
     assert full.active_length == {}
     assert results.models["reduced"].modes == 12 + 1
-    check_errors(results, 0.01, 0.02)
+    check_errors(results, 2e-3, 0.01, 0.005)
 
 
 def test_reduced_plates_follow_the_full_ones(plates_study):
-    check_errors(plates_study, 0.02, 0.1, 0.02)
+    check_errors(plates_study, 5e-4, 0.005, 1e-3)
     assert 0.0 < plates_study.models["full"].active_area_fraction["upper_joint"] <= 1.0
 
 
@@ -287,14 +283,14 @@ def test_modes_of_the_paper_laid_along_the_axis_of_a_joint():
     for length in ({}, {"active_length": 0.15}, {"active_length": {"joint": 0.15}}):
         options = paper(modes=5, **length)
         results = sj.run_scene(plate_scene(joint=[contact], load=load, reduction=options))
-        check_errors(results, 0.05, 1.0)
+        check_errors(results, 0.02)
         active.append(results.models["reduced"].active_length["joint"])
     assert active[1:] == [0.15, 0.15]
     # 30 kN over the friction limit per length, 0.7 * 8 MPa * 0.05 m, is 0.107 m.
     expected = 30e3 / (MU * 8e6 * WIDTH)
-    assert active[0] == pytest.approx(expected, rel=0.3)
+    assert active[0] == pytest.approx(expected, rel=0.02)
     # The full model's, of the last run, is measured along the same axis.
-    assert results.models["full"].active_length["joint"] == pytest.approx(expected, rel=0.3)
+    assert results.models["full"].active_length["joint"] == pytest.approx(expected, rel=0.03)
 
 
 class StopAt:
@@ -360,26 +356,6 @@ def test_step_that_does_not_converge_names_the_place(scene, words, monkeypatch):
     with pytest.raises(sj.ConvergenceError, match=words) as caught:
         sj.run_scene(scene)
     assert caught.value.exit_status == 3
-
-
-def test_a_solid_is_run_by_the_same_functions():
-    box = sj.build_box([("body", 0.1, 4)], (WIDTH, THICKNESS), (2, 1))
-    load = harmonic("right", 14e3, 1000.0) | {"direction": [1.0, 0.0, 0.0]}
-    results = sj.run_scene(
-        plate_scene(
-            **{"mesh": box, "section": {}, "load": [load], "reduction": {"modes": 6}},
-            joint=[{"on": "front", "pressure": 8e6, "friction": MU}],
-            time={"cycles": 1, "steps_per_cycle": 40},
-            output={"vtk": True, "frames": 4},
-        )
-    )
-    for model in results.models.values():
-        assert model.fields()[0].shape == (5, 3 * results.structure.n_nodes)
-        assert model.run.energy_residual < 1e-9
-        energy = model.run.friction_energy["front"]
-        assert energy == pytest.approx(model.run.friction_work.sum(), rel=1e-9)
-    assert 0.0 < results.models["full"].active_area_fraction["front"] <= 1.0
-    assert results.models["full"].active_length == {}
 
 
 def test_frames_of_a_long_run_go_through_all_phases_of_the_load():

@@ -20,7 +20,6 @@ KINDS: list[tuple[Any, int]] = [
     *(("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)),
 ]
 FLAT_AND_SOLID = KINDS[1:]
-SOLID = KINDS[5:]
 SIZES = {1: 0.6, 2: 0.6 * 0.05, 3: 0.6 * 0.05 * 0.02}
 
 

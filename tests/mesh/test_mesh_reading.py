@@ -1,5 +1,6 @@
 """Loaded meshes are those that their files mean, or are refused with file, place and reason."""
 
+import re
 import runpy
 
 import meshio
@@ -459,12 +460,18 @@ def test_meshes_that_cannot_be_are_refused_with_file_and_reason(
 def test_files_that_do_not_go_together_are_refused_with_their_names(tmp_path):
     for name, mesh in (("a", strip()), ("b", strip()), ("c", strip("triangle", 2))):
         write_mesh(mesh, tmp_path / f"{name}.msh")
-    with pytest.raises(InputError, match=r"name 'tip' stands in .*a\.msh and in .*b\.msh: give"):
+    with pytest.raises(InputError) as caught:
         load_meshes([tmp_path / "a.msh", tmp_path / "b.msh"])
+    assert len(caught.value.problems) == 8
+    for name in ("joint", "left", "tip"):
+        assert re.search(
+            rf"name '{name}' stands in .*a\.msh and in .*b\.msh: give", str(caught.value)
+        )
     with pytest.raises(InputError, match=r"c\.msh holds triangle elements .*a\.msh quad"):
         load_meshes([tmp_path / "a.msh", tmp_path / "c.msh"])
-    with pytest.raises(InputError, match="no mesh file is given"):
-        load_meshes([])
+    for join, none in ((load_meshes, "no mesh file is given"), (merged, "no meshes")):
+        with pytest.raises(InputError, match=none):
+            join([])
     with pytest.raises(InputError) as caught:
         load_meshes([tmp_path / "no.msh", tmp_path / "a.msh", tmp_path / "none.msh"])
     assert len(caught.value.problems) == 2

@@ -13,21 +13,25 @@ from joint_scenes import bar_scene, harmonic, joint, plate_scene
 
 import skfem_joint as sj
 from skfem_joint.analysis.study import Study
+from skfem_joint.files import safe_name
 from skfem_joint.output import folder, prepare, report, write
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
 
 JOINTS = ("joint", "second")
+#: Points may have any name; files have safe ones.
+TIP = "freie Länge / 2"
+LOOP = f"hysteresis_{safe_name(TIP)}.png"
 TIME = {"cycles": 3, "steps_per_cycle": 40}
 
 
 def scene(*names: str, **tables: Any) -> Scene:
     """Bar with joints, pulled by half of what one of them carries."""
     strips = [("joint", 0.1, 10), ("arm", 0.1, 4), ("second", 0.1, 10)]
-    bar = sj.build_bar(strips, {"fixed": 0.0, "tip": 0.3})
+    bar = sj.build_bar(strips, {"fixed": 0.0, TIP: 0.3})
     joints = [joint(name, pressure=8e6) for name in names or ("joint",)]
     base = {"title": "a bar", "joint": joints, "time": TIME, "reduction": {}}
-    return bar_scene("full", bar=bar, **(base | {"load": [harmonic("tip", 14e3, 1000.0)]} | tables))
+    return bar_scene("full", bar=bar, **(base | {"load": [harmonic(TIP, 14e3, 1000.0)]} | tables))
 
 
 def plate_study() -> Study:
@@ -74,7 +78,7 @@ def test_summary_holds_the_figures_of_the_runs(study):
         run = study.models[name].run
         assert (summary["dofs"], summary["steps"]) == (run.system.n, 120)
         assert summary["modes"] == study.models[name].modes
-        assert summary["peak_displacement_m"] == {"tip": run.cycles.peak[-1, 0]}
+        assert summary["peak_displacement_m"] == {TIP: run.cycles.peak[-1, 0]}
         assert summary["friction_energy_per_cycle_J"] == run.cycles.friction[-1]
         assert summary["loop_energy_per_cycle_J"] == run.cycles.input[-1, 0]
         assert summary["energy_balance_residual"] == run.energy_residual
@@ -143,16 +147,16 @@ def test_history_is_read_back_without_pickles(study, tmp_path):
     runs["short"] = sj.integrate(study.system, **steps, save=sj.Save(slips=True))
     report.write_history(tmp_path / "history.npz", runs)
     with np.load(tmp_path / "history.npz", allow_pickle=False) as file:
-        parts = [f"{model}_tip_{what}" for model in runs for what in ("displacement", "velocity")]
+        parts = [f"{model}_{TIP}_{what}" for model in runs for what in ("displacement", "velocity")]
         kept = ("friction_energy", "slip", "slipping")
         parts += [f"{model}_{joint}_{what}" for model in runs for joint in JOINTS for what in kept]
-        assert set(file) == {"time", "load_0_tip", *parts}
+        assert set(file) == {"time", f"load_0_{TIP}", *parts}
         energies = [file[f"reduced_{joint}_friction_energy"][-1] for joint in JOINTS]
         assert sum(energies) == pytest.approx(runs["reduced"].friction_work.sum(), rel=1e-12)
         assert np.array_equal(file["time"], runs["full"].times)
-        assert np.array_equal(file["load_0_tip"], runs["full"].amplitudes[:, 0])
-        assert np.array_equal(file["reduced_tip_velocity"], runs["reduced"].point_v[:, 0])
-        assert file["short_tip_displacement"].size == 31
+        assert np.array_equal(file[f"load_0_{TIP}"], runs["full"].amplitudes[:, 0])
+        assert np.array_equal(file[f"reduced_{TIP}_velocity"], runs["reduced"].point_v[:, 0])
+        assert file[f"short_{TIP}_displacement"].size == 31
 
 
 def test_the_table_shows_what_the_summary_holds(study, monkeypatch):
@@ -164,8 +168,8 @@ def test_the_table_shows_what_the_summary_holds(study, monkeypatch):
         return {" ".join(line.split()[:-2]): line.split()[-2:] for line in lines[2:]}
 
     full, reduced = (content["models"][name] for name in ("full", "reduced"))
-    peak, energy = full["peak_displacement_m"]["tip"], full["friction_energy_J"]["second"]
-    assert rows()["peak displacement at tip, mm"][0] == f"{1e3 * peak:.5g}"
+    peak, energy = full["peak_displacement_m"][TIP], full["friction_energy_J"]["second"]
+    assert rows()[f"peak displacement at {TIP}, mm"][0] == f"{1e3 * peak:.5g}"
     assert rows()["friction energy of second over the run, J"][0] == f"{energy:.4g}"
     error = reduced["error"]["friction_energy_per_cycle"]
     assert rows()["error of friction energy, %"] == ["-", f"{100 * error:+.3g}"]
@@ -271,20 +275,20 @@ def test_a_scene_with_plots_draws_what_there_is(tmp_path):
     with prepare(periodic, tmp_path / "a"):
         files = write(sj.run_scene(periodic), tmp_path / "a")
     assert [file.name for file in files] == [
-        "summary.json", "histories.png", "energies.png", "hysteresis_tip.png",
+        "summary.json", "histories.png", "energies.png", LOOP,
         "active_region_joint.png", "active_region_second.png", "joint.png", "joint.gif",
     ]  # fmt: skip
     # Where nothing is done, there is nothing to draw of it.
     (tmp_path / "zero").mkdir()
     plots = {"plots": True, "history": False, "frames": 3}
-    write(sj.run_scene(scene(output=plots, load=[harmonic("tip", 0.0, 1e3)])), tmp_path / "zero")
+    write(sj.run_scene(scene(output=plots, load=[harmonic(TIP, 0.0, 1e3)])), tmp_path / "zero")
     assert names(tmp_path / "zero") == {"histories.png", "joint.gif", "joint.png", "summary.json"}
     # No loop and no cycles where the load is not periodic.
     pulse = scene(
         output={"plots": True, "frames": 9}, time={"duration": 2e-4, "step": 1e-5},
-        load=[{"on": "tip", "kind": "half_sine", "peak": 14e3, "rise_time": 1e-4}],
+        load=[{"on": TIP, "kind": "half_sine", "peak": 14e3, "rise_time": 1e-4}],
     )  # fmt: skip
     (tmp_path / "b").mkdir()
     files = write(sj.run_scene(pulse), tmp_path / "b")
-    assert not {"hysteresis_tip.png", "energies.png"} & {file.name for file in files}
+    assert not {LOOP, "energies.png"} & {file.name for file in files}
     assert "histories.png" in names(tmp_path / "b")

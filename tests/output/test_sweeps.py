@@ -92,7 +92,8 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
 
 def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, capsys):
     sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
-    path = sweep_file(tmp_path, sweep, ("cycles = 3", "cycles = 150"), FULL)
+    alone = "cycles = 150\n[accuracy]\nestimate = false"
+    path = sweep_file(tmp_path, sweep, ("cycles = 3", alone), FULL)
     out, count = tmp_path / "out", 8
     journal = out / sweeps.JOURNAL
     arguments = ["sweep", str(path), "--out", str(out), "--workers", "2"]

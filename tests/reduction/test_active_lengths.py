@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import EA
-from reduced_joints import SPEED, case, case_i
+from reduced_joints import case, case_i
 
 import skfem_joint as sj
 from skfem_joint.reduction import active_length
@@ -62,21 +62,6 @@ def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
     loop, peak = 2 * force**3 / (3 * EA * tau), force**2 / (2 * EA * tau)
     zeta = active_length.DAMPING_RATIO
     assert np.sin(np.arctan(2.0 * zeta)) == pytest.approx(loop / (np.pi * force * peak), rel=1e-14)
-
-
-def natural(length: float) -> float:
-    """First natural frequency of an isolated active length."""
-    return SPEED / (4 * length)
-
-
-def test_estimate_is_a_fixed_point():
-    for frequency in (10.0, 500.0, 1500.0):
-        found = active_length.estimate(0.25, frequency, natural, tolerance=1e-12)
-        assert found.converged
-        factor = active_length.amplification(frequency / natural(found.length))
-        assert found.length == pytest.approx(0.25 * factor, rel=1e-9)
-    slow = active_length.estimate(0.25, 1e-3, natural)
-    assert slow.length == pytest.approx(0.25, rel=1e-9)
 
 
 def test_active_area_counts_the_area_of_slipping_points():

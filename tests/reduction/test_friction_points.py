@@ -41,16 +41,6 @@ def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count):
         assert w @ polynomial(x) == pytest.approx(exact, abs=1e-11 * weight.sum())
 
 
-def test_many_equal_nodes_give_gauss_legendre():
-    legendre, weights = np.polynomial.legendre.leggauss(6)
-    errors = []
-    for m in (100, 1000):  # midpoints: the sum is the integral to second order
-        x, w = gauss_rule((np.arange(m) + 0.5) / m * 2.0 - 1.0, np.full(m, 2.0 / m), 6)
-        errors.append(max(np.abs(x - legendre).max(), np.abs(w - weights).max()))
-    assert errors[1] < 1e-5
-    assert errors[0] / errors[1] == pytest.approx(100.0, rel=0.02)
-
-
 @pytest.mark.parametrize("count", [0, -1, 61])
 def test_a_rule_of_too_many_or_no_points_is_refused(count):
     with pytest.raises(sj.InputError, match="must be from 1 to 60"):
@@ -119,19 +109,6 @@ def test_merged_points_carry_the_same_total_and_are_means(count):
         assert few.w[k] == pytest.approx(system.w[mine].sum(), rel=1e-12)
         mean = np.average(rows[mine], axis=0, weights=system.w[mine])
         np.testing.assert_allclose(few.B[2 * k : 2 * k + 2], mean, atol=1e-12)
-
-
-def test_merging_only_lowers_the_friction_potential():
-    system, basis = example()
-    every = system.project(basis.V)
-    few, _ = merged(every, basis, 20)
-    for q in basis.velocities[1:301:30]:
-        # 2 / pi times the integral of arctan(beta v), of convex growth in v.
-        potential = []
-        for s in (few, every):
-            z = s.beta * s.slip_norm(s.B @ q)
-            potential.append(s.w @ ((z * np.arctan(z) - 0.5 * np.log1p(z * z)) / s.beta))
-        assert 0.9 * potential[1] < potential[0] <= potential[1]
 
 
 def test_as_many_points_as_slip_leave_the_model_as_it_is():

@@ -72,8 +72,9 @@ def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
         own_basis(system, full("strip"), 0)
     with pytest.raises(sj.InputError, match=r"reduction\.modes: found 999"):
         own_basis(system, full("strip"), 999)
-    with pytest.raises(sj.InputError, match="inner_product: found 'power'"):
-        own_basis(system, full("strip"), 4, inner_product="power")
+    for option, wrong in {"inner_product": "power", "snapshots": "velocity"}.items():
+        with pytest.raises(sj.InputError, match=f"{option}: found '{wrong}'"):
+            own_basis(system, full("strip"), 4, **{option: wrong})
 
 
 def test_own_modes_of_a_structure_come_from_its_first_three_cycles():

@@ -104,20 +104,6 @@ def test_slow_gross_slip_has_modes(product):
     np.testing.assert_allclose(rigid, 1.0, atol=1e-6)
 
 
-def test_snapshots_of_both_kinds_weigh_alike():
-    u, v = np.random.default_rng(1).normal(size=(2, 30, 4))
-    G = spd(4)
-    for inner in (None, G):
-        both = snapshot_matrix(1e-4 * u, 7.0 * v, "both", inner)
-        assert both.shape == (60, 4)
-        for part in (both[:30], both[30:]):
-            square = np.einsum("ti,ij,tj->", part, np.eye(4) if inner is None else G, part)
-            assert square == pytest.approx(1.0, rel=1e-14)
-    assert np.array_equal(snapshot_matrix(u, v, "displacement"), u)
-    with pytest.raises(sj.InputError, match="snapshots: found 'velocity'"):
-        snapshot_matrix(u, v, "velocity")
-
-
 def test_snapshots_of_rates_have_no_units_and_weigh_instants_by_roots():
     v = np.random.default_rng(1).normal(size=(30, 4)) * np.geomspace(1.0, 1e-3, 30)[:, np.newaxis]
     rates = snapshot_matrix(v, v, "rates")

@@ -39,7 +39,7 @@ def test_the_paper_s_structure_with_fifteen_unknowns():
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(15), atol=1e-9)
     peak, history, friction = error(system, basis)
     assert peak < 0.003
-    assert history < 0.003
+    assert history < 0.001
     assert friction < 0.007
 
 
@@ -80,11 +80,11 @@ def test_a_pulse_with_sixteen_unknowns():
     few, _ = reduced_system(system, basis, periodic=False, warn=[])
     exact, found = (sj.integrate(one, step=2e-6, n_steps=2000) for one in (system, few))
     difference = np.linalg.norm(found.point_u - exact.point_u, axis=0)
-    assert difference.max() < 0.03 * np.linalg.norm(exact.point_u, axis=0).max()
-    assert found.friction_work.sum() == pytest.approx(exact.friction_work.sum(), rel=0.01)
+    assert difference.max() < 0.005 * np.linalg.norm(exact.point_u, axis=0).max()
+    assert found.friction_work.sum() == pytest.approx(exact.friction_work.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "limits"), [("edge", (5e-3, 0.02)), ("two", (5e-3, 0.02))])
+@pytest.mark.parametrize(("name", "limits"), [("edge", (1e-3, 5e-3)), ("two", (1e-3, 5e-3))])
 def test_plates_that_bend_or_lie_on_each_other(name, limits):
     structure, system, step = case(name)
     steps = {"step": step, "n_steps": 300, "cycle_steps": 100}
@@ -99,8 +99,8 @@ def test_a_law_that_creeps_everywhere_is_followed():
     _, system = fig_18(frequency=1.0)
     basis = static_basis(system, slip_path(system, 1.0 / 200, 800), 12)
     peak, history, friction = error(system, basis, "all")
-    assert max(peak, history) < 0.02
-    assert friction < 0.02
+    assert max(peak, history) < 0.002
+    assert friction < 0.002
 
 
 def test_few_points_lose_little_friction_power_and_never_gain():

@@ -43,7 +43,7 @@ def test_damaged_scenes_are_refused_or_valid(example, tmp_path):
         (tmp_path / "meshes" / mesh.name).write_bytes(mesh.read_bytes())
     path = tmp_path / "examples" / "scene.toml"
     rng = random.Random(example.stem)
-    slow = {"solid": 12, "two": 60, "plate": 60}  # plates take longer, a preload still more
+    slow = {"solid": 6, "two": 60, "plate": 60}  # plates take longer, a preload still more
     valid, count = 0, slow.get(example.stem.split("_")[0], 250)
     for _ in range(count):
         path.write_bytes(damaged(example.read_bytes(), rng, TOKENS))

@@ -11,7 +11,7 @@ import pytest
 from scene_texts import GOOD, Change, problems_of_file, scene_of, with_changes
 
 from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar, build_box, build_plate, refined, write_mesh
+from skfem_joint.mesh import build_bar, build_plate, refined, write_mesh
 from skfem_joint.scene import load_scene, scene_from
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -36,14 +36,6 @@ PLATES = with_changes(
     ('on = "joint"', 'on = "upper_joint"\nagainst = "joint"'),
     ('on = "free_end"', 'on = "upper_right"\ndirection = [1, 0]'),
     ("[reduction]\nmodes = 5\n[output]\nevery = 1\n", ""),
-)
-SOLID = with_changes(
-    GOOD,
-    ("density = 8000", "density = 8000\npoisson = 0.3"),
-    ("[section]\nwidth = 0.05\nthickness = 0.01\n", ""),
-    ('["fixed"]', '["left"]'),
-    ('on = "joint"', 'on = "bottom"'),
-    ('on = "free_end"', 'on = "right"\ndirection = [1, 0, 0]'),
 )
 
 
@@ -74,20 +66,6 @@ def test_a_bar_becomes_its_structure_and_system(scene_file):
     assert set(system.points) == set(scene.output_points)
     assert scene.system() is system
     assert scene.structure() is scene.structure()
-
-
-@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
-def test_a_solid_needs_no_section(kind):
-    box = build_box([("body", 0.2, 4)], (0.05, 0.02), (2, 2), kind=kind)
-    scene = scene_from(tomllib.loads(SOLID), box)
-    assert scene.structure().dim == 3
-    assert scene.system().contact_points == 12
-    assert scene.output_points == ()
-    text = SOLID.replace("direction = [1, 0, 0]", 'quantity = "pressure"')
-    (pressure,) = scene_from(tomllib.loads(text), box).system().loads
-    (force,) = scene.system().loads
-    assert pressure.amplitude.peak_value == pytest.approx(1e-3 * force.amplitude.peak_value)
-    np.testing.assert_allclose(pressure.vector, -force.vector, rtol=1e-12)
 
 
 def test_regions_supports_and_points_reach_the_structure(scene_file):

@@ -60,7 +60,9 @@ SCENE += """\
 cycles = 1
 steps_per_cycle = 60
 [models]
-run = ["full"]
+run = ["full", "reduced"]
+[reduction]
+modes = 6
 [output]
 vtk = true
 frames = 4
@@ -72,19 +74,23 @@ def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_pa
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
     study = run_scene(load_scene(path))
-    run = study.models["full"].run
     mass = 0.02 * 0.01 * (0.1 * 8000.0 + 0.06 * 2700.0)
     assert study.description.values["mass_kg"] == pytest.approx(mass, rel=1e-12)
     (patch,) = study.structure.patches
     assert patch.clamping_force == pytest.approx(10e6 * 0.06 * 0.02, rel=1e-12)
-    peaks = np.abs(run.system.load_amplitudes(np.linspace(0.0, 2e-3, 61))).max(axis=1)
+    peaks = np.abs(study.system.load_amplitudes(np.linspace(0.0, 2e-3, 61))).max(axis=1)
     expected = [10e6 * 0.02 * 0.01, 1e6 * 0.06 * 0.01, 10.0, 500.0]  # N
     np.testing.assert_allclose(peaks, expected, rtol=1e-12)
-    assert run.energy_residual < 1e-10
-    assert run.friction_work.sum() > 0.1 * np.abs(run.input_work).sum()
+    for model in study.models.values():
+        assert model.run.energy_residual < 1e-10
+        assert model.run.friction_work.sum() > 0.1 * np.abs(model.run.input_work).sum()
+        assert model.fields()[0].shape == (5, 3 * study.structure.n_nodes)
+    assert 0.0 < study.models["full"].active_area_fraction["upper below"] <= 1.0
+    assert study.models["full"].active_length == {}
     index = next(file for file in write(study, tmp_path) if file.suffix == ".pvd")
     names = ["lower", "upper", "contact upper below", "contact lower above"]
-    assert pyvista.PVDReader(index).read()[0].keys() == [f"full: {name}" for name in names]
+    blocks = [f"{model}: {name}" for model in ("full", "reduced") for name in names]
+    assert pyvista.PVDReader(index).read()[0].keys() == blocks
     locks = [sentence for sentence in study.warnings if "they lock" in sentence]
     assert len(locks) == (kind in ("tet4", "hex8"))
 

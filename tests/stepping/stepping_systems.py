@@ -103,9 +103,9 @@ def reference_plate(
     return made.system([Load("right", load or Harmonic(60e3, 1000.0), (1.0, 0.2))])
 
 
-def dense_system(singles: int = 0, **changes: Any) -> System:
+def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> System:
     """Dense system with random points that slip in two directions and in one."""
-    generator, pairs, n = np.random.default_rng(7), 6, 4
+    generator, n = np.random.default_rng(7), 4
     A = generator.standard_normal((n, n))
     directions = generator.permutation(np.repeat([2, 1], [pairs, singles])).astype(np.int64)
     values: dict[str, Any] = {

@@ -1,7 +1,6 @@
 """Steps of chains: each tier finds the minimiser, passes follow fronts, work does not grow."""
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -84,31 +83,6 @@ def test_flips_of_coulomb_points_end(stiffness):
             assert converged, (n, seed)
             slips = (w > 0.0) & (v != 0.0)
             np.testing.assert_array_equal(sigma[slips], np.sign(v[slips]))
-
-
-@pytest.mark.parametrize("n", [47, 48, 97, 100, 1001])
-def test_coarse_problems_are_galerkin_projections_of_the_fine_one(n):
-    H0, H1, w, beta, _ = problem(n, 1e5, 0)
-    chain = chain_of(H0, H1, w, beta)
-    start = chain.start
-    assert start[1] == n
-    assert start[-1] - start[-2] < 48
-    levels = [
-        (tridiagonal(chain.H0[a:b], chain.H1[a : b - 1]), chain.w[a:b]) for a, b in pairwise(start)
-    ]
-    np.testing.assert_array_equal(levels[0][0], tridiagonal(H0, H1))
-    for (fine, limits), (coarse, fewer) in pairwise(levels):
-        first = (len(fine) - 1) % 2
-        P = np.zeros((len(fine), len(coarse)))
-        for j in range(len(coarse)):
-            i = first + 2 * j
-            P[i, j] = 1.0
-            P[max(i - 1, 0), j] = 1.0 if i == 0 else 0.5
-            if i + 1 < len(fine):
-                P[i + 1, j] = 0.5
-        np.testing.assert_allclose(coarse, P.T @ fine @ P, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(fewer, P.T @ limits, rtol=1e-12)
-    assert chain.kappa > 0.0
 
 
 def passes(H0: Any, H1: Any, w: Any, g: Any, middle: int) -> tuple[int, bool, Any, Any, Any]:

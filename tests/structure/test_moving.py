@@ -108,6 +108,6 @@ def test_meshes_that_do_not_match_converge_to_those_that_do():
         energy = run.friction_work.sum() / exact.friction_work.sum() - 1.0
         errors.append((abs(run.peak[0] / exact.peak[0] - 1.0), abs(energy)))
     displacement, energies = np.array(errors).T
-    assert displacement[-1] < 2e-4
+    assert displacement[-1] < 5e-5
     assert energies[-1] < 0.03
     assert energies[-1] < 0.25 * energies[0]

@@ -87,7 +87,7 @@ def test_a_reduced_model_follows_a_moving_base():
     small = sj.reduce(system, modes=10)
     full, reduced = (sj.integrate(one, cycles=3, steps_per_cycle=100) for one in (system, small))
     errors = compare(full, reduced)
-    assert errors.displacement_rms < 1e-3
+    assert errors.displacement_rms < 2e-4
     assert abs(errors.friction_energy_per_cycle or 1.0) < 1e-3
     assert small.notes == system.notes
 

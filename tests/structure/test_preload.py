@@ -152,7 +152,7 @@ def test_a_cylinder_on_a_flat_tends_to_hertz():
         area = structure.preload.joints[0].area[nodes] / THICKNESS
         errors.append(np.sqrt(area @ (p - exact) ** 2 / (area @ exact**2)))
     assert errors[0] > 1.4 * errors[1] > 2 * errors[2]  # towards its root at the edge
-    assert p.max() == pytest.approx(peak, rel=0.01)
+    assert p.max() == pytest.approx(peak, rel=5e-3)
     touching = structure.patches[0].area.sum() / THICKNESS
     assert touching == pytest.approx(2 * half, rel=0.08)
 

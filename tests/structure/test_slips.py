@@ -26,8 +26,7 @@ from bodies import (
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import manifold_of, slip_directions
+from skfem_joint.structure.patch import slip_directions
 
 LOAD = sj.Harmonic(1.0, 1.0)
 
@@ -165,16 +164,13 @@ def test_normals_of_a_solid_sphere_patch_are_alike_for_both_shapes():
             q[2] = p[2] + 0.1 * ((p[0] - 0.5) ** 2 + (p[1] - 0.5) ** 2) * (1 - p[2])
             return q
 
-        body = mapped(body, bent)
-        nodes = Nodes(body)
-        ones = np.ones(body.mesh.t.shape[1])
-        *_, normals = manifold_of(nodes, "base", ones, ones, "joint 'base'")
-        on = np.linalg.norm(normals, axis=1) > 0
-        x = nodes.nodes[on] - 0.5
+        some = structure(mapped(body, bent), [pressed("base")], ["top"])
+        (patch,) = some.patches
+        x = some.nodes[patch.nodes] - 0.5
         exact = np.stack([0.2 * x[:, 0], 0.2 * x[:, 1], -np.ones(len(x))], axis=1)
         exact /= np.linalg.norm(exact, axis=1)[:, None]
         inner = np.all(np.abs(x[:, :2]) < 0.4, axis=1)
-        np.testing.assert_allclose(normals[on][inner], exact[inner], atol=1e-12)
+        np.testing.assert_allclose(patch.normal[inner], exact[inner], atol=1e-12)
 
 
 def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
