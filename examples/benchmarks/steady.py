@@ -163,9 +163,6 @@ def marched(system, start, cycles):
 
 def sundials(quick):
     """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
-    if importlib.util.find_spec("sksundae") is None:
-        print(f"\nSUNDIALS: {NOT_INSTALLED}")
-        return
     cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, FINE, 100)
     print()
     first = f"{STEPS} steps: amplitude, friction energy apart"
@@ -198,9 +195,6 @@ def first_harmonic(run):
 
 def balances(quick):
     """Harmonic balance beside ours at one frequency, the same arctan law; processor time."""
-    if importlib.util.find_spec("pyHarm") is None:
-        print(f"\npyHarm: {NOT_INSTALLED}")
-        return
     from benchmarks.balance import balanced
 
     share, frequency, _ = CASES[1]
@@ -236,8 +230,12 @@ def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
     quick = parser.parse_args(arguments).quick
+    needed = {sundials: "sksundae", balances: "pyHarm"}
     for part in (backbones, responses, sundials, balances, published):
-        part(quick)
+        if part in needed and importlib.util.find_spec(needed[part]) is None:
+            print(f"\n{needed[part]}: {NOT_INSTALLED}")
+        else:
+            part(quick)
 
 
 if __name__ == "__main__":

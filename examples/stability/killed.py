@@ -122,8 +122,10 @@ def kill(whole, out, resumed, rng, writing):
             time.sleep(rng.uniform(0.2, 1.0) * whole.seconds)
     finally:
         process.kill()
-        process.communicate()
-    return process.returncode != 0
+        _, said = process.communicate()
+    if process.returncode > 0:
+        raise RuntimeError(f"{whole.scene}: status {process.returncode}: {said}")
+    return process.returncode < 0
 
 
 def kills(kind, count, folder, rng):
