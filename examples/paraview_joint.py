@@ -18,12 +18,11 @@ xvfb-run -a -s -noreset pvpython examples/paraview_joint.py out/fields.pvd pictu
 import argparse
 import csv
 import math
-import operator
 import os
 import sys
 
 # A programmable source of ParaView puts numpy's in the place of these when it runs.
-from builtins import abs, max, min, sum  # noqa: UP029
+from builtins import abs, map, max, min, sum, zip  # noqa: UP029
 
 from paraview import simple
 
@@ -38,9 +37,9 @@ TOP = 0.62  # share of the height for the joint
 SHARE = 0.05  # largest displacement in the picture over the length
 FRAMES = 100  # frames looked at for the largest displacement
 BACK, RISE = -0.55 / math.hypot(0.55, 0.85), 0.85 / math.hypot(0.55, 0.85)  # joint to eye
-ABOVE, BELOW = 50, 125  # pixels for the texts above the joint and the colours below it
-LABEL, SPACE = 45, 30  # pixels above each model for its name, and between models
+ABOVE, BELOW, GAP = 10, 125, 55  # pixels above the joint, for the colours below, above each part
 
+# The load's curves, and a mark that runs on each with the time: one value, the others are none.
 TIME_STEPS = """
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as pipeline
 times = {times!r}
@@ -48,76 +47,45 @@ information = self.GetOutputInformation(0)
 information.Set(pipeline.TIME_STEPS(), times, len(times))
 information.Set(pipeline.TIME_RANGE(), [times[0], times[-1]], 2)
 """
-CURVE = """
-import numpy
-rows = numpy.loadtxt({path!r}, delimiter=",", skiprows=1, ndmin=2)
-output.RowData.append(1e3 * rows[:, 0], "time, ms")
-for k, name in enumerate({names!r}, 1):
-    output.RowData.append(rows[:, k] / {unit!r}, name)
-"""
-# A point twice: ParaView complains about lines of one.
-MARK = """
+LOAD = """
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as pipeline
 import numpy
 rows = numpy.loadtxt({path!r}, delimiter=",", skiprows=1, ndmin=2)
 step = pipeline.UPDATE_TIME_STEP()
 information = self.GetOutputInformation(0)
 now = information.Get(step) if information.Has(step) else 0.0
-output.RowData.append(numpy.full(2, 1e3 * now), "time, ms")
-for k in range(1, rows.shape[1]):
-    force = numpy.interp(now, rows[:, 0], rows[:, k]) / {unit!r}
-    output.RowData.append(numpy.full(2, force), "now %d" % k)
+output.RowData.append(1e3 * rows[:, 0], "time, ms")
+marked = numpy.arange(len(rows)) == numpy.abs(rows[:, 0] - now).argmin()
+for k, name in enumerate({names!r}, 1):
+    force = rows[:, k] / {unit!r}
+    output.RowData.append(force, name)
+    output.RowData.append(numpy.where(marked, force, numpy.nan), "now %d" % k)
 """
 
 
-def styled(shown, **properties):
-    """Set properties of what is shown."""
-    for name, value in properties.items():
-        setattr(shown, name, value)
-    return shown
-
-
 def blocks_by_model(reader):
-    """Paths of the bodies of each model, blocks "MODEL: BODY" or "MODEL", and of faces by name."""
+    """Paths of the bodies of each model, blocks "MODEL: BODY" or "MODEL"; names, paths of faces."""
     tree = reader.GetDataInformation().GetHierarchy()
     models = {}
     for node in tree.GetChildNodes(tree.GetRootNode(), False):
         name = tree.GetAttributeOrDefault(node, "label", tree.GetNodeName(node))
         model, _, part = name.partition(": ")
-        bodies, faces = models.setdefault(model, ([], {}))
+        bodies, faces = models.setdefault(model, ([], []))
         if part.startswith("contact "):
-            faces[part] = tree.GetNodePath(node)
+            faces.append((part, tree.GetNodePath(node)))
         else:
             bodies.append(tree.GetNodePath(node))
     return models
 
 
-def below(reader, face, low, high, reach):
-    """How far to move a face towards the eye so that it lies clear of the bodies in the picture.
-
-    Also its back corner on the left then, and how far it comes to the front; in the box that they
-    move in.
-    """
-    extracted = simple.ExtractBlock(Input=reader, Selectors=[face])
-    extracted.UpdatePipeline()
-    bounds = extracted.GetDataInformation().GetBounds()
-    first, last = ([bounds[2 * k + end] + sign * reach[k] for k in range(3)]
-                   for end, sign in ((0, -1.0), (1, 1.0)))  # fmt: skip
-    tall = (high[1] - low[1]) * RISE - (high[2] - low[2]) * BACK
-    top, bottom = (at[1] * RISE - at[2] * BACK for at in (last, low))
-    drop = (top - bottom + 0.15 * tall) / RISE
-    front = first[1] - drop - (first[2] - low[2]) * BACK / RISE
-    return drop, (first[0], last[1] - drop + 0.03 * tall / RISE, last[2]), front
-
-
 def largest_displacement(reader):
     """Largest displacement, its time, and its largest parts of all frames along x, y and z."""
-    times, first = list(reader.TimestepValues), operator.itemgetter(0)
+    times = list(reader.TimestepValues)
     best, reach = (0.0, times[0]), [0.0, 0.0, 0.0]
     for time in times[:: max(1, len(times) // FRAMES)]:
         reader.UpdatePipeline(time)
         displacement = reader.PointData["displacement"]
-        best = max(best, (displacement.GetRange(-1)[1], time), key=first)
+        best = max(best, (displacement.GetRange(-1)[1], time), key=lambda found: found[0])
         for k in range(3):
             reach[k] = max(reach[k], *(abs(part) for part in displacement.GetRange(k)))
     return *best, reach
@@ -135,33 +103,20 @@ def can_draw(view):
     return window != "vtkXOpenGLRenderWindow" or bool(os.environ.get("DISPLAY"))
 
 
-def show_model(reader, name, paths, view, factor, shift):
-    """Warped bodies of one model in colour, their edges, and the model's name."""
-    model = simple.ExtractBlock(Input=reader, Selectors=paths)
-    moved = simple.Transform(Input=model)
+def show_part(reader, name, paths, view, factor, shift):
+    """Warped bodies or a face of a model in colour, and their edges."""
+    moved = simple.Transform(Input=simple.ExtractBlock(Input=reader, Selectors=paths))
     moved.Transform.Translate = [*shift, 0.0]
-    warped = simple.WarpByVector(
-        Input=moved, Vectors=["POINTS", "displacement"], ScaleFactor=factor
-    )
+    vectors = ["POINTS", "displacement"]
+    warped = simple.WarpByVector(Input=moved, Vectors=vectors, ScaleFactor=factor)
     simple.RenameSource(f"{name}, displacement x {factor:g}", warped)
-    drawn = simple.Show(warped, view)
-    drawn.Representation = "Surface"
+    drawn = simple.Show(warped, view, Representation="Surface", Ambient=0.4, Diffuse=0.65)
     simple.ColorBy(drawn, ("CELLS", "contact_state"))
-    drawn.Ambient, drawn.Diffuse = 0.4, 0.65
-    for source, colour, width in ((moved, (0.6, 0.63, 0.65), 1.0), (warped, (0.0, 0.0, 0.0), 2.0)):
+    for source, colour, width in ((moved, (0.6, 0.63, 0.65), 1.0), (warped, BLACK, 2.0)):
         edges = simple.FeatureEdges(Input=simple.ExtractSurface(Input=source))
-        line = simple.Show(edges, view)
+        line = simple.Show(edges, view, LineWidth=width)
         simple.ColorBy(line, None)
-        styled(line, AmbientColor=colour, DiffuseColor=colour, LineWidth=width)
-
-
-def write(view, text, place=None, corner=None, size=20):
-    """Write a text at a place in space or a corner of the view."""
-    shown = styled(simple.Show(simple.Text(Text=text), view), Color=BLACK, FontSize=size)
-    if place is None:
-        shown.WindowLocation = corner
-    else:
-        styled(shown, TextPropMode="Billboard 3D Text", BillboardPosition=place)
+        line.AmbientColor = line.DiffuseColor = colour
 
 
 def colour_by_state(view):
@@ -170,53 +125,51 @@ def colour_by_state(view):
     table.InterpretValuesAsCategories = 1
     table.Annotations = [word for state in STATES for word in state[:2]]
     table.IndexedColors = [part for state in STATES for part in state[2]]
-    bar = styled(simple.GetScalarBar(table, view), Title="contact", ComponentTitle="")
-    styled(bar, TitleColor=BLACK, LabelColor=BLACK, TitleFontSize=18, LabelFontSize=18)
-    styled(bar, WindowLocation="Any Location", Orientation="Horizontal")
-    styled(bar, Position=[0.64, 0.1], ScalarBarLength=0.3, Visibility=1)
+    bar = simple.GetScalarBar(table, view)
+    words = {"Title": "contact", "ComponentTitle": "", "TitleColor": BLACK, "LabelColor": BLACK}
+    place = {"WindowLocation": "Any Location", "Orientation": "Horizontal", "Visibility": 1}
+    place |= {"Position": [0.64, 0.1], "ScalarBarLength": 0.3}
+    simple.SetProperties(bar, **words, **place, TitleFontSize=18, LabelFontSize=18)
 
 
-def laid_out(low, high, count, pixels):
-    """Lay models out below or beside each other so that they are drawn as large as they can be.
+def up(y, z):
+    """How far up in the picture a point is."""
+    return y * RISE - z * BACK
 
-    From the corners of the box that one model moves in, and the pixels of the view; returns the
-    shift of each model along x and y, the place of its name, the middle of all along x and up the
-    picture, and the length of a pixel.
+
+def laid_out(columns, pixels):
+    """Lay boxes out in columns, as large as they can be drawn.
+
+    From the low and high corners of each, and the pixels of the view; returns the length of a
+    pixel, the shift of each box along x and y, and the middle of all along x and up the picture.
     """
-    label = LABEL if count > 1 else 0
-    wide, bottom = high[0] - low[0], low[1] * RISE - low[2] * BACK
-    top = high[1] * RISE - high[2] * BACK
-    tall, options = top - bottom, []
-    for columns, rows in ((1, count), (count, 1)):
-        room = 0.94 * pixels[0] - (columns - 1) * SPACE
-        height = pixels[1] - ABOVE - BELOW - rows * label - (rows - 1) * SPACE
-        options.append((max(columns * wide / room, rows * tall / height), columns, rows))
-    pixel, columns, rows = min(options)
-    right = wide + SPACE * pixel if columns > 1 else 0.0
-    down = tall + (SPACE + label) * pixel if rows > 1 else 0.0
-    shifts = [(k * right, -k * down / RISE) for k in range(count)]
-    name = (top + 0.2 * label * pixel + high[2] * BACK) / RISE
-    names = [(low[0] + x, name + y, high[2]) for x, y in shifts]
-    across = low[0] + 0.5 * (wide + (count - 1) * right)
-    up = 0.5 * (top + label * pixel + bottom - (count - 1) * down)
-    return shifts, names, (across, up + 0.5 * (ABOVE - BELOW) * pixel), pixel
+    ends = [[(up(*low[1:]), up(*high[1:])) for low, high in column] for column in columns]
+    sides = [(min(low[0] for low, _ in c), max(high[0] for _, high in c)) for c in columns]
+    wide = sum(right - left for left, right in sides)
+    tall = max(sum(top - bottom for bottom, top in column) for column in ends)
+    rows, more = max(map(len, columns)), len(columns) - 1
+    room = 0.94 * pixels[0] - more * GAP, pixels[1] - ABOVE - BELOW - rows * GAP
+    pixel = max(wide / room[0], tall / room[1])
+    shifts, x, lowest = [], 0.0, 0.0
+    for column, (left, right) in zip(ends, sides, strict=True):
+        at = 0.0
+        for bottom, top in column:
+            at -= GAP * pixel
+            shifts.append((x - left, (at - top) / RISE))
+            at -= top - bottom
+        x, lowest = x + right - left + GAP * pixel, min(lowest, at)
+    across = 0.5 * (wide + more * GAP * pixel)
+    return pixel, shifts, (across, 0.5 * (lowest + (ABOVE - BELOW) * pixel))
 
 
 def aim(view, middle, pixel, pixels):
     """Parallel view from the front and above with a point of the picture in its middle."""
-    across, up = middle
-    centre = [across, up * RISE, -up * BACK]
+    across, height = middle
+    centre = [across, height * RISE, -height * BACK]
     far = 10.0 * pixel * sum(pixels)
-    eye = [across, centre[1] + far * BACK, centre[2] + far * RISE]
-    styled(view, CameraParallelProjection=1, CameraFocalPoint=centre, CameraPosition=eye)
-    styled(view, CameraViewUp=[0.0, RISE, -BACK], CameraParallelScale=0.5 * pixels[1] * pixel)
-
-
-def table(script):
-    """Table that a script makes inside ParaView."""
-    source = simple.ProgrammableSource(OutputDataSetType="vtkTable")
-    source.Script = script
-    return source
+    view.CameraParallelProjection, view.CameraParallelScale = 1, 0.5 * pixels[1] * pixel
+    view.CameraFocalPoint, view.CameraViewUp = centre, [0.0, RISE, -BACK]
+    view.CameraPosition = [across, centre[1] + far * BACK, centre[2] + far * RISE]
 
 
 def show_load(path, times, view):
@@ -227,41 +180,44 @@ def show_load(path, times, view):
     largest = max((abs(float(word)) for row in rows for word in row[1:]), default=0.0)
     unit, short = (1e3, "kN") if largest >= 1e3 else (1.0, "N")
     names = [name.removesuffix("N") + short for name in columns[1:]]
-    marks = [f"now {k}" for k in range(1, len(columns))]
-    curve = table(CURVE.format(path=path, names=names, unit=unit))
-    mark = table(MARK.format(path=path, unit=unit))
-    mark.ScriptRequestInformation = TIME_STEPS.format(times=times)
-    greys = [3 * [str(0.1 + 0.3 * k)] for k in range(len(names))]
-    red, circle = len(marks) * [["0.82", "0.12", "0.12"]], {"LineStyle": "0", "MarkerStyle": "4"}
-    for source, series, labels, colours, style in (
-        (curve, names, names, greys, {"LineThickness": "2"}),
-        (mark, marks, len(marks) * ["now"], red, circle | {"MarkerSize": "14"}),
-    ):
-        shown = styled(simple.Show(source, view), UseIndexForXAxis=0, XArrayName="time, ms")
-        shown.SeriesVisibility = series
-        shown.SeriesLabel = [word for pair in zip(series, labels, strict=True) for word in pair]
-        pairs = zip(series, colours, strict=True)
-        shown.SeriesColor = [word for name, colour in pairs for word in (name, *colour)]
-        for key, value in style.items():
-            setattr(shown, f"Series{key}", [word for name in series for word in (name, value)])
+    source = simple.ProgrammableSource(OutputDataSetType="vtkTable")
+    source.Script = LOAD.format(path=path, names=names, unit=unit)
+    source.ScriptRequestInformation = TIME_STEPS.format(times=times)
+    series = []  # name, label, colour, style of the line and of the marker
+    for k, name in enumerate(names):
+        series.append((name, name, 3 * [str(0.1 + 0.3 * k)], "1", "0"))
+        series.append((f"now {k + 1}", "now", ["0.82", "0.12", "0.12"], "0", "4"))
+    shown = simple.Show(source, view, UseIndexForXAxis=0, XArrayName="time, ms")
+    shown.SeriesVisibility = [one[0] for one in series]
+    shown.SeriesLabel = [word for one in series for word in one[:2]]
+    shown.SeriesColor = [word for one in series for word in (one[0], *one[2])]
+    shown.SeriesLineStyle = [word for one in series for word in (one[0], one[3])]
+    shown.SeriesMarkerStyle = [word for one in series for word in (one[0], one[4])]
+    shown.SeriesMarkerSize = [word for one in series for word in (one[0], "14")]
 
     title = names[0] if len(names) == 1 else f"force, {short}"
-    styled(view, HideTimeMarker=1, BottomAxisTitle="time, ms", LeftAxisTitle="")
-    styled(view, ChartTitle=title, ChartTitleAlignment="Left", ChartTitleFontSize=18)
-    styled(view, ChartTitleFontFamily="Courier", ShowLegend=int(len(names) > 1))
+    looks = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}
+    looks |= {"HideTimeMarker": 1, "BottomAxisTitle": "time, ms", "LeftAxisTitle": ""}
+    # In Arial, VTK repeats the first row and the last column of a text at its other end.
+    texts = [f"{axis}Axis{part}" for axis in ("Bottom", "Left") for part in ("Title", "Label")]
+    looks |= {f"{text}FontFamily": "Courier" for text in [*texts, "ChartTitle"]}
+    looks |= {f"{text}FontSize": 18 if "Title" in text else 16 for text in texts}
     if largest > 0.0:
         reach = 1.15 * largest / unit
-        styled(view, LeftAxisUseCustomRange=1, LeftAxisRangeMinimum=-reach)
-        view.LeftAxisRangeMaximum = reach
-    for axis in ("Bottom", "Left"):
-        for part, size in (("Title", 18), ("Label", 16)):
-            # In Arial, VTK repeats the first row and the last column of a text at its other end.
-            setattr(view, f"{axis}Axis{part}FontFamily", "Courier")
-            setattr(view, f"{axis}Axis{part}FontSize", size)
+        looks |= {"LeftAxisUseCustomRange": 1, "LeftAxisRangeMaximum": reach}
+        looks |= {"LeftAxisRangeMinimum": -reach}
+    simple.SetProperties(view, ShowLegend=int(len(names) > 1), **looks)
+
+
+def box(source, reach):
+    """Low and high corner of the box that something moves in."""
+    source.UpdatePipeline()
+    bounds, low_and_high = source.GetDataInformation().GetBounds(), ((0, -1.0), (1, 1.0))
+    return [[bounds[2 * k + end] + sign * reach[k] for k in range(3)] for end, sign in low_and_high]
 
 
 def joint(reader, time=None, factor=None):
-    """Build the views of a series without drawing; returns the layout, its view, and the time."""
+    """Build the views of a series without drawing; returns the layout, and the time to show."""
     simple._DisableFirstRenderCameraReset()
     reader.UpdatePipeline()
     times = list(reader.TimestepValues)
@@ -269,13 +225,12 @@ def joint(reader, time=None, factor=None):
     if time is not None:
         at = min(times, key=lambda step: abs(step - time))
     reader.UpdatePipeline(at)
-    bounds = list(reader.GetDataInformation().GetBounds())
-    length = max(bounds[2 * k + 1] - bounds[2 * k] for k in range(3))
     if factor is None:
+        ends = zip(*box(reader, 3 * [0.0]), strict=True)
+        length = max(high - low for low, high in ends)
         factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
 
-    layout = simple.CreateLayout("joint")
-    view = simple.CreateRenderView()
+    layout, view = simple.CreateLayout("joint"), simple.CreateRenderView()
     simple.AssignViewToLayout(view=view, layout=layout)
     load = os.path.splitext(reader.FileName)[0] + "_load.csv"
     has_load = os.path.exists(load)
@@ -284,33 +239,34 @@ def joint(reader, time=None, factor=None):
         layout.SplitVertical(0, TOP)
         simple.AssignViewToLayout(view=chart, layout=layout, hint=2)
     layout.SetSize(*SIZE)
-    styled(view, UseColorPaletteForBackground=0, Background=[1.0, 1.0, 1.0])
-    view.OrientationAxesVisibility = 0
+    white = {"UseColorPaletteForBackground": 0, "Background": [1.0, 1.0, 1.0]}
+    simple.SetProperties(view, OrientationAxesVisibility=0, **white)
 
-    models = blocks_by_model(reader)
-    reach = [factor * part for part in reach]
-    low = [bounds[2 * k] - reach[k] for k in range(3)]
-    high = [bounds[2 * k + 1] + reach[k] for k in range(3)]
-    drop, label = 0.0, None
-    for _, faces in list(models.values())[:1]:
-        for path in list(faces.values())[:1]:
-            drop, label, low[1] = below(reader, path, low, high, reach)
+    # Bodies of each model, and below them its first face that is pressed, if there is one.
+    reach, parts = [factor * part for part in reach], []
+    for name, (bodies, faces) in blocks_by_model(reader).items():
+        parts.append([(name, bodies, box(reader, reach))])
+        for face, path in faces[:1]:
+            alone = simple.ExtractBlock(Input=reader, Selectors=[path])
+            parts[-1].append((face, [path], box(alone, reach)))
+    below = [part for column in parts for part in column]
     pixels = (SIZE[0], SIZE[1] * (TOP if has_load else 1.0))
-    shifts, places, middle, pixel = laid_out(low, high, len(models), pixels)
-    for (name, parts), shift, place in zip(models.items(), shifts, places, strict=True):
-        show_model(reader, name, parts[0], view, factor, shift)
-        for face, path in list(parts[1].items())[:1]:
-            down = shift[0], shift[1] - drop
-            show_model(reader, f"{name}: {face}", [path], view, factor, down)
-            write(view, face, place=(label[0] + shift[0], label[1] + shift[1], label[2]), size=18)
-        if len(models) > 1:
-            write(view, name, place=place, size=18)
-    colour_by_state(view)
-    write(view, f"displacement x {factor:g}", corner="Upper Right Corner")
-    clock = simple.AnnotateTimeFilter(Input=reader, Format="t = {time:.3f} ms", Scale=1e3)
-    shown = styled(simple.Show(clock, view), WindowLocation="Upper Left Corner")
-    styled(shown, Color=BLACK, FontSize=20)
+    pixel, shifts, middle = min(
+        laid_out([[part[-1] for part in column] for column in columns], pixels)
+        for columns in (parts, [below])
+    )
+    for (name, paths, (low, high)), (x, y) in zip(below, shifts, strict=True):
+        show_part(reader, name, paths, view, factor, (x, y))
+        place = low[0] + x, high[1] + y + 0.15 * GAP * pixel / RISE, high[2]
+        mode = {"TextPropMode": "Billboard 3D Text", "BillboardPosition": place}
+        simple.Show(simple.Text(Text=name), view, Color=BLACK, FontSize=18, **mode)
     aim(view, middle, pixel, pixels)
+    colour_by_state(view)
+    clock = simple.AnnotateTimeFilter(Input=reader, Format="t = {time:.3f} ms", Scale=1e3)
+    scale = simple.Text(Text=f"displacement x {factor:g}")
+    for text, corner in ((clock, "Left"), (scale, "Right")):
+        where = {"WindowLocation": f"Upper {corner} Corner"}
+        simple.Show(text, view, Color=BLACK, FontSize=20, **where)
     if has_load:
         show_load(load, times, chart)
     return layout, view, at

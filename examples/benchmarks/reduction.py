@@ -14,6 +14,7 @@ import os
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -32,15 +33,12 @@ from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.schemes import generalized_alpha
 
-STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 #: Columns of the table; the last are quasi-static states, factorisations and preliminary steps.
 HEADER = (
     *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
     *("full, s", "times faster, 2 periods", "12 periods", "estimate, s", "2", "12"),
     *("stated history, %", "friction, %", "states, factors, steps"),
 )
-#: 100 elements of 0.3 m of joint with 50 MPa, 0.4 m of bar: friction limit, N.
-LIMIT = 0.7 * 50e6 * 0.05 * 0.3
 IMPULSE = {"duration": 2e-3, "step": 1e-6}
 
 
@@ -63,21 +61,12 @@ def paper(name, pulse=""):
 
 def harmonics(length, arm, *parts):
     """Bar with a joint under harmonics: shares of the friction limit, frequencies, phases."""
-    points = {"left": 0.0, "end": length + arm}
-    structure = sj.Structure(
-        sj.build_bar([("joint", length, 100), ("arm", arm, 100)], points),
-        STEEL,
-        width=0.05,
-        thickness=0.01,
-        fixed=["left"],
-        joints=[sj.Joint("joint", 50e6, 0.7, normal_force="equal")],
-        stiffness_damping=1e-5,
-    )
-    limit = LIMIT * length / 0.3
-    waves = tuple(sj.Harmonic(share * limit, f, phase) for share, f, phase in parts)
-    load = sj.MultiHarmonic(waves)
-    steps = {"step": load.period / 400, "n_steps": 1600, "cycle_steps": 400}
-    return structure.system([sj.Load("end", load)]), steps
+    case = replace(cases.CASES["structure"], length=length, linear=arm)
+    names = "amplitude", "frequency", "phase"
+    waves = [dict(zip(names, (part[0] * case.limit, *part[1:]), strict=True)) for part in parts]
+    load = {"kind": "multi_harmonic", "components": waves}
+    its = cases.scene(case, load=load, time={"cycles": 4, "steps_per_cycle": 400})
+    return timed(its.changed(output={"points": ["free_end"]}))
 
 
 def plate(*size):
@@ -91,7 +80,7 @@ def bending():
     border = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
     structure = sj.Structure(
         sj.build_plate([("foot", 0.1, 40), ("arm", 0.3, 60)], 0.05, 8, boundaries=border),
-        STEEL,
+        sj.Material(E=200e9, density=8000.0, poisson=0.3),
         thickness=0.01,
         fixed=["left"],
         joints=[sj.Joint("joint", 100e6, 0.5)],

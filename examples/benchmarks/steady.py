@@ -19,12 +19,14 @@ import importlib.util
 import statistics
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+from paper import cases
 from scipy.linalg import eigh
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
@@ -38,8 +40,6 @@ from skfem_joint.stepping import integrate as stepping
 from skfem_joint.stepping import steady
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
-#: Friction limit of the bar's joint, N.
-LIMIT = 0.7 * 50e6 * 0.05 * 0.2
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
 #: mode, whose frequency in time steps is 1.5 % too low with 200 and 0.4 % with 400.
 BEAM_STEPS = 400
@@ -59,19 +59,12 @@ BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
 
 def bar(frequency=RESONANCE, share=0.1, beta=np.inf, elements=100):
     """Bar of so many elements in its joint, loaded by a share of the joint's friction limit."""
-    parts = [("joint", 0.2, elements), ("free", 0.5, elements)]
-    structure = sj.Structure(
-        sj.build_bar(parts, {"fixed": 0.0, "end": 0.7}),
-        sj.Material(200e9, 8000.0),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=[sj.Joint("joint", 50e6, 0.7, beta=beta)],
-        stiffness_damping=2.0 * MODAL_DAMPING / (2.0 * np.pi * RESONANCE),
-    )
+    case = replace(cases.CASES["structure"], length=0.2, frequency=frequency)
     held = 0.5 / elements  # of the joint, beside the support, cannot slip
-    force = share * LIMIT * (1.0 - held)
-    return structure.system([sj.Load("end", sj.Harmonic(force, frequency))])
+    case = replace(case, force=share * case.limit * (1.0 - held))
+    damping = 2.0 * MODAL_DAMPING / (2.0 * np.pi * RESONANCE)
+    ways = {"normal_force": "consistent", "elements": elements, "damping": damping}
+    return cases.scene(case, beta=beta, **ways).system()
 
 
 def beam():
@@ -115,6 +108,11 @@ def periods(systems, memory):
     return sum(run.steady.periods for run in runs)
 
 
+def swing(run, steps=STEPS):
+    """From peak to peak of the end in the last of periods of so many steps, m."""
+    return np.ptp(run.point("free_end")[-steps - 1 :])
+
+
 def responses(quick):
     """Time of a frequency, periods beside plain iteration, and what marching gives."""
     system, frequencies = bar(share=1.0), np.linspace(1700.0, 2600.0, 7 if quick else 31)
@@ -136,7 +134,7 @@ def responses(quick):
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
         marched = sj.integrate(case, cycles=300 if quick else 3000, steps_per_cycle=STEPS)
-        apart = np.ptp(run.point("end")) / np.ptp(marched.point("end")[-STEPS - 1 :]) - 1.0
+        apart = swing(run) / swing(marched) - 1.0
         energy = run.cycles.friction[-1] / marched.cycles.friction[-1] - 1.0
         print(
             f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
@@ -165,9 +163,6 @@ def marched(system, start, cycles):
 
 def sundials(quick):
     """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
-    if importlib.util.find_spec("sksundae") is None:
-        print(f"\nSUNDIALS: {NOT_INSTALLED}")
-        return
     cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, FINE, 100)
     print()
     first = f"{STEPS} steps: amplitude, friction energy apart"
@@ -178,12 +173,12 @@ def sundials(quick):
         coarse, run = (sj.integrate(case, until="steady", steps_per_cycle=n) for n in (STEPS, fine))
         start = tuple((1.0 - OFF) * part for part in coarse.final)
         other = sj.integrate(case, cycles=cycles, steps_per_cycle=STEPS, initial=start)
-        kept = abs(np.ptp(other.point("end")[-STEPS - 1 :]) / np.ptp(coarse.point("end")) - 1.0)
+        kept = abs(swing(other) / swing(coarse) - 1.0)
         begin = time.perf_counter()
         theirs = marched(bar(frequency, share, STEEP, elements), run.final, cycles)
         wall = time.perf_counter() - begin
         apart = [
-            (0.5 * np.ptp(one.point("end")), one.cycles.friction[-1]) / theirs[:, -1] - 1.0
+            (0.5 * swing(one, fine), one.cycles.friction[-1]) / theirs[:, -1] - 1.0
             for one in (coarse, run)
         ]
         columns = [*apart, theirs[:, -1] / theirs[:, 0] - 1.0]
@@ -194,15 +189,12 @@ def sundials(quick):
 
 def first_harmonic(run):
     """Its amplitude (m) at the end, from a run of one period."""
-    u = run.point("end")[1:]
+    u = run.point("free_end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))
 
 
 def balances(quick):
     """Harmonic balance beside ours at one frequency, the same arctan law; processor time."""
-    if importlib.util.find_spec("pyHarm") is None:
-        print(f"\npyHarm: {NOT_INSTALLED}")
-        return
     from benchmarks.balance import balanced
 
     share, frequency, _ = CASES[1]
@@ -238,8 +230,12 @@ def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
     quick = parser.parse_args(arguments).quick
+    needed = {sundials: "sksundae", balances: "pyHarm"}
     for part in (backbones, responses, sundials, balances, published):
-        part(quick)
+        if part in needed and importlib.util.find_spec(needed[part]) is None:
+            print(f"\n{needed[part]}: {NOT_INSTALLED}")
+        else:
+            part(quick)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from math import inf, nan, pi
 
 import numpy as np
 from paper import cases
-from paper.cases import CASES, PULSES, active_percent, run
+from paper.cases import CASES, PULSES, THRESHOLDS, active_percents
 from paper.page import percent, printed
 from paper.structure import resonances
 from scipy.optimize import minimize_scalar
@@ -18,8 +18,6 @@ from skfem_joint.reduction.active_length import (
 )
 
 HARMONIC = ("I", "II", "III")
-#: Shares of the free end's peak above which a node counts as active: this package's, and less.
-THRESHOLDS = (1e-3, 1e-4)
 LEVELS = (0.5, 0.6, 0.7)
 
 
@@ -92,10 +90,9 @@ def full_active(key, frequency, beta=1e5, damping=1e-5, elements=100):
     """
     case, time = replace(CASES[key], frequency=frequency), {"cycles": 6, "steps_per_cycle": 100}
     options = {"beta": beta, "damping": damping, "elements": elements}
-    _, u, _ = cases.fields(case, run(case, time=time, frames=600, **options), elements)
-    whole, settled = np.abs(u).max(axis=0)[::-1], 0.5 * np.ptp(u[-101:], axis=0)[::-1]
-    first, second = (active_percent(whole, threshold) for threshold in THRESHOLDS)
-    return first, second, active_percent(settled, THRESHOLDS[0])
+    _, u, _ = cases.fields(case, time=time, frames=600, **options)
+    settled = active_percents(0.5 * np.ptp(u[-101:], axis=0))[0]
+    return *active_percents(np.abs(u).max(axis=0)), settled
 
 
 def _estimated(key, frequency):
@@ -167,9 +164,8 @@ def pulse_active(level, frequency, shape="triangle", damping=1e-5):
     case, rise = replace(CASES["I"], force=level * CASES["I"].limit), 0.5 / frequency
     time = {"duration": 2.0 * rise + 1e-3, "step": rise / 25.0}
     load = cases.pulse(case, shape, rise)
-    found = run(case, load=load, time=time, damping=damping, frames=10**6)
-    peak = np.abs(cases.fields(case, found)[1]).max(axis=0)[::-1]
-    return tuple(active_percent(peak, threshold) for threshold in THRESHOLDS)
+    _, u, _ = cases.fields(case, load=load, time=time, damping=damping, frames=10**6)
+    return active_percents(np.abs(u).max(axis=0))
 
 
 def fig10(item, quick):

@@ -13,17 +13,18 @@ from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.study import Model
 from skfem_joint.reduction.active_length import THRESHOLD, measured
-from skfem_joint.reduction.basis import own_basis, scaled_basis
+from skfem_joint.reduction.basis import make_basis, own_basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
-from skfem_joint.reduction.reference import paper_reference
-from skfem_joint.reduction.zones import active_zones, estimate_active_length, probed, zone_lengths
+from skfem_joint.reduction.zones import active_zones, estimate_active_length
 from skfem_joint.scene import scene_from
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
 #: Axial stiffness, N, and speed of longitudinal waves, m/s.
 STIFFNESS, SPEED = E * WIDTH * THICKNESS, float(np.sqrt(E / DENSITY))
+#: Shares of the free end's peak above which a node counts as active: this package's, and less.
+THRESHOLDS = THRESHOLD, 1e-4
 SHAPES = sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold
 PULSES = "triangle", "half_sine", "versine", "ramp_and_hold"
 #: Ours: scaled modes of the paper's reference system, velocity snapshots beside displacement,
@@ -160,23 +161,15 @@ def _own(its):
     return replace(basis, V=V, stretches=((patch.points[moving], x[moving]),))
 
 
-def _scaled(its):
-    """Scaled modes of the paper's reference joint, however few."""
-    options, structure, system = options_of(its), its.structure(), its.system()
-    zones = active_zones(structure, system)
-    probe = probed(system, zones, its.time_step, its.n_steps, its.cycle_steps)
-    lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, [])
-    modes = paper_reference(snapshots=options.snapshots, inner_product=options.product)
-    counts = {"modes": options.mode_count, "interface_modes": options.interface_modes}
-    return scaled_basis(structure, system, modes, zones, lengths, probe, **counts)
-
-
 def _reduced(its):
-    options, periodic = options_of(its), its.time.cycles is not None
-    basis = _own(its) if options.reference == "self" else _scaled(its)
-    choices = {"friction_points": options.friction_points, "beta": options.beta}
-    small, _ = reduced_system(its.system(), basis, periodic=periodic, warn=[], **choices)
+    """Reduced model of a scene, however few modes it has."""
+    options, system = options_of(its), its.system()
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
+    if options.reference == "self":
+        basis = _own(its)
+    else:
+        basis = make_basis(its.structure(), system, options, **steps, enriched=True, warn=[])
+    small, _ = reduced_system(system, basis, periodic=its.periodic, warn=[], **options.friction)
     return Model("reduced", sj.integrate(small, **steps), 0.0, basis.active_length, basis=basis)
 
 
@@ -220,17 +213,18 @@ def friction(found):
     return found.cycles.friction[-1]
 
 
-def fields(case, model, elements=100):
+def fields(case, **options):
     """Positions (m) of a full model's nodes off the fixed end; their displacement and velocity."""
-    structure = scene(case, elements=elements).structure()
+    structure, model = scene(case, **options).structure(), run(case, **options)
     x = structure.nodes[:, 0]
     order = np.argsort(x)[1:]
     return x[order], *(structure.unpacked(one)[:, order, 0] for one in model.fields())
 
 
-def active_percent(peak, threshold=THRESHOLD):
-    """Active share of a joint with peaks at equidistant nodes from the free end on, percent."""
-    return measured(np.linspace(0.0, 100.0, peak.size, endpoint=False), peak, threshold)
+def active_percents(peak):
+    """Active share of a joint for each threshold, percent, by the peaks of equidistant nodes."""
+    distance = np.linspace(0.0, 100.0, peak.size, endpoint=False)
+    return [measured(distance, peak[::-1], threshold) for threshold in THRESHOLDS]
 
 
 def difference(full, reduced, point="free_end"):

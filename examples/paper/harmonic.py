@@ -11,7 +11,6 @@ from paper.page import judged_reduced, limit_of, percent, printed, words
 CASE, STEPS = CASES["I"], 400
 TIME = {"cycles": 6, "steps_per_cycle": STEPS}
 NAMES = ("IV", "V", "VI", "VII")
-TIME5 = {"cycles": 8, "steps_per_cycle": 200}
 #: A node sticks while it is slower than this share of its own largest velocity.
 STILL = 0.05
 
@@ -113,11 +112,11 @@ def table4(item, quick):
 
 
 def table5(item, quick):
-    full = {name: run(CASES[name], time=TIME5).run for name in NAMES}
-    ours = {name: run(CASES[name], DEFAULT, time=TIME5) for name in NAMES}
+    full = {name: run(CASES[name]).run for name in NAMES}
+    ours = {name: run(CASES[name], DEFAULT) for name in NAMES}
     # Eq. (17) has no fixed point near and above resonance: measure the length there.
     probed = [name for name in NAMES if not cases.estimate_of(CASES[name]).converged]
-    plain = {n: run(CASES[n], MOVED if n in probed else PLAIN, time=TIME5) for n in NAMES}
+    plain = {n: run(CASES[n], MOVED if n in probed else PLAIN) for n in NAMES}
     for name in NAMES:
         item.compare(f"resonance_{name}", CASES[name].static_resonance)
     limit, others = (item.printed[f"error_percent_{key}"] for key in ("case_VII", "others"))
@@ -143,15 +142,15 @@ def table5(item, quick):
     heavy = replace(CASES["VII"], pressure=1.25 * CASES["VII"].pressure)
     heavy_run, light_run = run(heavy).run, full["VII"]
     heavy_errors, light_errors = run(heavy, DEFAULT).errors, ours["VII"].errors
-    runs = run(CASES["VI"], time=TIME5, beta=inf).run, full["VI"]
+    runs = run(CASES["VI"], beta=inf).run, full["VI"]
     changes = [percent(*map(of, runs)) for of in (cases.peak, cases.friction)]
-    coulomb = run(CASES["VI"], DEFAULT, time=TIME5, beta=inf).errors
-    nine = run(CASES["VI"], DEFAULT | {"modes": 9}, time=TIME5).errors
+    coulomb = run(CASES["VI"], DEFAULT, beta=inf).errors
+    nine = run(CASES["VI"], DEFAULT | {"modes": 9}).errors
     energies = energy_error(coulomb), energy_error(nine)
     item.say(**locals())
     missed = [name for name in NAMES if not all(cases.aims_met(ours[name].errors))]
     if missed and not quick:
-        needed = {name: cases.modes_for_aims(CASES[name], time=TIME5) for name in missed}
+        needed = {name: cases.modes_for_aims(CASES[name]) for name in missed}
         counts = [f"Case {name}: {count or 'not with 15'}" for name, count in needed.items()]
         item.say("table3.aims", needed=counts)
     _stick_slip(item)
@@ -160,10 +159,10 @@ def table5(item, quick):
 def _stick_slip(item):
     """Displacement, velocity and state of four nodes of Case VI in its last cycle, Fig. 14."""
     case, steps, still = CASES["VI"], 1000, STILL
-    found = run(case, time={"cycles": 3, "steps_per_cycle": steps}, frames=3 * steps)
-    times = found.run.field_times[-steps - 1 :]
+    how = {"time": {"cycles": 3, "steps_per_cycle": steps}, "frames": 3 * steps}
+    times = run(case, **how).run.field_times[-steps - 1 :]
     curve, sticks, expected = {"time_s": times - times[0]}, [], []
-    position, u, v = cases.fields(case, found)
+    position, u, v = cases.fields(case, **how)
     # Equally spaced, all beyond the half that sticks.
     for x in case.length * np.array([1.0, 0.88, 0.76, 0.64]):
         k = int(np.argmin(np.abs(position - x)))

@@ -28,11 +28,14 @@ CHOICES = (
 STEEP = DEFAULT | {"beta": PLAIN["beta"]}
 
 
-def _run(shape, reduction=None, **options):
-    """Model under one pulse: the text calls it an impulse, captions of Figs. 16 and 17 a step."""
+def _pulse(shape, **options):
+    """Options of one pulse: the text calls it an impulse, captions of Figs. 16 and 17 a step."""
     load = cases.pulse(CASE, shape, printed("fig15")["rise_time"])
-    time = {"duration": DURATION, "step": STEP}
-    return run(CASE, reduction, **({"load": load, "time": time} | options))
+    return {"load": load, "time": {"duration": DURATION, "step": STEP}} | options
+
+
+def _run(shape, reduction=None, **options):
+    return run(CASE, reduction, **_pulse(shape, **options))
 
 
 class _Full(NamedTuple):
@@ -49,12 +52,10 @@ class _Full(NamedTuple):
 
 @cache
 def _full(shape=PULSES[0], damping=DAMPINGS[0]):
-    found = _run(shape, damping=damping, frames=round(DURATION / STEP))
-    x, u, _ = cases.fields(CASE, found)
-    peak = np.abs(u).max(axis=0)[::-1]
+    x, u, _ = cases.fields(CASE, damping=damping, **_pulse(shape, frames=round(DURATION / STEP)))
     parts = (u[: round(end / STEP) + 1] for end in (2e-4, 5e-4, DURATION))
     first = [proper_modes(part).proper_values[0] for part in parts]
-    active = [cases.active_percent(peak, threshold) for threshold in (1e-3, 1e-4)]
+    active = cases.active_percents(np.abs(u).max(axis=0))
     return _Full(x, proper_modes(u), active, first)
 
 

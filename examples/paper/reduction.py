@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from benchmarks.explicit import runge_kutta, stable_step
-from paper import cases
+from paper import cases, structure
 from paper.cases import CASES, DEFAULT, MOVED, OWN, PLAIN, aim_rows, energy_error, run
 from paper.page import printed
 from scipy import linalg
@@ -163,7 +163,9 @@ def _add_times(item, quick, computed, chattering):
 
 
 IMPULSE = "structure, impulse"
-SYSTEMS = ("I", "IV", "V", "VI", "VII", "structure", IMPULSE)
+#: What is reduced, and its name in rows.
+SYSTEMS = {name: f"Case {name}" for name in ("I", "IV", "V", "VI", "VII")}
+SYSTEMS |= {"structure": "structure, harmonic", IMPULSE: IMPULSE}
 SWEPT = ("I", "VI", "VII", "structure")
 #: Where the estimate by Eq. (17) does not settle, or does not apply.
 UNSETTLED = ("IV", "V", "VII", IMPULSE)
@@ -178,19 +180,13 @@ CHANGES = {
     "beta that the modes resolve": {"beta": "auto"},
     "six interface modes": {"interface_modes": 6},
 }
+#: What is measured, and which of this project's aims judges it.
 MEASURES = {
-    "peak": lambda found: 100.0 * found.peak_displacement,
-    "free end at any time": lambda found: 100.0 * found.by_point["free_end"][1],
-    "any point at any time": lambda found: 100.0 * found.displacement_max,
-    "friction energy": energy_error,
+    "peak": (lambda found: 100.0 * found.peak_displacement, "displacement"),
+    "free end at any time": (lambda found: 100.0 * found.by_point["free_end"][1], "displacement"),
+    "any point at any time": (lambda found: 100.0 * found.displacement_max, "displacement"),
+    "friction energy": (energy_error, "friction_energy"),
 }
-#: Which of this project's aims judges what.
-AIMS = dict.fromkeys(MEASURES, "displacement_percent")
-AIMS["friction energy"] = "friction_energy_percent"
-
-
-def name_of(system):
-    return {"structure": "structure, harmonic", IMPULSE: IMPULSE}.get(system, f"Case {system}")
 
 
 def errors(system, choice, modes=5, **changes):
@@ -198,12 +194,10 @@ def errors(system, choice, modes=5, **changes):
     plain = MOVED if system in UNSETTLED else PLAIN
     reduction = dict(zip(CHOICES, (DEFAULT, plain, DEFAULT | OWN), strict=True))[choice]
     reduction = reduction | {"modes": modes} | changes
-    if system != IMPULSE:
-        time = {"cycles": 12 if system == "structure" else 8, "steps_per_cycle": 200}
-        return run(CASES[system], reduction, time=time).errors
-    case, time = CASES["structure"], {"duration": 6e-3, "step": 2e-6}
-    load = cases.pulse(case, "triangle", printed("section7.4")["rise_time"])
-    return run(case, reduction, load=load, time=time).errors
+    if system == IMPULSE:
+        return run(structure.CASE, reduction, **structure.pulsed("triangle")).errors
+    options = {"time": structure.TIME} if system == "structure" else {}
+    return run(CASES[system], reduction, **options).errors
 
 
 def _enough(counts, values, aim):
@@ -216,14 +210,14 @@ def _enough(counts, values, aim):
 def modes(item, quick):
     aim, counts = printed("aim"), [5, 9] if quick else list(range(1, 16))
     item.marks |= {name.removesuffix("_percent"): value for name, value in aim.items()}
-    for system in SYSTEMS:
-        aim_rows(item, name_of(system), errors(system, "ours"))
-    for system in SYSTEMS:
+    for system, name in SYSTEMS.items():
+        aim_rows(item, name, errors(system, "ours"))
+    for system, name in SYSTEMS.items():
         for choice in CHOICES[1:]:
-            values = [of(errors(system, choice)) for of in MEASURES.values()]
-            item.say("modes.five", name=name_of(system), choice=choice, values=values)
+            values = [of(errors(system, choice)) for of, _ in MEASURES.values()]
+            item.say("modes.five", name=name, choice=choice, values=values)
     changed = ("structure",) if quick else ("I", "VI", "structure")
-    names = [name_of(system) for system in changed]
+    names = [SYSTEMS[system] for system in changed]
     for change, keys in CHANGES.items():
         energies = [energy_error(errors(system, CHOICES[1], **keys)) for system in changed]
         item.say("modes.changed", change=change, names=names, energies=energies)
@@ -231,18 +225,19 @@ def modes(item, quick):
         curves = []
         for choice in CHOICES:
             found = [errors(system, choice, count) for count in counts]
-            columns = {f"{n} (%)": np.array([of(e) for e in found]) for n, of in MEASURES.items()}
-            curves.append({"modes": np.array(counts, float)} | columns)
+            curves.append({"modes": np.array(counts, float)})
+            for measure, (of, _) in MEASURES.items():
+                curves[-1][f"{measure} (%)"] = np.array([of(one) for one in found])
             plain = choice.replace(" ", "_").replace("'", "")
             item.curves[f"modes_{system}_{plain}"] = curves[-1]
         for measure in ("peak", "free end at any time", "friction energy"):
-            limit = aim[AIMS[measure]]
+            limit, name = item.marks[MEASURES[measure][1]], SYSTEMS[system]
             needed = [_enough(counts, one[f"{measure} (%)"], limit) for one in curves]
-            item.say("modes.needed", **locals(), name=name_of(system), choices=CHOICES)
+            item.say("modes.needed", **locals(), choices=CHOICES)
     met = {}
-    for measure, of in MEASURES.items():
-        values = {name_of(system): of(errors(system, "ours")) for system in SYSTEMS}
-        within = [name for name, value in values.items() if abs(value) <= aim[AIMS[measure]]]
+    for measure, (of, judge) in MEASURES.items():
+        values = {name: of(errors(system, "ours")) for system, name in SYSTEMS.items()}
+        within = [name for name, value in values.items() if abs(value) <= item.marks[judge]]
         met[measure] = within or ["none"]
     ours, plain, own = (energy_error(errors("VI", choice)) for choice in CHOICES)
     item.say(**locals())

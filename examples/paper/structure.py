@@ -1,5 +1,6 @@
 """Jointed structure: harmonic load (section 7.3, Fig. 19), impulse (section 7.4, Figs. 20, 21)."""
 
+from dataclasses import replace
 from math import inf, pi
 from typing import NamedTuple
 
@@ -10,10 +11,9 @@ from paper.page import limit_of, percent, printed, words
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import eigsh
 
 from skfem_joint import run_scene
+from skfem_joint.modes import natural_modes
 
 CASE = CASES["structure"]
 TIME = {"cycles": 12, "steps_per_cycle": 200}
@@ -28,10 +28,8 @@ DECAYS = (("triangle", 1e-5), ("ramp_and_hold", 1e-5), ("triangle", 1e-6), ("tri
 
 def resonances(length, count):
     """First natural frequencies of a plate held at one end, by finite elements, Hz."""
-    system = cases.scene(cases.Case(length, 8e6, 0.7, 63e3, 1000.0)).system()
-    K, M = csc_array(system.K), csc_array(system.M)
-    values = eigsh(K, count, M, sigma=0.0, return_eigenvectors=False, v0=np.ones(system.n))
-    return np.sort(np.sqrt(values)) / (2.0 * pi)
+    system = cases.scene(replace(CASES["reference"], length=length)).system()
+    return natural_modes(system.K, system.M, count)[0]
 
 
 def harmonic(beta, choice="", modes=5, **options):
@@ -44,11 +42,16 @@ def harmonic(beta, choice="", modes=5, **options):
     return run(CASE, reduction, beta=beta, **({"time": TIME} | options))
 
 
+def pulsed(shape):
+    """Load and time of section 7.4."""
+    load = cases.pulse(CASE, shape, printed("section7.4")["rise_time"])
+    return {"load": load, "time": {"duration": 6e-3, "step": 2e-6}}
+
+
 def impulse(shape, choice="", damping=1e-5):
     """Full model under a pulse of section 7.4, or its reduced model by a choice."""
     reduction = {OURS: DEFAULT, THEIRS: MOVED}.get(choice)
-    load = cases.pulse(CASE, shape, printed("section7.4")["rise_time"])
-    return run(CASE, reduction, load=load, time={"duration": 6e-3, "step": 2e-6}, damping=damping)
+    return run(CASE, reduction, damping=damping, **pulsed(shape))
 
 
 #: Two-parameter envelopes over dimensionless time, from a first amplitude of about one.

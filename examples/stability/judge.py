@@ -1,7 +1,6 @@
 """Judge of a case: its answer is right, or it was refused, or it is wrong in silence."""
 
 import warnings
-from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -68,14 +67,10 @@ def judge_all(cases, progress):
     # The longest first, so that no worker is left alone with one at the end.
     order = sorted(range(len(cases)), key=lambda k: -cases[k].work)
     with processes(2) as pool:
-        futures = {pool.submit(judge, cases[k]): k for k in order}
-        try:
-            for future in as_completed(futures):
-                verdicts[futures[future]] = future.result()
-                progress("stiff and extreme cases", len(verdicts), len(cases))
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        found = pool.map(judge, [cases[k] for k in order])
+        for k, verdict in zip(order, found, strict=True):
+            verdicts[k] = verdict
+            progress("stiff and extreme cases", len(verdicts), len(cases))
     return [verdicts[index] for index in range(len(cases))]
 
 

@@ -4,8 +4,9 @@
 
 Six kinds of scenes are run by the command line. Killed with SIGKILL at any moment, a third of them
 while they write their results, and resumed, they must leave every file as an uninterrupted run
-does, bit for bit but for times. Of two runs into one folder that start at about the same moment
-one is refused in a sentence, or they follow each other. The exit status is 1 if a file differs.
+does, bit for bit but for times. Of two runs of the first kind into one folder that start at about
+the same moment one is refused in a sentence, or they follow each other. The exit status is 1 if a
+file differs.
 """
 
 import argparse
@@ -122,14 +123,15 @@ def kill(whole, out, resumed, rng, writing):
             time.sleep(rng.uniform(0.2, 1.0) * whole.seconds)
     finally:
         process.kill()
-        process.communicate()
-    return process.returncode != 0
+        _, said = process.communicate()
+    if process.returncode > 0:
+        raise RuntimeError(f"{whole.scene}: status {process.returncode}: {said}")
+    return process.returncode < 0
 
 
-def kills(kind, count, folder, rng):
-    """Kill runs of a kind; how many times, how many of them while it wrote, and what is wrong."""
-    whole, out = uninterrupted(kind, folder), folder / "out"
-    resumed = f"--checkpoint-every={EVERY.get(kind, 500)}", "--resume"
+def kills(whole, every, count, rng):
+    """Kill runs; how many times, how many of them while it wrote, and what is wrong."""
+    out, resumed = whole.scene.parent / "out", (f"--checkpoint-every={every}", "--resume")
     killed = wrote = 0
     while killed < count:
         rmtree(out, ignore_errors=True)
@@ -148,10 +150,9 @@ def kills(kind, count, folder, rng):
     return killed, wrote, ""
 
 
-def pairs(count, folder, rng):
+def pairs(whole, count, rng):
     """Two runs into one folder, or one below the other; how many were refused, what is wrong."""
-    whole, out = uninterrupted("bar", folder), folder / "out"
-    refused = 0
+    refused, out = 0, whole.scene.parent / "pairs"
     for number in range(count):
         rmtree(out, ignore_errors=True)
         below = out / "below" if number % 4 == 3 else out
@@ -164,8 +165,9 @@ def pairs(count, folder, rng):
             refused += 1
         elif status != [0, 0]:
             return refused, f"pair {number}: status {status}: {' '.join(said)}"
-        differ = below != out and differing(below, whole.files)
+        differ = ""
         if below != out:
+            differ = differing(below, whole.files)
             rmtree(below)
         if differ := differ or differing(out, whole.files):
             return refused, f"pair {number}: {differ}"
@@ -180,15 +182,16 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
     options = parser.parse_args(arguments)
-    rng, wrong = np.random.default_rng(options.seed), []
+    rng, wrong, wholes = np.random.default_rng(options.seed), [], []
     print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
     for number, kind in enumerate(options.kinds):
         count = len(range(number, options.kills, len(options.kinds)))
-        killed, wrote, what = kills(kind, count, options.out / f"kind{number}", rng)
+        wholes.append(uninterrupted(kind, options.out / f"kind{number}"))
+        killed, wrote, what = kills(wholes[-1], EVERY.get(kind, 500), count, rng)
         print(f"| {kind} | {killed} | {wrote} | {what or 'the same to the bit'} |", flush=True)
         wrong.append(what)
     if options.pairs:
-        refused, what = pairs(options.pairs, options.out / "pairs", rng)
+        refused, what = pairs(wholes[0], options.pairs, rng)
         print(f"\n{options.pairs} pairs of runs, {refused} refused: {what or 'every file right'}")
         wrong.append(what)
     return int(any(wrong))

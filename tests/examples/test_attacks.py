@@ -1,6 +1,7 @@
 """Scenes drawn at random, damaged files, runs that are killed: a little of each script."""
 
-from stability import killed, mutated
+import pytest
+from stability import checks, killed, mutated
 
 
 def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
@@ -11,8 +12,11 @@ def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
     assert "60 scenes" in said
 
 
-def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(mutated, "SAME", -1.0)
+@pytest.mark.parametrize(
+    ("where", "bound"), [(mutated, "SAME"), (mutated, "ENERGY"), (checks, "ROUND_OFF")]
+)
+def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeypatch, where, bound):
+    monkeypatch.setattr(where, bound, -2.0)
     assert mutated.main(["--out", str(tmp_path), "--count", "1"]) == 1
     assert "BROKEN: BrokenError: 1" in capsys.readouterr().out
     assert (tmp_path / "broken_0" / "scene.toml").exists()

@@ -14,16 +14,17 @@ from paper import active, harmonic, page, reduction, reproduce, structure
 from skfem_joint.reduction.active_length import estimate
 
 SECTION3, SECTION4 = "section7.3", "section7.4"
-#: Item, start of the quantity, cell, number, tolerance.
+#: Item, start of the quantity, cell, number, tolerance: what is printed in the paper, and ours
+#: where that is a bound or differs.
 NUMBERS = (
-    ("fig2", "change at 100 elements against 400", "full", 0.0, 1.0),
+    ("fig2", "change at 100 elements against 400", "full", -0.87, 0.01),
     ("fig2", "loop area at 63 kN (90 % of the limit), pseudo", "full", 5.9535, 5e-5),
     ("fig2", "loop area at 44.1 kN (63 % of the limit), pseudo", "full", 2.0413, 1e-3),
     ("fig2", "loop area at 44.1 kN (63 % of the limit), run", "full", 2.0413, 4e-3),
-    ("fig4", "5 Hz, β 1e7 → 1e5: change of the peak", "full", 3.0, 0.1),
-    ("fig4", "5 Hz, β 1e7 → 1e5: largest", "full", 6.0, 1.0),
-    ("fig4", "1000 Hz, β 1e7 → 1e5: largest", "full", 0.0, 1.0),
-    ("table1", "amplitude of mode 1", "full", 0.6667, 0.0067),
+    ("fig4", "5 Hz, β 1e7 → 1e5: change of the peak", "full", 3.04, 0.01),
+    ("fig4", "5 Hz, β 1e7 → 1e5: largest", "full", 5.96, 0.01),
+    ("fig4", "1000 Hz, β 1e7 → 1e5: largest", "full", 0.13, 0.01),
+    ("table1", "amplitude of mode 1", "full", 0.6652, 1e-4),
     ("fig6", "A_a, first value", "full", 1.162, 5e-4),
     ("fig6", "natural frequency", "full", 4303.0, 0.5),
     ("fig6", "A_a, converged", "full", 1.3, 1e-3),
@@ -32,7 +33,7 @@ NUMBERS = (
     ("table2", "Case I: first resonance", "full", 5000.0, 0.5),
     ("table2", "Case II: first resonance", "full", 10_000.0, 0.5),
     ("table2", "Case III: first resonance", "full", 8333.0, 0.5),
-    ("fig10", "error of the rule at 4500 Hz", "full", 0.0, 7.0),
+    ("fig10", "error of the rule at 4500 Hz", "full", -2.6, 0.1),
     ("table3", "full: peak, m", "full", 7.14e-4, 1.4e-6),
     ("table3", "full: energy per cycle, J", "full", 681.0, 0.5),
     ("table3", "reduced, the paper's plain choice: peak", "reduced", 7.10e-4, 1.4e-5),
@@ -52,7 +53,7 @@ NUMBERS = (
     (SECTION3, "the same from the two printed", "reduced", 7.1, 0.05),
     ("section7.5", "largest undamped frequency", "full", 17.0, 0.5),
     ("section7.5", "its factor, K and M alone, measured", "reduced", 17.0, 0.5),
-    ("section7.5", "its factor, with C and friction", "reduced", 2.5, 2.5),
+    ("section7.5", "its factor, with C and friction", "reduced", 3.54, 0.01),
     ("section7.5", "operations per rate vector, full", "full", 3800.0, 50.0),
     ("section7.5", "operations per rate vector, 5 modes", "reduced", 1900.0, 50.0),
     ("section7.5", "most modes that save operations", "reduced", 9.0, 0.0),

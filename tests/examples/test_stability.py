@@ -27,7 +27,8 @@ def test_matrix_has_enough_cases_of_every_axis_and_each_once():
     plates = [case for case in matrix() if case.is_plate]
     assert len(bars) > 1000
     assert len(plates) > 300
-    assert all(len(set(cases)) >= 0.95 * len(cases) for cases in (bars, plates))
+    # Three laws of two models with five modes stand on the axis of the model and on that of modes.
+    assert len({replace(case, axis="", value="") for case in matrix()}) == len(matrix()) - 6
     for cases, name, wanted in (
         (bars, "beta", {1e2, 1e5, 1e12, inf}),
         (bars, "frequency", {0.1, 5e4}),
