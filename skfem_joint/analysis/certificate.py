@@ -141,10 +141,11 @@ def certify(
     model = study.models[name]
     parts = dict((model.estimate or Estimate({})).parts)
     if model.basis is None:
-        for one in looks(study.scene, results(model.run), progress, executor)[0]:
-            parts[one.source] = one.errors
-        known = [parts[source] for source in ("time_step", "mesh", "law") if source in parts]
-        parts["total"] = added(*known)
+        found = looks(study.scene, results(model.run), progress, executor)[0]
+        parts |= {one.source: one.errors for one in found}
+        # Where that of the time step is not known, neither is the total.
+        in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
+        parts["total"] = added(in_time, *(one.errors for one in found))
     elif "full" not in study.models:
         parts["full_run"] = _short(study, model, executor)
         known = [parts.get("total", {}), parts["full_run"]]
