@@ -223,6 +223,8 @@ def make_reference(
             "error-time: nothing slips in this scene, every model is the same linear one; "
             "give it a joint with friction and pressure"
         )
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError("error-time: no load acts, nothing errs; give one an amplitude above 0")
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
     parts, most = COARSEST, FINEST_QUICK if quick else FINEST
     longest = longest_step(system, grid.duration)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from skfem_joint.analysis.history import relative
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
@@ -152,6 +153,8 @@ def response(
         raise InputError(f"response: found levels {list(levels)}, must be positive")
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError("response: no load acts; give one an amplitude above 0")
     one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined, estimated)
     each = frequencies.size * (2 if estimated else 1)
     tally = Tally(progress, each * len(levels))
@@ -208,7 +211,8 @@ def _curve(
             return np.nan
         other = steady_point(system, point.frequency, level, coarse, scheme, point.state)
         tally.add()
-        return float(abs(other.amplitude[largest] / point.amplitude[largest] - 1.0) / order)
+        apart = relative(other.amplitude[largest], point.amplitude[largest])
+        return np.nan if apart is None else abs(apart) / order
 
     return Curve(level, tuple(replace(point, step_error=error(point)) for point in points))
 
