@@ -79,11 +79,15 @@ class Curve:
         return int(np.nanmax(self.column("amplitude"), axis=0).argmax())
 
     @property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (Hz) with a steady vibration, and amplitudes (m) of the largest there."""
+        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
+        return f[np.isfinite(A)], A[np.isfinite(A)]
+
+    @property
     def peak(self) -> tuple[float, float]:
         """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest."""
-        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
-        known = np.isfinite(A)
-        return _top(f[known], A[known])
+        return _top(*self.known)
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -219,12 +223,9 @@ def _curve(
 
 def _wanted(curve: Curve) -> Iterator[float]:
     """Frequencies that a curve lacks: first where it is steep, then around its peak."""
-    f, A = curve.column("frequency"), curve.column("amplitude")
-    known = np.isfinite(A).all(axis=1)
-    f, A = f[known], A[known]
+    f, A = curve.known
     if f.size < 3:
         return
-    A = A[:, curve.largest]
     width = np.diff(f)
     steep = np.flatnonzero(
         (np.abs(np.diff(A)) > STEEP * A.max()) & (width > 0.25 * np.median(width))
