@@ -260,9 +260,7 @@ def _run(options: argparse.Namespace) -> int:
     content = report.summary(study)
     for table in (report.summary_table(content), report.estimate_table(content)):
         print(table, end="\n\n")
-    for warning in study.warnings:
-        print(f"Note: {warning}\n")
-    print(f"Written to {out}: {', '.join(file.name for file in files)}")
+    _told(study.warnings, out, files)
     if failure is not None:
         raise failure
     if study.interrupted:

@@ -141,10 +141,11 @@ def certify(
     model = study.models[name]
     parts = dict((model.estimate or Estimate({})).parts)
     if model.basis is None:
-        for one in looks(study.scene, results(model.run), progress, executor)[0]:
-            parts[one.source] = one.errors
-        known = [parts[source] for source in ("time_step", "mesh", "law") if source in parts]
-        parts["total"] = added(*known)
+        found = looks(study.scene, results(model.run), progress, executor)[0]
+        parts |= {one.source: one.errors for one in found}
+        # Where that of the time step is not known, neither is the total.
+        in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
+        parts["total"] = added(in_time, *(one.errors for one in found))
     elif "full" not in study.models:
         parts["full_run"] = _short(study, model, executor)
         known = [parts.get("total", {}), parts["full_run"]]
@@ -222,6 +223,8 @@ def make_reference(
             "error-time: nothing slips in this scene, every model is the same linear one; "
             "give it a joint with friction and pressure"
         )
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError("error-time: no load acts, nothing errs; give one an amplitude above 0")
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
     parts, most = COARSEST, FINEST_QUICK if quick else FINEST
     longest = longest_step(system, grid.duration)

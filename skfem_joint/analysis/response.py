@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from skfem_joint.analysis.history import relative
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
@@ -78,11 +79,15 @@ class Curve:
         return int(np.nanmax(self.column("amplitude"), axis=0).argmax())
 
     @property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (Hz) with a steady vibration, and amplitudes (m) of the largest there."""
+        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
+        return f[np.isfinite(A)], A[np.isfinite(A)]
+
+    @property
     def peak(self) -> tuple[float, float]:
         """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest."""
-        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
-        known = np.isfinite(A)
-        return _top(f[known], A[known])
+        return _top(*self.known)
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -152,6 +157,8 @@ def response(
         raise InputError(f"response: found levels {list(levels)}, must be positive")
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError("response: no load acts; give one an amplitude above 0")
     one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined, estimated)
     each = frequencies.size * (2 if estimated else 1)
     tally = Tally(progress, each * len(levels))
@@ -208,19 +215,17 @@ def _curve(
             return np.nan
         other = steady_point(system, point.frequency, level, coarse, scheme, point.state)
         tally.add()
-        return float(abs(other.amplitude[largest] / point.amplitude[largest] - 1.0) / order)
+        apart = relative(other.amplitude[largest], point.amplitude[largest])
+        return np.nan if apart is None else abs(apart) / order
 
     return Curve(level, tuple(replace(point, step_error=error(point)) for point in points))
 
 
 def _wanted(curve: Curve) -> Iterator[float]:
     """Frequencies that a curve lacks: first where it is steep, then around its peak."""
-    f, A = curve.column("frequency"), curve.column("amplitude")
-    known = np.isfinite(A).all(axis=1)
-    f, A = f[known], A[known]
+    f, A = curve.known
     if f.size < 3:
         return
-    A = A[:, curve.largest]
     width = np.diff(f)
     steep = np.flatnonzero(
         (np.abs(np.diff(A)) > STEEP * A.max()) & (width > 0.25 * np.median(width))

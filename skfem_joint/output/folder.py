@@ -177,7 +177,7 @@ def curves(study: Study) -> dict[str, Writer]:
         works = any(run.cycles.input.any() for run in runs.values())
         if works:
             add("energies.png", plots.energies_figure, runs)
-        rows = max(1, scene.cycle_steps // scene.output.every)
+        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, lest it stay open
         works &= min(run.times.size for run in runs.values()) > rows
         for k, load in enumerate(system.loads if works else ()):
             name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"

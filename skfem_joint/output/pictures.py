@@ -290,10 +290,7 @@ class _Picture:
 
     def _add_body(self, field: Field, part: _Part) -> Any:
         """Add a part, its edges and where they were; returns what gives it its colours."""
-        grid = part.block.grid
-        grid.point_data["point"] = np.arange(grid.n_points)
-        grid.cell_data["cell"] = np.arange(grid.n_cells)
-        surface = grid.extract_surface(algorithm="dataset_surface")
+        surface = part.block.grid.extract_surface(algorithm="dataset_surface")
         edges = surface.extract_feature_edges(30.0, manifold_edges=False)
         still_edges = edges.copy()
         still_edges.points = part.placed(np.asarray(edges.points))
@@ -370,9 +367,11 @@ class _Picture:
                 points = body.part.placed(moved)
                 # Nearer to the eye, edges are not lost in the surface that they lie on.
                 for part, nearer in ((surface, 0.0), (body.edges, 2.0 * self.pixel)):
-                    at = np.asarray(part.point_data["point"])
+                    at = np.asarray(part.point_data["vtkOriginalPointIds"])
                     part.points = points[at] + nearer * _VIEW
-                state = np.asarray(grid.cell_data["contact_state"])[surface.cell_data["cell"]]
+                state = np.asarray(grid.cell_data["contact_state"])[
+                    surface.cell_data["vtkOriginalCellIds"]
+                ]
                 surface.cell_data["state"] = state.astype(float)
         time = self.frames.times[frame]
         now = [float(np.interp(time, self.frames.load_times, force)) for _, force in self.marks]

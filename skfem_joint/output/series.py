@@ -113,17 +113,13 @@ def _touching(structure: Structure) -> dict[str, IntArray]:
 
 def _behind(cells: IntArray, facets: IntArray) -> IntArray:
     """Cell that has all corners of each facet on a border; both are given by their corners."""
-    n, ends = int(cells.max()) + 1, np.arange(max(len(cells), len(facets)))
-    cell, facet = (
-        sparse.csr_array((np.ones(some.size), (np.repeat(ends[: len(some)], some.shape[1]),
-                                               some.ravel())), shape=(len(some), n))
-        for some in (cells, facets)
-    )  # fmt: skip
-    shared = sparse.coo_array(facet @ cell.T)
-    whole = shared.data == facets.shape[1]
-    found = np.empty(len(facets), dtype=np.intp)
-    found[shared.row[whole]] = shared.col[whole]
-    return found
+
+    def corners(some: IntArray) -> sparse.csr_array:
+        starts = some.shape[1] * np.arange(len(some) + 1)
+        shape = len(some), int(cells.max()) + 1
+        return sparse.csr_array((np.ones(some.size), some.ravel(), starts), shape=shape)
+
+    return np.asarray((corners(facets) @ corners(cells).T).argmax(axis=1), dtype=np.intp).ravel()
 
 
 def _grid(

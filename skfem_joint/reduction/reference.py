@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar
@@ -50,30 +50,6 @@ class ReferenceModes:
         return np.where(xi[:, np.newaxis] > 0.0, values, 0.0)
 
 
-def reference_modes(
-    distance: FloatArray,
-    u: FloatArray,
-    v: FloatArray,
-    *,
-    snapshots: str = "both",
-    inner: Matrix | None = None,
-) -> ReferenceModes:
-    """Modes of a reference joint's history, normalised to its active length.
-
-    Of its nodes at a ``distance`` (m,) from the loaded end (m), with displacement ``u`` (m) and
-    velocity ``v`` (m/s), (times, m); ``snapshots`` and ``inner`` as in `skfem_joint.reduction.pod`.
-    """
-    order = np.argsort(distance)
-    length = measured(distance[order], np.abs(u).max(axis=0)[order])
-    proper = proper_modes(snapshot_matrix(u, v, snapshots), inner)
-    ascending = order[::-1]
-    xi = 1.0 - distance[ascending] / length
-    # One more point beyond the grey end, where the support holds: zero.
-    xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])
-    modes = np.pad(proper.modes[ascending], ((1, 0), (0, 0)))
-    return ReferenceModes(xi, modes, proper, length)
-
-
 def lap_joint(
     length: float = LENGTH,
     pressure: float = PRESSURE,
@@ -114,11 +90,21 @@ def run_lap_joint(
 def modes_of_lap_joint(
     structure: Structure, run: Run, *, snapshots: str = "both", inner_product: str = "euclidean"
 ) -> ReferenceModes:
-    """Proper orthogonal modes of a lap joint's run on its unit active length."""
-    end = float(structure.nodes[:, 0].max())
+    """Proper orthogonal modes of a lap joint's run on its unit active length.
+
+    ``snapshots`` and ``inner_product`` are as in `skfem_joint.reduction.pod`.
+    """
     x = structure.nodes[structure.patches[0].nodes, 0]
+    inwards = np.argsort(-x)
+    distance = structure.nodes[:, 0].max() - x[inwards]
+    length = measured(distance, np.abs(run.u).max(axis=0)[inwards])
     inner = inner_matrix(run.system, inner_product, run.u, run.v)
-    return reference_modes(end - x, run.u, run.v, snapshots=snapshots, inner=inner)
+    proper = proper_modes(snapshot_matrix(run.u, run.v, snapshots), inner)
+    xi = 1.0 - distance[::-1] / length
+    # One more point beyond the grey end, where the support holds: zero.
+    xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])
+    modes = np.pad(proper.modes[inwards[::-1]], ((1, 0), (0, 0)))
+    return ReferenceModes(xi, modes, proper, length)
 
 
 @cache

@@ -61,6 +61,12 @@ def test_coulomb_has_no_error_of_its_law():
     assert set(certified(coarse(beta=np.inf)).parts) == {"time_step", "mesh", "total"}
 
 
+def test_a_total_is_not_known_where_that_of_the_step_is_not():
+    found = certified(coarse(beta=1e4, accuracy={"estimate": False}))
+    assert (found.of("mesh", "peak_displacement") or 0.0) > 0.0
+    assert set(found.parts["total"].values()) == {None}
+
+
 def test_what_is_zero_is_not_certified_as_exact():
     smooth = certified(coarse(joint=[joint(friction=0.0)]))
     for source in smooth.parts:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from joint_scenes import BARS, LENGTH, joint, lap_joint, plate, plate_scene
+from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_scene
 
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import Reference, make_reference
@@ -144,13 +144,15 @@ def test_what_does_not_converge_is_a_point_all_the_same(truth):
     assert not found.counts
 
 
-def test_wrong_options_and_scenes_without_friction_are_refused():
+def test_wrong_options_and_scenes_without_friction_or_load_are_refused():
     with pytest.raises(InputError, match=r"--bound: found 0, must be"):
         et.error_time(small(), bound=0.0)
     with pytest.raises(InputError, match=r"--repeats: found 0, must be"):
         et.error_time(small(), repeats=0)
     with pytest.raises(InputError, match="nothing slips"):
         et.error_time(small(joint=[joint(friction=0.0)]))
+    with pytest.raises(InputError, match="no load acts"):
+        et.error_time(small(load=[harmonic(amplitude=0.0)]))
 
 
 def test_report_is_written(report, tmp_path):

@@ -87,6 +87,12 @@ def test_bad_frequencies_and_levels_are_refused(frequencies, levels, says):
         sj.response(bar(), np.array(frequencies), levels)
 
 
+def test_a_response_to_no_load_is_refused():
+    still = at_frequency(bar(), 1.0, 0.0)
+    with pytest.raises(sj.InputError, match="no load acts"):
+        sj.response(still, np.array([1.0]))
+
+
 def test_loads_at_another_frequency_keep_their_shape_and_pulses_have_none():
     system = bar()
     moved = at_frequency(system, 500.0, 3.0).loads[0].amplitude
