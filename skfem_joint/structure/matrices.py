@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from operator import add
 from typing import Any
@@ -18,17 +18,16 @@ from skfem_joint.errors import InputError
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
-from skfem_joint.structure.load import Load
+from skfem_joint.structure.load import Load, loaded
 from skfem_joint.structure.patch import (
     SMALL,
     Joint,
     Patch,
-    shares_of,
     slip_directions,
     unit_vectors,
 )
 from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import Contact, stacked
+from skfem_joint.unknowns import Contact
 
 #: Slip of a pair over what a rigid motion moves the pairs by, from which on it is told.
 ALIKE = 1e-3
@@ -88,7 +87,7 @@ class MatrixModel:
     dim = 3
 
     def __post_init__(self) -> None:
-        _ = self._unloaded  # refuses what is wrong
+        _ = self.unloaded  # refuses what is wrong
 
     @property
     def n_nodes(self) -> int:
@@ -213,7 +212,8 @@ class MatrixModel:
         return held, free
 
     @cached_property
-    def _unloaded(self) -> System:
+    def unloaded(self) -> System:
+        """System without loads, observed points and joints' names."""
         return System.from_matrices(
             self.M,
             self.K,
@@ -232,7 +232,7 @@ class MatrixModel:
         InputError
             For unknown names, loads with a direction or a base, and what a support holds.
         """
-        base, problems = self._unloaded, [*self._wrong_loads(loads)]
+        problems = [*self._wrong_loads(loads)]
         observed = list(self.points) if points is None else list(points)
         problems += [
             self._unknown(f"points: {name!r}") for name in observed if name not in self.points
@@ -240,26 +240,20 @@ class MatrixModel:
         if problems:
             raise InputError(problems)
         names = dict.fromkeys([*(str(load.on) for load in loads), *observed])
-        rows = {name: np.asarray(base.T.T @ self.points[name]) for name in names}
+        rows = {name: np.asarray(self.unloaded.T.T @ self.points[name]) for name in names}
         if still := [name for name, row in rows.items() if not row.any()]:
-            raise InputError([f"points: {name!r} is supported and does not move" for name in still])
-        system = replace(
-            base,
-            loads=tuple(AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads),
-            P=stacked([row[np.newaxis] for row in rows.values()], base.n),
-            points=tuple(rows),
-            J=shares_of(self.patches, base.w),
-            joints=tuple(joint.name for joint in self.joints),
-        )
-        ratio = self.damping_ratio
-        return system if ratio is None else system.with_damping_ratio(ratio)
+            raise InputError(
+                [f"points: {name!r} is supported, or zero, and does not move" for name in still]
+            )
+        applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
+        return loaded(self, applied, rows)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces; None where no contact is closed."""
         if self.contact is None or not self.contact.normal_force.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
-        return reactions(self.contact, self.fixed, (self.M, self.K), self._unloaded.T, F)
+        return reactions(self.contact, self.fixed, (self.M, self.K), self.unloaded.T, F)
 
     def pressed_at(self, dof: int) -> str:
         """Joint of a degree of freedom that closed contact determines."""
@@ -322,7 +316,7 @@ class MatrixModel:
 
     def place(self, unknown: int) -> str:
         """Where an unknown is: the degree of freedom that it moves most."""
-        return f"of {self.spot(int(np.abs(self._unloaded.T[:, [unknown]].toarray()).argmax()))}"
+        return f"of {self.spot(int(np.abs(self.unloaded.T[:, [unknown]].toarray()).argmax()))}"
 
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.loads import scaled
+from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import checks
 from skfem_joint.structure.contact import Reactions, contact_rows, reactions
-from skfem_joint.structure.load import Load, acting
+from skfem_joint.structure.load import Load, acting, loaded
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch, shares_of
+from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
@@ -35,7 +35,6 @@ from skfem_joint.unknowns import (
     congruent,
     expanded,
     selection,
-    stacked,
 )
 
 #: Numbers of rows and of columns, along matrices of elements.
@@ -355,18 +354,17 @@ class Structure(Nodes):
         problems = checks.problems_of_places(self, loads, points)
         if problems:
             raise InputError(problems)
-        T, (M, K) = self.T, self.matrices()
+        T, (M, _) = self.T, self.matrices()
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
         notes: list[str] = []
         for load in loads:
             on = load.on or f"mass_{load.base}"
             vector, scale, note = acting(self, load, M)
-            vector, amplitude = (
-                T.T @ vector,
-                scaled(load.amplitude, scale) if note else load.amplitude,
-            )
-            notes += note
+            vector, amplitude = T.T @ vector, load.amplitude
+            if note:
+                notes += note
+                amplitude = Scaled(amplitude, scale)
             if not np.any(vector):
                 pressed = load.quantity == "pressure"
                 along = "its normal" if pressed else load.unit(self.dim).tolist()
@@ -386,9 +384,7 @@ class Structure(Nodes):
             rows |= dict(zip(labels, parts, strict=True))
         if problems:
             raise InputError(problems)
-        system = self._assembled(M, K, tuple(applied), rows, tuple(dict.fromkeys(notes)))
-        ratio = self.damping_ratio
-        return system if ratio is None else system.with_damping_ratio(ratio)
+        return loaded(self, applied, rows, notes)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces; None where no contact is closed."""
@@ -416,32 +412,20 @@ class Structure(Nodes):
         moves = np.diff(self.T.indptr[:: self.dim]) > 0
         return tuple(name for name, node in self.mesh.points.items() if moves[node])
 
-    def _assembled(
-        self,
-        M: Matrix,
-        K: Matrix,
-        loads: tuple[AppliedLoad, ...],
-        rows: dict[str, FloatArray],
-        notes: tuple[str, ...],
-    ) -> System:
+    @cached_property
+    def unloaded(self) -> System:
+        """System without loads, observed points and joints' names."""
         contact, new = self._contact, self.arrangement
-        M, K = (congruent(A, new.forward) for A in (M, K))
-        n = K.shape[0]
+        M, K = (congruent(A, new.forward) for A in self.matrices())
         return System(
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips, n),
+            B=selection(new.slips, K.shape[0]),
             w=contact.w,
             beta=contact.beta,
-            loads=loads,
-            P=stacked([row[np.newaxis] for row in rows.values()], n),
-            points=tuple(rows),
             directions=contact.directions,
             T=new.forward,
-            J=shares_of(self.patches, contact.w),
-            joints=tuple(joint.name for joint in self.joints),
-            notes=notes,
         )
 
 
