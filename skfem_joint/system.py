@@ -272,9 +272,7 @@ class System:
         """
         M, K = sparse.csr_array(M), sparse.csr_array(K)
         n = M.shape[0]
-        fixed = dof_numbers(fixed)
-        if fixed.size and not (fixed[0] >= 0 and fixed[-1] < n):
-            raise InputError(f"fixed: found {fixed[[0, -1]]}, must be from 0 to {n - 1}")
+        fixed = dof_numbers(fixed, n)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             if problems := list(ratio_problems(damping_ratio, others)):
@@ -286,11 +284,11 @@ class System:
                 raise InputError(f"{name}: found shape {A.shape}, must be {right}")
         joined = joined.without(fixed)
         applied = tuple(
-            AppliedLoad(_vector(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
+            AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        rows |= {name: _vector(row, n, f"point {name!r}") for name, row in (points or {}).items()}
+        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
             C=sparse.csr_array(stiffness_damping * K + mass_damping * M if C is None else C),
@@ -354,17 +352,15 @@ class System:
         return np.ascontiguousarray(rows.T)
 
 
-def _vector(value: ArrayLike, n: int, what: str) -> FloatArray:
-    """Vector of all unknowns, or that of one of them."""
+def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
+    """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
     array = np.asarray(value)
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
-        dof = int(array.ravel()[0])
-        if not 0 <= dof < n:
-            raise InputError(f"{what}: found unknown {dof}, must be from 0 to {n - 1}")
-        return np.bincount([dof], minlength=n).astype(float)
-    if array.shape != (n,):
+        return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
+    if array.shape != (n,) or not np.isfinite(array).all():
         raise InputError(
-            f"{what}: found shape {array.shape}, must be ({n},), or one number of an unknown"
+            f"{what}: found shape {array.shape}, must be ({n},), finite, or one number of an "
+            "unknown"
         )
     return array.astype(float)
 

@@ -14,12 +14,14 @@ import numpy as np
 from pydantic import Field, PrivateAttr, Tag
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_whole
 from skfem_joint.scene.messages import LIST, NUMBER, WORD
 from skfem_joint.scene.values import FileName, SceneTable, key, one_of
 from skfem_joint.structure import MatrixModel
+from skfem_joint.system import vector_of
+from skfem_joint.unknowns import dof_numbers
 
 #: What the readers raise for files that are damaged or of another kind.
 _FAILURES = (
@@ -99,7 +101,7 @@ class Matrices(SceneTable):
                 **{k: sparse.csr_array(found[k]) for k in ("K", "M", "C") if k in found},
                 contacts={k: self._pairs(dense(found[f"contact.{k}"])) for k in self.contact},
                 points={k: self._point(k, n) for k in self.points},
-                fixed=self._numbers("fixed", found.get("fixed", self.fixed), n),
+                fixed=dof_numbers(dense(found.get("fixed", self.fixed)), n, "fixed", self.first),
                 first=self.first,
                 **how,
             )
@@ -114,25 +116,8 @@ class Matrices(SceneTable):
 
     def _point(self, name: str, n: int) -> FloatArray:
         given = self._read.get(f"points.{name}", self.points[name])
-        if isinstance(given, int):
-            (dof,) = self._numbers(f"points.{name}", [given], n)
-            return np.bincount([dof], minlength=n).astype(float)
-        vector = dense(given).ravel() if np.prod(given.shape) == n else np.zeros(n)
-        if not np.isfinite(vector).all() or not vector.any():
-            raise InputError(
-                f"points.{name}: found shape {given.shape}, must be {n} finite numbers, not all 0"
-            )
-        return vector
-
-    def _numbers(self, where: str, given: Any, n: int) -> IntArray:
-        numbers = dense(given).ravel() - self.first
-        wrong = (numbers != np.floor(numbers)) | (numbers < 0) | ~(numbers < n)
-        if wrong.any():
-            raise InputError(
-                f"{where}: found {numbers[wrong][0] + self.first:g}, must be whole numbers from "
-                f"{self.first} to {n - 1 + self.first}"
-            )
-        return np.unique(numbers.astype(np.intp))
+        vector = given if isinstance(given, int) else np.squeeze(dense(given))
+        return vector_of(vector, n, f"points.{name}", self.first)
 
 
 def _placed(problem: str, files: Mapping[str, str]) -> str:

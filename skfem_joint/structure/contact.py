@@ -190,7 +190,7 @@ def contact(
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
         table[grid.of_element[i // dim], i % dim] = row
-    held = np.isin(table, dof_numbers(fixed))
+    held = np.isin(table, dof_numbers(fixed, basis.N))
     widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
     patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1))
     rows = contact_rows([patch], held)
