@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -23,6 +24,12 @@ class InputError(JointError):
     def __init__(self, problems: str | list[str]) -> None:
         self.problems = [problems] if isinstance(problems, str) else list(problems)
         super().__init__("\n".join(self.problems))
+
+
+def refuse(problems: Iterable[str]) -> None:
+    """Raise InputError with all problems, if there are any."""
+    if found := [*problems]:
+        raise InputError(found)
 
 
 class ConvergenceError(JointError):

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_text
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
@@ -107,8 +107,7 @@ def _check(amplitude: Any, positive: str) -> None:
         if not right:
             allowed = "finite" if not finite else "> 0" if name == positive else ">= 0"
             problems.append(f"{name}: found {value!r}, must be {allowed} ({_MEANING[name]})")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 @dataclass(frozen=True)
@@ -316,8 +315,7 @@ class Table(Amplitude):
             f"times[{i + 1}]: found {self.times[i + 1]}, must be > {self.times[i]}, the time before"
             for i in np.flatnonzero(np.diff(self.times) <= 0)
         ]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
     def _force(self, t: FloatArray) -> Any:
         return np.interp(t, self.times, self.forces, left=0.0, right=0.0)
@@ -487,8 +485,7 @@ def read_table(path: str | Path) -> Table:
     if len(problems) > _MOST_PROBLEMS_LISTED:
         more = len(problems) - _MOST_PROBLEMS_LISTED
         problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return Table(*np.array(rows).T)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.factors import symmetric_lu
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
@@ -145,8 +145,7 @@ class System:
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
     @property
     def joint_points(self) -> list[IntArray]:
@@ -275,8 +274,7 @@ class System:
         fixed = dof_numbers(fixed, n)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
-            if problems := list(ratio_problems(damping_ratio, others)):
-                raise InputError(problems)
+            refuse(ratio_problems(damping_ratio, others))
         joined = Contact.none(n) if contact is None else contact
         for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
             right = (A.shape[0], n) if A is joined.B else (n, n)
@@ -388,9 +386,7 @@ def _check_definite(system: System) -> None:
         ("M", system.M, "is not positive definite: does every unknown have mass?"),
         ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
     )
-    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
-    if problems:
-        raise InputError(problems)
+    refuse(f"{name}: {why}" for name, A, why in checks if not _is_definite(A))
 
 
 def _is_definite(A: Matrix) -> bool:

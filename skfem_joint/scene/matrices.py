@@ -15,7 +15,7 @@ from pydantic import Field, PrivateAttr, Tag
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
 from skfem_joint.scene.messages import LIST, NUMBER, WORD
 from skfem_joint.scene.values import FileName, SceneTable, key, one_of
@@ -85,16 +85,13 @@ class Matrices(SceneTable):
                     self._read[where] = read_array(folder, file)
                 except InputError as error:
                     problems += [f"matrices.{where}: {problem}" for problem in error.problems]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         found = self._read
-        problems = [
+        refuse(
             f"matrices.{k}: {files[k]}: found shape {found[k].shape}, must be a square matrix"
             for k in files
             if k in ("K", "M", "C") and not (found[k].ndim == 2 and len({*found[k].shape}) == 1)
-        ]
-        if problems:
-            raise InputError(problems)
+        )
         n = found["K"].shape[0]
         try:
             return MatrixModel(

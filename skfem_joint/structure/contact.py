@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
 from skfem_joint.structure.checks import joint_problems, positive
@@ -184,8 +184,7 @@ def contact(
     problems = [*joint_problems(grid.mesh, [joint])]
     for name, extent in (("width", width), ("thickness", thickness)):
         problems += positive(f"contact: {name}", extent)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):

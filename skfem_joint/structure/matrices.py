@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
@@ -136,8 +136,7 @@ class MatrixModel:
             else:
                 start = sum(patch.points.size for patch, _ in made)
                 made.append(self._pressed(joint, start, taken))
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return made
 
     def _pressed(self, joint: Joint, start: int, taken: set[int]) -> tuple[Patch, Contact]:
@@ -237,14 +236,14 @@ class MatrixModel:
         problems += [
             self._unknown(f"points: {name!r}") for name in observed if name not in self.points
         ]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         names = dict.fromkeys([*(str(load.on) for load in loads), *observed])
         rows = {name: np.asarray(self.unloaded.T.T @ self.points[name]) for name in names}
-        if still := [name for name, row in rows.items() if not row.any()]:
-            raise InputError(
-                [f"points: {name!r} is supported, or zero, and does not move" for name in still]
-            )
+        refuse(
+            f"points: {name!r} is supported, or zero, and does not move"
+            for name, row in rows.items()
+            if not row.any()
+        )
         applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
         return loaded(self, applied, rows)
 

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 
 # A bolt with a smaller share of its ring on the contact is a mistake; integrals below that part of
 # the largest one are round-off of the differences.
@@ -108,8 +108,7 @@ class Bolt:
             )
             if not right
         ]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
 
 @dataclass(frozen=True)
@@ -352,6 +351,5 @@ def bolt_forces(
             f"must be at least {100 * _LEAST_SHARE:g} %; move the bolt, or check its radii, its "
             "spreading_angle and reach"
         )
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return forces, tuple(shares)

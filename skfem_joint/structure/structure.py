@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
@@ -113,15 +113,12 @@ class Structure(Nodes):
             object.__setattr__(self, "mesh", named(self.mesh))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if problems := checks.problems_of(self) or [*clamp_problems(self)]:
-            raise InputError(problems)
-        if not self.free and (bodies := checks.loose_bodies(self)):
-            problems = [
-                f"{body} is left unsupported: it can move or turn freely; hold it by a support, or "
-                "by a joint with friction on a body that is held"
-                for body in bodies
-            ]
-            raise InputError(problems)
+        refuse(checks.problems_of(self) or clamp_problems(self))
+        refuse(
+            f"{body} is left unsupported: it can move or turn freely; hold it by a support, or "
+            "by a joint with friction on a body that is held"
+            for body in (() if self.free else checks.loose_bodies(self))
+        )
 
     @cached_property
     def properties(self) -> dict[str, FloatArray]:
@@ -219,8 +216,7 @@ class Structure(Nodes):
                 patches.append(patch)
             except InputError as error:
                 problems += error.problems
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return tuple(patches)
 
     @cached_property
@@ -351,10 +347,9 @@ class Structure(Nodes):
         InputError
             For unknown names, directions that do not fit, and loads on what cannot move.
         """
-        problems = checks.problems_of_places(self, loads, points)
-        if problems:
-            raise InputError(problems)
+        refuse(checks.problems_of_places(self, loads, points))
         T, (M, _) = self.T, self.matrices()
+        problems: list[str] = []
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
         notes: list[str] = []
@@ -382,8 +377,7 @@ class Structure(Nodes):
                 problems.append(f"points: {name!r} is supported and does not move")
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return loaded(self, applied, rows, notes)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
