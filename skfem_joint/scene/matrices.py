@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, Tag
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
 from skfem_joint.scene.messages import LIST, NUMBER, WORD
@@ -96,9 +96,9 @@ class Matrices(SceneTable):
         try:
             return MatrixModel(
                 **{k: sparse.csr_array(found[k]) for k in ("K", "M", "C") if k in found},
-                contacts={k: self._pairs(dense(found[f"contact.{k}"])) for k in self.contact},
+                contacts={k: self._pairs(as_dense(found[f"contact.{k}"])) for k in self.contact},
                 points={k: self._point(k, n) for k in self.points},
-                fixed=dof_numbers(dense(found.get("fixed", self.fixed)), n, "fixed", self.first),
+                fixed=dof_numbers(as_dense(found.get("fixed", self.fixed)), n, "fixed", self.first),
                 first=self.first,
                 **how,
             )
@@ -113,8 +113,10 @@ class Matrices(SceneTable):
 
     def _point(self, name: str, n: int) -> FloatArray:
         given = self._read.get(f"points.{name}", self.points[name])
-        vector = given if isinstance(given, int) else np.squeeze(dense(given))
-        return vector_of(vector, n, f"points.{name}", self.first)
+        if not isinstance(given, int):
+            given = as_dense(given)
+            given = given.ravel() if given.size == n else given
+        return vector_of(given, n, f"points.{name}", self.first)
 
 
 def _placed(problem: str, files: Mapping[str, str]) -> str:
@@ -123,12 +125,6 @@ def _placed(problem: str, files: Mapping[str, str]) -> str:
     if where not in (*files, "fixed") and not where.startswith("points."):
         return problem
     return f"matrices.{where}: " + (f"{files[where]}: " if where in files else "") + what
-
-
-def dense(values: Any) -> FloatArray:
-    """Array of numbers from a sparse one, or from a list."""
-    array = values.toarray() if sparse.issparse(values) else values
-    return np.asarray(array, dtype=float)
 
 
 def read_array(folder: Path, name: str) -> Any:

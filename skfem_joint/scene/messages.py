@@ -123,7 +123,7 @@ def meaning(key: str, root: type[BaseModel]) -> str:
 
 
 def _meant(field: Schema | None) -> str:
-    return (field or {}).get("description", "").split(";")[0]
+    return str((field or {}).get("description", "")).split(";")[0]
 
 
 _MUST_BE = {

@@ -313,10 +313,6 @@ class MatrixModel:
             "order x, y, z and in the same directions?"
         ]
 
-    def place(self, unknown: int) -> str:
-        """Where an unknown is: the degree of freedom that it moves most."""
-        return f"of {self.spot(int(np.abs(self.unloaded.T[:, [unknown]].toarray()).argmax()))}"
-
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""
         return f"degree of freedom {dof + self.first}"

@@ -98,7 +98,7 @@ class Bolt:
         if len(self.at) not in (2, 3) or not all(map(math.isfinite, self.at)):
             raise InputError(f"bolt.at: found {self.at}, must be two or three finite numbers")
         hole = self.hole_radius
-        problems = [
+        refuse(
             f"bolt at {tuple(self.at)}: {name}: found {getattr(self, name)}, must be {rule}"
             for name, right, rule in (
                 ("force", 0.0 <= self.force < math.inf, ">= 0"),
@@ -107,8 +107,7 @@ class Bolt:
                 ("spreading_angle", 0.0 <= self.spreading_angle < 90.0, "in [0, 90), in degrees"),
             )
             if not right
-        ]
-        refuse(problems)
+        )
 
 
 @dataclass(frozen=True)

@@ -157,12 +157,6 @@ class Structure(Nodes):
         found = *checks.unusual(self), *checks.waves(self, system), *checks.locking(self)
         return [*self.mesh.notes, *found]
 
-    def place(self, unknown: int) -> str:
-        """Where an unknown is: the node that it moves most."""
-        one = np.bincount([unknown], minlength=self.T.shape[1]).astype(float)
-        node = int(np.linalg.norm(self.expand(one), axis=-1).argmax())
-        return f"of {self.spot(self.dim * node)}"
-
     def spot(self, dof: int) -> str:
         """The node of a degree of freedom in a message."""
         node = dof // self.dim
