@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from typing import Any
 
@@ -44,3 +45,15 @@ class ConvergenceError(JointError):
     def __init__(self, message: str, unknown: int | None = None) -> None:
         self.unknown = unknown
         super().__init__(message)
+
+
+def listed(names: Any) -> str:
+    """Names in quotes, in order."""
+    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
+
+
+def closest(word: str, words: Any) -> str:
+    """Ask whether another word was meant, if one is close enough."""
+    lower = {other.lower(): other for other in words}
+    match = difflib.get_close_matches(word.lower(), lower, n=1)
+    return f"; did you mean '{lower[match[0]]}'?" if match else ""

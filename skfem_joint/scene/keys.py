@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from skfem_joint.errors import InputError
-from skfem_joint.scene.messages import FORMS, Schema, closest, tables_in
+from skfem_joint.errors import InputError, closest
+from skfem_joint.scene.messages import FORMS, Schema, tables_in
 from skfem_joint.scene.scene import Scene
 from skfem_joint.scene.values import MOST
 

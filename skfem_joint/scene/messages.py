@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -11,6 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails, PydanticCustomError
+
+from skfem_joint.errors import closest, listed
 
 #: Part of the JSON schema that pydantic makes of the tables, and where it lists forms of a value.
 Schema = Mapping[str, Any]
@@ -28,18 +29,6 @@ WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
 def mistake(text: str, key: str = "") -> PydanticCustomError:
     """Error with a text of one's own, at a key below the place where it is raised."""
     return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
-
-
-def listed(names: Any) -> str:
-    """Names in quotes, in order."""
-    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
-
-
-def closest(word: str, words: Any) -> str:
-    """Ask whether another word was meant, if one is close enough."""
-    lower = {other.lower(): other for other in words}
-    match = difflib.get_close_matches(word.lower(), lower, n=1)
-    return f"; did you mean '{lower[match[0]]}'?" if match else ""
 
 
 def key_path(location: tuple[int | str, ...]) -> str:

@@ -18,12 +18,12 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from skfem_joint import structure as parts
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, listed
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.matrices import Matrices
-from skfem_joint.scene.messages import key_path, listed, mistake
+from skfem_joint.scene.messages import key_path, mistake
 from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError, refuse
+from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
@@ -129,7 +129,7 @@ class MatrixModel:
             if wrong := [*joint_value_problems(joint), *_on_surfaces(joint)]:
                 problems += wrong
             elif joint.on not in self.contacts:
-                names = ", ".join(map(repr, sorted(self.contacts))) or "none"
+                names = listed(self.contacts)
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
             elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
                 problems += [f"contact.{joint.on}: {problem}" for problem in found]
@@ -277,8 +277,7 @@ class MatrixModel:
                 yield f"{load.label}: direction: found beside [matrices], which tell; leave it out"
 
     def _unknown(self, what: str) -> str:
-        names = ", ".join(map(repr, sorted(self.points))) or "none"
-        return f"{what}: no point has this name; points: {names}"
+        return f"{what}: no point has this name; points: {listed(self.points)}"
 
     def unusual(self, system: System) -> list[str]:
         """Sentence about pairs that slip as the whole moves rigidly, where nothing in K holds it.
