@@ -16,8 +16,8 @@ Matrix: TypeAlias = Any
 
 
 def as_dense(A: Matrix) -> FloatArray:
-    """Array of a matrix, its rows side by side."""
-    return np.ascontiguousarray(A if isinstance(A, np.ndarray) else A.toarray(), dtype=float)
+    """Array of a matrix or of lists of numbers, its rows side by side."""
+    return np.ascontiguousarray(A.toarray() if sparse.issparse(A) else A, dtype=float)
 
 
 def as_compressed(A: Matrix) -> Matrix:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -25,6 +27,12 @@ class InputError(JointError):
         super().__init__("\n".join(self.problems))
 
 
+def refuse(problems: Iterable[str]) -> None:
+    """Raise InputError with all problems, if there are any."""
+    if found := [*problems]:
+        raise InputError(found)
+
+
 class ConvergenceError(JointError):
     """An iteration did not converge; nothing was returned as if it had.
 
@@ -37,3 +45,15 @@ class ConvergenceError(JointError):
     def __init__(self, message: str, unknown: int | None = None) -> None:
         self.unknown = unknown
         super().__init__(message)
+
+
+def listed(names: Any) -> str:
+    """Names in quotes, in order."""
+    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
+
+
+def closest(word: str, words: Any) -> str:
+    """Ask whether another word was meant, if one is close enough."""
+    lower = {other.lower(): other for other in words}
+    match = difflib.get_close_matches(word.lower(), lower, n=1)
+    return f"; did you mean '{lower[match[0]]}'?" if match else ""

@@ -49,6 +49,15 @@ def read_whole(path: Path, most: int = LARGEST) -> bytes:
         raise InputError(f"{path}: cannot be read: {reason}") from error
 
 
+def read_text(path: Path, most: int = LARGEST) -> str:
+    """Text of such a file, in UTF-8; InputError with the line if it is not."""
+    try:
+        return read_whole(path, most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line}: not UTF-8 text") from error
+
+
 def _remove_unfinished(folder: Path) -> None:
     """Remove what dead processes left of files in a folder held by this one, or right below it."""
     for path in [*folder.glob(".unfinished-*"), *folder.glob("*/.unfinished-*")]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from pathlib import Path
@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.files import read_whole
+from skfem_joint.errors import InputError, refuse
+from skfem_joint.files import read_text
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
 # the common period holds at most this many periods of the fastest: beyond that no run reaches it.
@@ -94,22 +94,20 @@ class Amplitude(ABC):
 
         Of an impulse 1 / (2 * rise time): the paper's Nyquist rule, section 6.2.
         """
-        return None
+        return max((one.frequency for one in self.harmonics), default=None)
 
 
 def _check(amplitude: Any, positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
     problems = []
-    for name, value in (
-        (field.name, getattr(amplitude, field.name)) for field in fields(amplitude)
-    ):
+    for name in (field.name for field in fields(amplitude)):
+        value = getattr(amplitude, name)
         finite = math.isfinite(value)
         right = finite and (name != positive or value > 0) and (name != "start" or value >= 0)
         if not right:
             allowed = "finite" if not finite else "> 0" if name == positive else ">= 0"
             problems.append(f"{name}: found {value!r}, must be {allowed} ({_MEANING[name]})")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 @dataclass(frozen=True)
@@ -136,17 +134,12 @@ class Harmonic(Amplitude):
         """Absolute amplitude, N."""
         return abs(self.amplitude)
 
-    @property
-    def highest_frequency(self) -> float:
-        """The frequency, Hz."""
-        return self.frequency
-
 
 @dataclass(frozen=True)
 class MultiHarmonic(Amplitude):
     """Sum of harmonics, each with its own phase."""
 
-    components: tuple[Harmonic, ...]  #: at least one
+    components: Sequence[Harmonic]  #: at least one
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "components", tuple(self.components))
@@ -159,7 +152,7 @@ class MultiHarmonic(Amplitude):
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
         """Its components."""
-        return self.components
+        return tuple(self.components)
 
     @property
     def peak_value(self) -> float:
@@ -172,7 +165,7 @@ class MultiHarmonic(Amplitude):
         period = self.period
         if period is None or bound == 0:
             return bound
-        n = _SAMPLES_PER_PERIOD * max(1, round(period * self.highest_frequency))
+        n = _SAMPLES_PER_PERIOD * max(1, *(round(period * c.frequency) for c in self.components))
         step = period / n
         t = step * np.arange(n)
         force = np.abs(self(t))
@@ -191,11 +184,6 @@ class MultiHarmonic(Amplitude):
             )
             for t_peak in t[is_peak & near_best]
         )
-
-    @property
-    def highest_frequency(self) -> float:
-        """Highest frequency among the components, Hz."""
-        return max(component.frequency for component in self.components)
 
 
 class _Pulse(Amplitude):
@@ -327,8 +315,7 @@ class Table(Amplitude):
             f"times[{i + 1}]: found {self.times[i + 1]}, must be > {self.times[i]}, the time before"
             for i in np.flatnonzero(np.diff(self.times) <= 0)
         ]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
     def _force(self, t: FloatArray) -> Any:
         return np.interp(t, self.times, self.forces, left=0.0, right=0.0)
@@ -367,8 +354,7 @@ class Function(Amplitude):
         force = self._at_once(t) if t.size > 1 else None
         if force is None:
             found = [np.asarray(self.function(float(time))) for time in t.flat]
-            is_real = [one.size == 1 and one.dtype.kind in _REAL for one in found]
-            each = [one.item() if is_real[i] else np.nan for i, one in enumerate(found)]
+            each = [x.item() if x.size == 1 and x.dtype.kind in _REAL else np.nan for x in found]
             force = np.reshape(np.array(each, dtype=float), t.shape)
         wrong = ~np.isfinite(force)
         if wrong.any():
@@ -403,19 +389,36 @@ def as_amplitude(shape: object) -> Amplitude:
     )
 
 
-def scaled(amplitude: Amplitude, factor: float) -> Amplitude:
+@dataclass(frozen=True)
+class Scaled(Amplitude):
     """The same course in time, so many times as large."""
-    match amplitude:
-        case MultiHarmonic():
-            parts = [replace(one, amplitude=factor * one.amplitude) for one in amplitude.components]
-            return MultiHarmonic(tuple(parts))
-        case Harmonic():
-            return replace(amplitude, amplitude=factor * amplitude.amplitude)
-        case _Impulse() | Rectangle():
-            return replace(amplitude, peak=factor * amplitude.peak)
-        case Table():
-            return replace(amplitude, forces=factor * amplitude.forces)
-    return Function(lambda t: factor * amplitude(t))
+
+    of: Amplitude
+    factor: float
+
+    def _force(self, t: FloatArray) -> Any:
+        return self.factor * self.of(t)
+
+    @property
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """Those of the other, scaled."""
+        return tuple(replace(h, amplitude=self.factor * h.amplitude) for h in self.of.harmonics)
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Those of the other, s."""
+        return self.of.corners
+
+    @property
+    def peak_value(self) -> float | None:
+        """Largest absolute force, N; None if it is not known."""
+        peak = self.of.peak_value
+        return None if peak is None else abs(self.factor) * peak
+
+    @property
+    def highest_frequency(self) -> float | None:
+        """That of the other, Hz."""
+        return self.of.highest_frequency
 
 
 def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
@@ -455,12 +458,7 @@ def read_table(path: str | Path) -> Table:
         above the time before it; the message names file and line.
     """
     path = Path(path)
-    try:
-        lines = read_whole(path).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        bad_line = error.object[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}: line {bad_line}: not UTF-8 text") from error
-
+    lines = read_text(path).splitlines()
     rows: list[list[float]] = []
     problems: list[str] = []
     for number, line in enumerate(lines, start=1):
@@ -487,8 +485,7 @@ def read_table(path: str | Path) -> Table:
     if len(problems) > _MOST_PROBLEMS_LISTED:
         more = len(problems) - _MOST_PROBLEMS_LISTED
         problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return Table(*np.array(rows).T)
 
 

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
-from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic
+from skfem_joint.loads import Amplitude
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that
 #: those have at least.
@@ -103,8 +103,8 @@ def rayleigh(
             "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
             "damping's factors of the mass and of the stiffness matrix"
         )
-    harmonic = [a for a in loads if isinstance(a, Harmonic | MultiHarmonic)]
-    first, second = own[0], max((a.highest_frequency for a in harmonic), default=own[0])
+    harmonics = [one.frequency for amplitude in loads for one in amplitude.harmonics]
+    first, second = own[0], max(harmonics, default=own[0])
     which = "the loads' highest"
     if abs(second - first) <= _SAME * first:
         second, which = own[:3][-1], "a natural one"

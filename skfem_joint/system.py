@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.factors import symmetric_lu
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
@@ -145,8 +145,7 @@ class System:
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
     @property
     def joint_points(self) -> list[IntArray]:
@@ -272,13 +271,10 @@ class System:
         """
         M, K = sparse.csr_array(M), sparse.csr_array(K)
         n = M.shape[0]
-        fixed = dof_numbers(fixed)
-        if fixed.size and not (fixed[0] >= 0 and fixed[-1] < n):
-            raise InputError(f"fixed: found {fixed[[0, -1]]}, must be from 0 to {n - 1}")
+        fixed = dof_numbers(fixed, n)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
-            if problems := list(ratio_problems(damping_ratio, others)):
-                raise InputError(problems)
+            refuse(ratio_problems(damping_ratio, others))
         joined = Contact.none(n) if contact is None else contact
         for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
             right = (A.shape[0], n) if A is joined.B else (n, n)
@@ -286,11 +282,11 @@ class System:
                 raise InputError(f"{name}: found shape {A.shape}, must be {right}")
         joined = joined.without(fixed)
         applied = tuple(
-            AppliedLoad(_vector(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
+            AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        rows |= {name: _vector(row, n, f"point {name!r}") for name, row in (points or {}).items()}
+        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
             C=sparse.csr_array(stiffness_damping * K + mass_damping * M if C is None else C),
@@ -354,17 +350,15 @@ class System:
         return np.ascontiguousarray(rows.T)
 
 
-def _vector(value: ArrayLike, n: int, what: str) -> FloatArray:
-    """Vector of all unknowns, or that of one of them."""
+def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
+    """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
     array = np.asarray(value)
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
-        dof = int(array.ravel()[0])
-        if not 0 <= dof < n:
-            raise InputError(f"{what}: found unknown {dof}, must be from 0 to {n - 1}")
-        return np.bincount([dof], minlength=n).astype(float)
-    if array.shape != (n,):
+        return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
+    if array.shape != (n,) or not np.isfinite(array).all():
         raise InputError(
-            f"{what}: found shape {array.shape}, must be ({n},), or one number of an unknown"
+            f"{what}: found shape {array.shape}, must be ({n},), finite, or one number of an "
+            "unknown"
         )
     return array.astype(float)
 
@@ -392,9 +386,7 @@ def _check_definite(system: System) -> None:
         ("M", system.M, "is not positive definite: does every unknown have mass?"),
         ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
     )
-    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
-    if problems:
-        raise InputError(problems)
+    refuse(f"{name}: {why}" for name, A, why in checks if not _is_definite(A))
 
 
 def _is_definite(A: Matrix) -> bool:

@@ -115,23 +115,31 @@ class Arrangement:
     slips: IntArray  #: (rows of B,), inner unknown that is the slip of each row
 
 
-def dof_numbers(given: Any) -> IntArray:
+def dof_numbers(given: Any, n: int, where: str = "fixed", first: int = 0) -> IntArray:
     """Numbers of degrees of freedom, given as such or by scikit-fem's ``get_dofs``, rising.
+
+    There are ``n``, which count from ``first``; those returned count from 0.
 
     Raises
     ------
     InputError
-        If they are not whole numbers, such as a mask.
+        If they are not whole numbers in range, such as a mask.
     """
     # An array has a method of that name too, which tells something else.
     view = not isinstance(given, np.ndarray) and hasattr(given, "all")
     numbers = np.asarray(given.all() if view else given)
-    if numbers.size and not np.issubdtype(numbers.dtype, np.integer):
+    if numbers.dtype.kind not in "iuf":
         raise InputError(
-            f"fixed: found {numbers.dtype} values, must be numbers of degrees of freedom; of a "
+            f"{where}: found {numbers.dtype} values, must be numbers of degrees of freedom; of a "
             "mask take np.flatnonzero(mask)"
         )
-    return np.unique(numbers.astype(np.intp))
+    wrong = ~((numbers >= first) & (numbers < n + first) & (numbers == np.floor(numbers)))
+    if wrong.any():
+        raise InputError(
+            f"{where}: found {numbers[wrong][0]:g}, must be whole numbers from {first} to "
+            f"{n - 1 + first}"
+        )
+    return np.unique(numbers - first).astype(np.intp)
 
 
 def expanded(T: Matrix, u: FloatArray) -> FloatArray:

@@ -251,8 +251,8 @@ def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
     except ConvergenceError as error:
         if error.unknown is None:
             raise
-        place = study.structure.place(error.unknown)
-        message = f"full model: {error} That unknown is {place}."
+        dof = int(abs(study.system.T[:, [error.unknown]]).argmax())  # that it moves most
+        message = f"full model: {error} That unknown is of {study.structure.spot(dof)}."
         raise ConvergenceError(message, error.unknown) from error
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
 from skfem_joint.mesh.named import NamedMesh, make, name_problems
 
@@ -136,8 +136,7 @@ def _built(
     names = [name for name, _, _ in strips]
     problems = name_problems(region=names, boundary=boundaries, point=points or {})
     problems += _mistakes(kind, strips, size, elements, order, origin, limits)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     counts = [count for _, _, count in strips]
     ends = np.cumsum([0.0, *(length for _, length, _ in strips)])
     axes = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), counts, strict=True)]

@@ -12,7 +12,7 @@ import numpy as np
 import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 
@@ -282,8 +282,7 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
         for i, j in combinations(range(len(meshes)), 2)
         for group in sorted(names[i] & names[j])
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     counts = [(each.n_elements, len(each.coordinates), each.body.max() + 1) for each in meshes]
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
     parts = list(zip(meshes, before, strict=True))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
 from skfem_joint.mesh.gmsh import Groups, check_msh
@@ -85,8 +85,7 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
             problems += error.problems
         except ValueError as error:
             problems.append(f"{file}: {error}")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return found[0] if len(found) == 1 else merged(found)
 
 

@@ -8,15 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from skfem_joint.errors import InputError
-from skfem_joint.scene.messages import closest
+from skfem_joint.errors import InputError, closest
+from skfem_joint.scene.messages import FORMS, Schema, tables_in
 from skfem_joint.scene.scene import Scene
 from skfem_joint.scene.values import MOST
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-Schema = Mapping[str, Any]
 
 _UNIT = re.compile(r", (Pa|kg/m³|m|s|Hz|N|rad|degrees|s/m|1/s)(?=[;:,]|$)")
 _LIMITS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
@@ -28,7 +26,6 @@ _TYPES = {
     "boolean": "true or false",
     "None": "value",
 }
-_FORMS = ("anyOf", "oneOf", "allOf")
 _PAGE = """# Keys of a scene
 
 What `skfem-joint keys` prints, made from the models that check a scene. `skfem-joint keys load`
@@ -96,7 +93,8 @@ def _tables(
         yield KeyTable(path, head.removeprefix("``"), rest, rows)
         for name, part in own.items():
             below = f"{path}.{name}" if path else name
-            if some := [defs[one] for one in _named(part)]:
+            inner = tables_in(part.get("additionalProperties", part), defs)
+            if some := [one for one in inner if "properties" in one]:
                 what = part.get("description", "")
                 yield from _tables(below, f"[[{below}]]", what, some, defs)
 
@@ -105,18 +103,6 @@ def _shared(forms: list[Schema]) -> dict[str, Schema]:
     """Keys that are the same in all forms of a table."""
     first, *others = (form["properties"] for form in forms)
     return {k: part for k, part in first.items() if all(one.get(k) == part for one in others)}
-
-
-def _named(part: Any) -> Iterator[str]:
-    """Names of the tables that a value may be made of."""
-    if isinstance(part, Mapping):
-        if "$ref" in part:
-            yield part["$ref"].rpartition("/")[2]
-        for name in (*_FORMS, "items", "additionalProperties"):
-            yield from _named(part.get(name))
-    elif isinstance(part, list):
-        for one in part:
-            yield from _named(one)
 
 
 def _key(name: str, part: Schema, needed: bool = False) -> Key:
@@ -138,7 +124,7 @@ def _allowed(part: Schema) -> str:
     """What a value may be, in words and signs."""
     if "allowed" in part:
         return str(part["allowed"])
-    if forms := next((part[name] for name in _FORMS if name in part), None):
+    if forms := next((part[name] for name in FORMS if name in part), None):
         texts = (_allowed(one) for one in forms if one.get("type") != "null")
         return " or ".join(dict.fromkeys(texts))
     if words := part.get("enum") or ("const" in part and [part["const"]]):

@@ -14,12 +14,14 @@ import numpy as np
 from pydantic import Field, PrivateAttr, Tag
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
 from skfem_joint.scene.messages import LIST, NUMBER, WORD
 from skfem_joint.scene.values import FileName, SceneTable, key, one_of
 from skfem_joint.structure import MatrixModel
+from skfem_joint.system import vector_of
+from skfem_joint.unknowns import dof_numbers
 
 #: What the readers raise for files that are damaged or of another kind.
 _FAILURES = (
@@ -83,23 +85,20 @@ class Matrices(SceneTable):
                     self._read[where] = read_array(folder, file)
                 except InputError as error:
                     problems += [f"matrices.{where}: {problem}" for problem in error.problems]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         found = self._read
-        problems = [
+        refuse(
             f"matrices.{k}: {files[k]}: found shape {found[k].shape}, must be a square matrix"
             for k in files
             if k in ("K", "M", "C") and not (found[k].ndim == 2 and len({*found[k].shape}) == 1)
-        ]
-        if problems:
-            raise InputError(problems)
+        )
         n = found["K"].shape[0]
         try:
             return MatrixModel(
                 **{k: sparse.csr_array(found[k]) for k in ("K", "M", "C") if k in found},
-                contacts={k: self._pairs(dense(found[f"contact.{k}"])) for k in self.contact},
+                contacts={k: self._pairs(as_dense(found[f"contact.{k}"])) for k in self.contact},
                 points={k: self._point(k, n) for k in self.points},
-                fixed=self._numbers("fixed", found.get("fixed", self.fixed), n),
+                fixed=dof_numbers(as_dense(found.get("fixed", self.fixed)), n, "fixed", self.first),
                 first=self.first,
                 **how,
             )
@@ -114,25 +113,10 @@ class Matrices(SceneTable):
 
     def _point(self, name: str, n: int) -> FloatArray:
         given = self._read.get(f"points.{name}", self.points[name])
-        if isinstance(given, int):
-            (dof,) = self._numbers(f"points.{name}", [given], n)
-            return np.bincount([dof], minlength=n).astype(float)
-        vector = dense(given).ravel() if np.prod(given.shape) == n else np.zeros(n)
-        if not np.isfinite(vector).all() or not vector.any():
-            raise InputError(
-                f"points.{name}: found shape {given.shape}, must be {n} finite numbers, not all 0"
-            )
-        return vector
-
-    def _numbers(self, where: str, given: Any, n: int) -> IntArray:
-        numbers = dense(given).ravel() - self.first
-        wrong = (numbers != np.floor(numbers)) | (numbers < 0) | ~(numbers < n)
-        if wrong.any():
-            raise InputError(
-                f"{where}: found {numbers[wrong][0] + self.first:g}, must be whole numbers from "
-                f"{self.first} to {n - 1 + self.first}"
-            )
-        return np.unique(numbers.astype(np.intp))
+        if not isinstance(given, int):
+            given = as_dense(given)
+            given = given.ravel() if given.size == n else given
+        return vector_of(given, n, f"points.{name}", self.first)
 
 
 def _placed(problem: str, files: Mapping[str, str]) -> str:
@@ -141,12 +125,6 @@ def _placed(problem: str, files: Mapping[str, str]) -> str:
     if where not in (*files, "fixed") and not where.startswith("points."):
         return problem
     return f"matrices.{where}: " + (f"{files[where]}: " if where in files else "") + what
-
-
-def dense(values: Any) -> FloatArray:
-    """Array of numbers from a sparse one, or from a list."""
-    array = values.toarray() if sparse.issparse(values) else values
-    return np.asarray(array, dtype=float)
 
 
 def read_array(folder: Path, name: str) -> Any:

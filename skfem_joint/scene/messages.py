@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
-from collections.abc import Mapping
-from typing import Any, get_args
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from skfem_joint.errors import closest, listed
+
+#: Part of the JSON schema that pydantic makes of the tables, and where it lists forms of a value.
+Schema = Mapping[str, Any]
+FORMS = ("anyOf", "oneOf", "allOf")
 # Tags of the forms a value may take; they turn up in pydantic's locations and are cut out there.
 WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
     "form: word",
@@ -25,18 +29,6 @@ WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
 def mistake(text: str, key: str = "") -> PydanticCustomError:
     """Error with a text of one's own, at a key below the place where it is raised."""
     return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
-
-
-def listed(names: Any) -> str:
-    """Names in quotes, in order."""
-    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
-
-
-def closest(word: str, words: Any) -> str:
-    """Ask whether another word was meant, if one is close enough."""
-    lower = {other.lower(): other for other in words}
-    match = difflib.get_close_matches(word.lower(), lower, n=1)
-    return f"; did you mean '{lower[match[0]]}'?" if match else ""
 
 
 def key_path(location: tuple[int | str, ...]) -> str:
@@ -74,53 +66,53 @@ def found_text(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """List the tables a value of this type may be."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+def tables_in(part: Schema, defs: Schema) -> Iterator[Schema]:
+    """Schemas of the tables that a value may be, or the entries of a list."""
+    if "$ref" in part:
+        yield defs[part["$ref"].rpartition("/")[2]]
+    elif "properties" in part or "additionalProperties" in part:
+        yield part
+    forms = [form for name in FORMS for form in part.get(name, ())]
+    for form in [*forms, part["items"]] if "items" in part else forms:
+        yield from tables_in(form, defs)
 
 
-def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
+def _kinds(table: Schema) -> list[str]:
     """Values allowed for the key ``kind``; none for a table without it."""
-    field = model.model_fields.get("kind")
-    return get_args(field.annotation) if field else ()
+    kind = table.get("properties", {}).get("kind", {})
+    return kind.get("enum") or [kind["const"]] if kind else []
 
 
-def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Keys of a table as they are written."""
-    return {field.alias or name: field for name, field in model.model_fields.items()}
+_schema = cache(lambda root: root.model_json_schema())
 
 
 def _follow(
     location: tuple[int | str, ...], root: type[BaseModel]
-) -> tuple[list[type[BaseModel]], FieldInfo | None]:
+) -> tuple[list[Schema], Schema | None]:
     """Find the tables that may stand at one of pydantic's locations, and the key it ends with."""
-    models: list[type[BaseModel]] = [root]
-    field: FieldInfo | None = None
-    is_name = False
+    tables, field = [_schema(root)], None
+    defs = tables[0]["$defs"]
     for part in location:
-        if isinstance(part, int) or part in TAGS or is_name:
-            is_name = False
+        if isinstance(part, int) or part in TAGS:
             continue
-        kinds = [model for model in models if part in _kinds(model)]
-        if kinds:
-            models = kinds
+        if kinds := [table for table in tables if part in _kinds(table)]:
+            tables = kinds
             continue
-        field = next((_fields(m)[part] for m in models if part in _fields(m)), None)
-        if field is None:  # a key of any name, if there may be one
-            of_any = (vars(m).get("__annotations__", {}).get("__pydantic_extra__") for m in models)
-            models = [model for annotation in of_any for model in _models_in(annotation)]
-        else:
-            models = _models_in(field.annotation)
-        is_name = part == "regions"
-    return models, field
+        every = (t.get("properties", {}).get(part, t.get("additionalProperties")) for t in tables)
+        found = [one for one in every if one]
+        field = found[0] if found else None
+        tables = [table for one in found for table in tables_in(one, defs)]
+    return tables, field
 
 
 def meaning(key: str, root: type[BaseModel]) -> str:
     """Meaning and unit of a key, "" if there is none."""
     _, field = _follow(key_parts(key) or (), root)
-    return (field.description or "").split(";")[0] if field else ""
+    return _meant(field)
+
+
+def _meant(field: Schema | None) -> str:
+    return str((field or {}).get("description", "")).split(";")[0]
 
 
 _MUST_BE = {
@@ -154,20 +146,20 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
         for i, part in enumerate(location)
         if part not in (*TAGS, "[key]") and not (has_kind and i == 2)
     ]
-    models, field = _follow(location, root)
+    tables, field = _follow(location, root)
     if kind == "scene":
         key = ".".join(filter(None, [key_path(tuple(places)), context["key"]]))
         return [f"{key}: {line}" for line in context["text"].split("\n")]
     if kind == "extra_forbidden":
         parents, _ = _follow(location[:-1], root)
-        keys = list(dict.fromkeys(key for model in parents for key in _fields(model)))
+        keys = list(dict.fromkeys(key for table in parents for key in table["properties"]))
         hint = closest(str(location[-1]), keys)
         return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]
     if kind == "missing":
-        needed = f": {field.description}" if field and field.description else ""
+        needed = f": {field['description']}" if field and "description" in field else ""
         return [f"{key_path(tuple(places))}: missing, must be given{needed}"]
     if kind == "union_tag_not_found":
-        kinds = [kind for model in models for kind in _kinds(model)]
+        kinds = [kind for table in tables for kind in _kinds(table)]
         return [f"{key_path((*places, 'kind'))}: missing, must be one of {listed(kinds)}"]
 
     if kind == "too_short" and len(error["input"]) >= context["min_length"]:
@@ -179,11 +171,11 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
         found = found_text(error["input"]["kind"])
         hint = closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
     must_be = _MUST_BE[kind].format_map(context) if kind in _MUST_BE else error["msg"]
-    extra = field.json_schema_extra if field else None
-    if location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):
-        must_be = f"must be {extra['allowed']}" if isinstance(extra, dict) else must_be
+    allowed = field.get("allowed") if field else None
+    if allowed and location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):
+        must_be = f"must be {allowed}"
     if kind == "tuple_type" and places in (["joint"], ["load"], ["bolt"]):
         must_be += f" of tables, each under [[{places[0]}]]"
-    elif field and field.description and kind in _OF_NUMBERS and not extra:
-        must_be += f" ({field.description.split(';')[0]})"
+    elif kind in _OF_NUMBERS and not allowed and (meant := _meant(field)):
+        must_be += f" ({meant})"
     return [f"{key_path(tuple(places))}: found {found}, {must_be}{hint}"]

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from skfem_joint.errors import InputError
-from skfem_joint.files import read_whole
+from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.scene.messages import found_text, key_parts, key_path, sentences
 from skfem_joint.scene.scene import OF_STRUCTURE, OF_SYSTEM, Scene, relations
@@ -28,11 +28,7 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PA
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Tables of a scene file."""
-    try:
-        text = read_whole(path, _LARGEST_SCENE).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}: line {line}: not UTF-8 text") from error
+    text = read_text(path, _LARGEST_SCENE)
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise InputError(

@@ -18,12 +18,12 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from skfem_joint import structure as parts
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, listed
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.matrices import Matrices
-from skfem_joint.scene.messages import key_path, listed, mistake
+from skfem_joint.scene.messages import key_path, mistake
 from skfem_joint.scene.sweep_table import Sweep
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
@@ -273,12 +273,11 @@ def _time_problems(scene: Scene) -> Iterator[str]:
         yield f"time: found {count:.3g} steps of {step:.3g} s, must be at most {MOST:.0e} steps"
         return
     for i, load in enumerate(scene.load):
-        if not isinstance(load, tables.HarmonicLoad | tables.MultiHarmonicLoad):
-            continue
         if scene.accuracy.asked:  # which shortens the step
             break
-        longest = 1 / (PER_PERIOD * load.to_amplitude().highest_frequency)
-        if step > longest * (1 + 1e-9):
+        fastest = max((one.frequency for one in load.to_amplitude().harmonics), default=0.0)
+        if PER_PERIOD * fastest * step > 1 + 1e-9:
+            longest = 1 / (PER_PERIOD * fastest)
             why = f"a step must not be longer than 1/{PER_PERIOD} of the period of load[{i}]"
             fewest = math.ceil(step * time.steps_per_cycle / longest * (1 - 1e-9))
             yield (
@@ -312,15 +311,15 @@ def relations(scene: Scene, right: Mapping[str, Any]) -> Iterator[str]:
         yield from _matrix_problems(scene, scene.matrices)
     if not {"models", "joint", "reduction"} <= set(right):
         return
-    for name in {"condensed", "reduced"} & set(scene.models.run) if not scene.joint else ():
+    for small in sorted({"condensed", "reduced"} & {*scene.models.run}) if not scene.joint else ():
         yield (
-            f"models.run: found '{name}' in a scene without [[joint]]; a linear scene has nothing "
+            f"models.run: found '{small}' in a scene without [[joint]]; a linear scene has nothing "
             "to reduce by its joints, run 'full' alone"
         )
     if "reduced" not in scene.models.run:
         return
     names, asked = {joint.on for joint in scene.joint}, scene.reduction.active_length
-    for name in asked.keys() - names if isinstance(asked, dict) else ():
+    for name in sorted(asked.keys() - names) if isinstance(asked, dict) else ():
         where = key_path(("reduction", "active_length", name))
         yield f"{where}: found '{name}', which is no joint; joints: {listed(names)}"
     mesh = scene._named_mesh

@@ -1,6 +1,6 @@
 """The table ``[sweep]`` of a scene: keys, and the values that they go through."""
 
-# Annotations are kept as types here: messages look up what a key of any name may be.
+from __future__ import annotations
 
 import math
 from itertools import product

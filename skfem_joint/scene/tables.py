@@ -6,6 +6,8 @@ What only the mesh can tell (names, overlaps, what a dimension needs) is the str
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
@@ -122,7 +124,18 @@ class Damping(SceneTable):
         return self
 
 
+_SHAPES: dict[str, Callable[..., loads.Amplitude]] = {
+    "harmonic": loads.Harmonic,
+    "triangle": loads.Triangle,
+    "half_sine": loads.HalfSine,
+    "versine": loads.Versine,
+    "ramp_and_hold": loads.RampAndHold,
+    "rectangle": loads.Rectangle,
+}
+
+
 class _Load(SceneTable):
+    kind: str
     on: str | None = key("name of the point, boundary or region that the load acts on", None)
     direction: Direction | None = key(
         "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars and for a "
@@ -155,6 +168,11 @@ class _Load(SceneTable):
             )
         return self
 
+    def to_amplitude(self) -> loads.Amplitude:
+        """Force (N) as a function of time: a shape whose parameters are keys here."""
+        shape = _SHAPES[self.kind]
+        return shape(**{name: getattr(self, name) for name in signature(shape).parameters})
+
 
 class Component(SceneTable):
     """``components = [{ ... }, ...]``: harmonics, amplitude * sin(2 pi frequency t + phase)."""
@@ -162,10 +180,6 @@ class Component(SceneTable):
     amplitude: Number = key("amplitude of the force, N")
     frequency: Positive = key("frequency, Hz")
     phase: Number = key("phase at time zero, rad", 0.0)
-
-    def to_amplitude(self) -> loads.Harmonic:
-        """Force (N) as a function of time."""
-        return loads.Harmonic(self.amplitude, self.frequency, self.phase)
 
 
 class HarmonicLoad(Component, _Load):
@@ -184,7 +198,7 @@ class MultiHarmonicLoad(_Load):
 
     def to_amplitude(self) -> loads.MultiHarmonic:
         """Force (N) as a function of time."""
-        return loads.MultiHarmonic(tuple(one.to_amplitude() for one in self.components))
+        return loads.MultiHarmonic([loads.Harmonic(**one.model_dump()) for one in self.components])
 
 
 class PulseLoad(_Load):
@@ -202,16 +216,6 @@ class PulseLoad(_Load):
     )
     start: NotNegative = key("time at which the force sets in, s", 0.0)
 
-    def to_amplitude(self) -> loads.Amplitude:
-        """Force (N) as a function of time."""
-        shapes = {
-            "triangle": loads.Triangle,
-            "half_sine": loads.HalfSine,
-            "versine": loads.Versine,
-            "ramp_and_hold": loads.RampAndHold,
-        }
-        return shapes[self.kind](self.peak, self.rise_time, self.start)
-
 
 class RectangleLoad(_Load):
     """``kind = "rectangle"``: a force that is constant for a while."""
@@ -220,10 +224,6 @@ class RectangleLoad(_Load):
     peak: Number = key("force, N; a negative one pushes")
     duration: Positive = key("time that the force lasts, s")
     start: NotNegative = key("time at which the force sets in, s", 0.0)
-
-    def to_amplitude(self) -> loads.Rectangle:
-        """Force (N) as a function of time."""
-        return loads.Rectangle(self.peak, self.duration, self.start)
 
 
 class TableLoad(_Load):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import closest, listed
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import spot
 from skfem_joint.modes import ratio_problems
@@ -133,13 +133,12 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     found = [kind for kind in tables if name in tables[kind]]
     if set(found) & set(kinds):
         return []
-    has = [f"{kind}: {', '.join(map(repr, sorted(tables[kind]))) or '-'}" for kind in kinds]
-    close = difflib.get_close_matches(name, [n for kind in kinds for n in tables[kind]], n=1)
-    hint = f", did you mean {close[0]!r}?" if close else ""
-    wrong = f"which is a {found[0]}" if found else f"no such name in the mesh{hint}"
+    has = "; ".join(f"{kind}: {listed(tables[kind])}" for kind in kinds)
+    wrong = f"which is a {found[0]}" if found else "no such name in the mesh"
+    hint = "" if found else closest(name, [n for kind in kinds for n in tables[kind]])
     return [
-        f"{where}: found {name!r}, {wrong}; a {' or '.join(kinds)} is needed; the mesh has "
-        f"{'; '.join(has)}"
+        f"{where}: found {name!r}, {wrong}; a {' or '.join(kinds)} is needed; the mesh has {has}"
+        f"{hint}"
     ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
 from skfem_joint.structure.checks import joint_problems, positive
@@ -184,13 +184,12 @@ def contact(
     problems = [*joint_problems(grid.mesh, [joint])]
     for name, extent in (("width", width), ("thickness", thickness)):
         problems += positive(f"contact: {name}", extent)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
         table[grid.of_element[i // dim], i % dim] = row
-    held = np.isin(table, dof_numbers(fixed))
+    held = np.isin(table, dof_numbers(fixed, basis.N))
     widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
     patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1))
     rows = contact_rows([patch], held)

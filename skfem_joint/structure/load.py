@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.loads import as_amplitude
+from skfem_joint.structure.patch import shares_of
+from skfem_joint.system import AppliedLoad, System
+from skfem_joint.unknowns import stacked
 
 if TYPE_CHECKING:
+    from skfem_joint.structure import AnyStructure
     from skfem_joint.structure.structure import Structure
 
 
@@ -48,6 +53,26 @@ class Load:
             return np.asarray(np.eye(dim)["xyz".index(self.base)])
         direction = np.ravel((1.0,) if self.direction is None else self.direction)
         return np.asarray(direction / np.linalg.norm(direction))
+
+
+def loaded(
+    structure: AnyStructure,
+    loads: Sequence[AppliedLoad],
+    rows: Mapping[str, FloatArray],
+    notes: Iterable[str] = (),
+) -> System:
+    """System of a structure under loads, with the named ``rows`` (n,) of its unknowns observed."""
+    base, ratio = structure.unloaded, structure.damping_ratio
+    system = replace(
+        base,
+        loads=tuple(loads),
+        P=stacked([row[np.newaxis] for row in rows.values()], base.n),
+        points=tuple(rows),
+        J=shares_of(structure.patches, base.w),
+        joints=tuple(joint.name for joint in structure.joints),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+    return system if ratio is None else system.with_damping_ratio(ratio)
 
 
 def acting(structure: Structure, load: Load, M: Matrix) -> tuple[FloatArray, float, list[str]]:

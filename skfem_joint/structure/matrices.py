@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from operator import add
 from typing import Any
@@ -14,21 +14,20 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
-from skfem_joint.structure.load import Load
+from skfem_joint.structure.load import Load, loaded
 from skfem_joint.structure.patch import (
     SMALL,
     Joint,
     Patch,
-    shares_of,
     slip_directions,
     unit_vectors,
 )
 from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import Contact, stacked
+from skfem_joint.unknowns import Contact
 
 #: Slip of a pair over what a rigid motion moves the pairs by, from which on it is told.
 ALIKE = 1e-3
@@ -88,7 +87,7 @@ class MatrixModel:
     dim = 3
 
     def __post_init__(self) -> None:
-        _ = self._unloaded  # refuses what is wrong
+        _ = self.unloaded  # refuses what is wrong
 
     @property
     def n_nodes(self) -> int:
@@ -130,15 +129,14 @@ class MatrixModel:
             if wrong := [*joint_value_problems(joint), *_on_surfaces(joint)]:
                 problems += wrong
             elif joint.on not in self.contacts:
-                names = ", ".join(map(repr, sorted(self.contacts))) or "none"
+                names = listed(self.contacts)
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
             elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
                 problems += [f"contact.{joint.on}: {problem}" for problem in found]
             else:
                 start = sum(patch.points.size for patch, _ in made)
                 made.append(self._pressed(joint, start, taken))
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return made
 
     def _pressed(self, joint: Joint, start: int, taken: set[int]) -> tuple[Patch, Contact]:
@@ -213,7 +211,8 @@ class MatrixModel:
         return held, free
 
     @cached_property
-    def _unloaded(self) -> System:
+    def unloaded(self) -> System:
+        """System without loads, observed points and joints' names."""
         return System.from_matrices(
             self.M,
             self.K,
@@ -232,34 +231,28 @@ class MatrixModel:
         InputError
             For unknown names, loads with a direction or a base, and what a support holds.
         """
-        base, problems = self._unloaded, [*self._wrong_loads(loads)]
+        problems = [*self._wrong_loads(loads)]
         observed = list(self.points) if points is None else list(points)
         problems += [
             self._unknown(f"points: {name!r}") for name in observed if name not in self.points
         ]
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         names = dict.fromkeys([*(str(load.on) for load in loads), *observed])
-        rows = {name: np.asarray(base.T.T @ self.points[name]) for name in names}
-        if still := [name for name, row in rows.items() if not row.any()]:
-            raise InputError([f"points: {name!r} is supported and does not move" for name in still])
-        system = replace(
-            base,
-            loads=tuple(AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads),
-            P=stacked([row[np.newaxis] for row in rows.values()], base.n),
-            points=tuple(rows),
-            J=shares_of(self.patches, base.w),
-            joints=tuple(joint.name for joint in self.joints),
+        rows = {name: np.asarray(self.unloaded.T.T @ self.points[name]) for name in names}
+        refuse(
+            f"points: {name!r} is supported, or zero, and does not move"
+            for name, row in rows.items()
+            if not row.any()
         )
-        ratio = self.damping_ratio
-        return system if ratio is None else system.with_damping_ratio(ratio)
+        applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
+        return loaded(self, applied, rows)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces; None where no contact is closed."""
         if self.contact is None or not self.contact.normal_force.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
-        return reactions(self.contact, self.fixed, (self.M, self.K), self._unloaded.T, F)
+        return reactions(self.contact, self.fixed, (self.M, self.K), self.unloaded.T, F)
 
     def pressed_at(self, dof: int) -> str:
         """Joint of a degree of freedom that closed contact determines."""
@@ -284,8 +277,7 @@ class MatrixModel:
                 yield f"{load.label}: direction: found beside [matrices], which tell; leave it out"
 
     def _unknown(self, what: str) -> str:
-        names = ", ".join(map(repr, sorted(self.points))) or "none"
-        return f"{what}: no point has this name; points: {names}"
+        return f"{what}: no point has this name; points: {listed(self.points)}"
 
     def unusual(self, system: System) -> list[str]:
         """Sentence about pairs that slip as the whole moves rigidly, where nothing in K holds it.
@@ -319,10 +311,6 @@ class MatrixModel:
             "motion: do its nodes lie in one place, and are the degrees of freedom of both in the "
             "order x, y, z and in the same directions?"
         ]
-
-    def place(self, unknown: int) -> str:
-        """Where an unknown is: the degree of freedom that it moves most."""
-        return f"of {self.spot(int(np.abs(self._unloaded.T[:, [unknown]].toarray()).argmax()))}"
 
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 
 # A bolt with a smaller share of its ring on the contact is a mistake; integrals below that part of
 # the largest one are round-off of the differences.
@@ -98,7 +98,7 @@ class Bolt:
         if len(self.at) not in (2, 3) or not all(map(math.isfinite, self.at)):
             raise InputError(f"bolt.at: found {self.at}, must be two or three finite numbers")
         hole = self.hole_radius
-        problems = [
+        refuse(
             f"bolt at {tuple(self.at)}: {name}: found {getattr(self, name)}, must be {rule}"
             for name, right, rule in (
                 ("force", 0.0 <= self.force < math.inf, ">= 0"),
@@ -107,9 +107,7 @@ class Bolt:
                 ("spreading_angle", 0.0 <= self.spreading_angle < 90.0, "in [0, 90), in degrees"),
             )
             if not right
-        ]
-        if problems:
-            raise InputError(problems)
+        )
 
 
 @dataclass(frozen=True)
@@ -352,6 +350,5 @@ def bolt_forces(
             f"must be at least {100 * _LEAST_SHARE:g} %; move the bolt, or check its radii, its "
             "spreading_angle and reach"
         )
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return forces, tuple(shares)

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, Matrix
-from skfem_joint.errors import InputError
-from skfem_joint.loads import scaled
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError, refuse
+from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import checks
 from skfem_joint.structure.contact import Reactions, contact_rows, reactions
-from skfem_joint.structure.load import Load, acting
+from skfem_joint.structure.load import Load, acting, loaded
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch, shares_of
+from skfem_joint.structure.patch import Joint, Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
@@ -35,7 +35,6 @@ from skfem_joint.unknowns import (
     congruent,
     expanded,
     selection,
-    stacked,
 )
 
 #: Numbers of rows and of columns, along matrices of elements.
@@ -114,15 +113,12 @@ class Structure(Nodes):
             object.__setattr__(self, "mesh", named(self.mesh))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if problems := checks.problems_of(self) or [*clamp_problems(self)]:
-            raise InputError(problems)
-        if not self.free and (bodies := checks.loose_bodies(self)):
-            problems = [
-                f"{body} is left unsupported: it can move or turn freely; hold it by a support, or "
-                "by a joint with friction on a body that is held"
-                for body in bodies
-            ]
-            raise InputError(problems)
+        refuse(checks.problems_of(self) or clamp_problems(self))
+        refuse(
+            f"{body} is left unsupported: it can move or turn freely; hold it by a support, or "
+            "by a joint with friction on a body that is held"
+            for body in (() if self.free else checks.loose_bodies(self))
+        )
 
     @cached_property
     def properties(self) -> dict[str, FloatArray]:
@@ -160,12 +156,6 @@ class Structure(Nodes):
         """Sentences about its mesh, values, size and waves: what looks like a slip."""
         found = *checks.unusual(self), *checks.waves(self, system), *checks.locking(self)
         return [*self.mesh.notes, *found]
-
-    def place(self, unknown: int) -> str:
-        """Where an unknown is: the node that it moves most."""
-        one = np.bincount([unknown], minlength=self.T.shape[1]).astype(float)
-        node = int(np.linalg.norm(self.expand(one), axis=-1).argmax())
-        return f"of {self.spot(self.dim * node)}"
 
     def spot(self, dof: int) -> str:
         """The node of a degree of freedom in a message."""
@@ -220,8 +210,7 @@ class Structure(Nodes):
                 patches.append(patch)
             except InputError as error:
                 problems += error.problems
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return tuple(patches)
 
     @cached_property
@@ -352,21 +341,19 @@ class Structure(Nodes):
         InputError
             For unknown names, directions that do not fit, and loads on what cannot move.
         """
-        problems = checks.problems_of_places(self, loads, points)
-        if problems:
-            raise InputError(problems)
-        T, (M, K) = self.T, self.matrices()
+        refuse(checks.problems_of_places(self, loads, points))
+        T, (M, _) = self.T, self.matrices()
+        problems: list[str] = []
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
         notes: list[str] = []
         for load in loads:
             on = load.on or f"mass_{load.base}"
             vector, scale, note = acting(self, load, M)
-            vector, amplitude = (
-                T.T @ vector,
-                scaled(load.amplitude, scale) if note else load.amplitude,
-            )
-            notes += note
+            vector, amplitude = T.T @ vector, load.amplitude
+            if note:
+                notes += note
+                amplitude = Scaled(amplitude, scale)
             if not np.any(vector):
                 pressed = load.quantity == "pressure"
                 along = "its normal" if pressed else load.unit(self.dim).tolist()
@@ -384,11 +371,8 @@ class Structure(Nodes):
                 problems.append(f"points: {name!r} is supported and does not move")
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
-        if problems:
-            raise InputError(problems)
-        system = self._assembled(M, K, tuple(applied), rows, tuple(dict.fromkeys(notes)))
-        ratio = self.damping_ratio
-        return system if ratio is None else system.with_damping_ratio(ratio)
+        refuse(problems)
+        return loaded(self, applied, rows, notes)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces; None where no contact is closed."""
@@ -416,32 +400,20 @@ class Structure(Nodes):
         moves = np.diff(self.T.indptr[:: self.dim]) > 0
         return tuple(name for name, node in self.mesh.points.items() if moves[node])
 
-    def _assembled(
-        self,
-        M: Matrix,
-        K: Matrix,
-        loads: tuple[AppliedLoad, ...],
-        rows: dict[str, FloatArray],
-        notes: tuple[str, ...],
-    ) -> System:
+    @cached_property
+    def unloaded(self) -> System:
+        """System without loads, observed points and joints' names."""
         contact, new = self._contact, self.arrangement
-        M, K = (congruent(A, new.forward) for A in (M, K))
-        n = K.shape[0]
+        M, K = (congruent(A, new.forward) for A in self.matrices())
         return System(
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips, n),
+            B=selection(new.slips, K.shape[0]),
             w=contact.w,
             beta=contact.beta,
-            loads=loads,
-            P=stacked([row[np.newaxis] for row in rows.values()], n),
-            points=tuple(rows),
             directions=contact.directions,
             T=new.forward,
-            J=shares_of(self.patches, contact.w),
-            joints=tuple(joint.name for joint in self.joints),
-            notes=notes,
         )
 
 

@@ -48,7 +48,16 @@ def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form():
     np.testing.assert_allclose(run.point("end"), exact, atol=1e-5 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("kind", ["Harmonic", "Triangle", "Table", "MultiHarmonic"])
+class Late(loads.Amplitude):
+    """A shape of one's own."""
+
+    corners = (3e-4,)
+
+    def _force(self, t):
+        return np.where(t < 3e-4, 0.0, 2e4)
+
+
+@pytest.mark.parametrize("kind", ["Harmonic", "Triangle", "Table", "MultiHarmonic", "Late"])
 def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
     """Bar, base and friction between them as masses of their own in absolute motion."""
     a = 2e4
@@ -58,10 +67,14 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
         "MultiHarmonic": loads.MultiHarmonic((harmonic, loads.Harmonic(a, 1600.0))),
         "Triangle": loads.Triangle(a, 4e-4),
         "Table": loads.Table(np.array([0.0, 3e-4, 1e-3]), np.array([0.0, a, -a])),
+        "Late": Late(),
     }[kind]
     body = build_bar([("joint", 0.2, 4), ("free", 0.2, 2)], {"fixed": 0.0, "end": 0.4})
     some = structure(body, [pressed(beta=1e3)], ["fixed"], stiffness_damping=1e-5)
     relative = some.system([Load(base="x", amplitude=amplitude)])
+    shaken = relative.loads[0].amplitude
+    for name in ("corners", "jumps", "period", "highest_frequency"):
+        assert getattr(shaken, name) == getattr(amplitude, name)
     M, K = some.matrices()
     heavy = 1e6 * M.sum()
     base = np.eye(M.shape[0])[int(np.flatnonzero(some.held.ravel())[0])]
@@ -71,7 +84,7 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
         sparse.csr_array(M + heavy * sparse.csr_array(np.outer(base, base))),
         K,
         contact=sum(slip[1:], slip[0]),
-        loads={"base": (base, loads.scaled(amplitude, heavy))},
+        loads={"base": (base, loads.Scaled(amplitude, heavy))},
         points={"end": body.points["end"]},
         stiffness_damping=1e-5,
     )

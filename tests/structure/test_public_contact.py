@@ -147,7 +147,8 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused():
     refused(
         r"load 'a': found shape \(3,\), must be \(4,\)", loads={"a": (np.ones(3), Harmonic(1, 1))}
     )
-    refused("load 'a': found unknown 9", loads={"a": (9, Harmonic(1, 1))})
+    refused("load 'a': found 9, must be .* from 0 to 3", loads={"a": (9, Harmonic(1, 1))})
+    refused(r"point 'a': .* finite", points={"a": np.full(4, np.nan)})
     refused("contact: B: found shape", contact=Contact.none(3))
     same = point_friction(np.eye(4)[1], 1.0)
     refused("depend on each other", contact=same + same)
@@ -187,6 +188,7 @@ def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for():
         ("bolts press areas", {"on": "base", "pressure": bolts}),
         ("contact: thickness: found 0.0", {"thickness": 0.0}),
         ("contact: width: found nan", {"width": np.nan}),
+        ("fixed: found 1000, must be", {"fixed": [1000]}),
     ):
         values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
         with pytest.raises(InputError, match=match):

@@ -66,7 +66,7 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     u = np.zeros_like(some.nodes)
     u[:, -1] = -p / STEEL.E * some.nodes[:, -1]
     (load,) = system.loads
-    force = load.amplitude.amplitude * load.vector
+    force = load.amplitude.harmonics[0].amplitude * load.vector
     found = system.K @ (some.arrangement.inverse @ u.ravel())
     np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
 
