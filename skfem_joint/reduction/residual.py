@@ -11,6 +11,7 @@ differs in from the full one's, or its friction points, this does not see.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
@@ -106,9 +107,10 @@ class Residual:
         slope[system.slip_norm(force) > system.w] = 0.0
         return np.asarray(system.w * slope * _RATE / (run.field_times[1] - run.field_times[0]))
 
-    def _response(self, V: FloatArray, run: Run) -> FloatArray:
-        """Response (n, frames), m, to the forces that a run leaves."""
+    def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
+        """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
         R, B = self.forces(V, run), sparse.csc_array(self.system.B)
+        yield factorised(self._stiffness)(np.ascontiguousarray(R))
         held = self._held(V, run, R)
         held = np.log(np.maximum(held, _FREE * max(float(held.max(initial=0.0)), 1e-300)))
         kinds = fclusterdata(held, ALIKE, "maxclust", method="ward")
@@ -118,21 +120,25 @@ class Residual:
             rows = sparse.diags_array(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
             solve = factorised(sparse.csc_array(self._stiffness + B.T @ rows @ B))
             X[:, alike] = solve(np.ascontiguousarray(R[:, alike]))
-        return X
+        yield X
 
     def lacking(self, V: FloatArray, run: Run, most: int) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
 
-        Orthonormal in mass, and against ``V``, in the order of the energy of the response;
-        without slips where those are coordinates of ``V``.
+        Orthonormal in mass, and against ``V``; half of them of the free response, half of the held
+        one, each in the order of energy; without slips where those are coordinates of ``V``.
         """
-        X = self._response(V, run)
-        whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
-        for _ in range(2):
-            X = X - V @ linalg.solve(run.system.M, V.T @ (self.system.M @ X), assume_a="pos")
-        if picks_unknowns(run.system.B):
-            X = X - V @ (run.system.B.T @ (self.system.B[self._carrying] @ X))
-        sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
-        most = min(most, self.system.n - V.shape[1])
-        first = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1][:most]
-        return orthonormal(X @ turn[:, first], self.system.M) if first.size else X[:, :0]
+        system, found, count = self.system, V, V.shape[1]
+        for X, more in zip(self._responses(V, run), (most // 2, most - most // 2), strict=True):
+            whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
+            for _ in range(2):
+                MV = system.M @ found
+                X = X - found @ linalg.solve(found.T @ MV, MV.T @ X, assume_a="pos")
+            if picks_unknowns(run.system.B):
+                X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
+            sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
+            told = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1]
+            first = told[: min(more, system.n - found.shape[1])]
+            if first.size:
+                found = np.hstack([found, orthonormal(X @ turn[:, first], system.M)])
+        return found[:, count:]
