@@ -2,11 +2,11 @@
 
 The states of a reduced run, put into the full equation, leave forces that its basis cannot balance.
 Their response, without what the basis spans already, is what the basis lacks, in the order of its
-energy: a reduced model needs no full run to know what it misses. It is that of a Newton step:
-points that creep are held by the slope of their friction, those whose force would exceed the limit
-are free. (The response of the structure alone moves what sticks: a plate's friction energy, 1.7 %
-off, came to 1.6 % with 16 such modes, to 0.1 % with held ones.) Half of the modes are of each kind: a
-basis that cannot move a slip front is told by the free response alone. What its own law of friction
+energy: a reduced model needs no full run to know what it misses. Half of the modes are of a Newton
+step: points that creep are held by the slope of their friction, those whose force would exceed the
+limit are free. (The response of the structure alone moves what sticks: a plate's friction energy,
+1.7 % off, came to 1.6 % with 16 such modes, to 0.1 % with held ones.) Half are of that free
+response: it alone finds a slip front that the basis cannot move. What its own law of friction
 differs in from the full one's, or its friction points, this does not see.
 """
 
