@@ -1,13 +1,18 @@
 """Modes that a reduced model lacks, from its residual in the full equation of motion.
 
 The states of a reduced run, put into the full equation, leave forces that its basis cannot balance.
-Their static response, without what the basis spans already, is what the basis lacks, in the order
-of its energy: a reduced model needs no full run to know what it misses. What its own law of
-friction differs in from the full one's, or its friction points, this does not see.
+Their response, without what the basis spans already, is what the basis lacks, in the order of its
+energy: a reduced model needs no full run to know what it misses. Half of the modes are of a Newton
+step: points that creep are held by the slope of their friction, those whose force would exceed the
+limit are free. (The response of the structure alone moves what sticks: a plate's friction energy,
+1.7 % off, came to 1.6 % with 16 such modes, to 0.1 % with held ones.) Half are of that free
+response: it alone finds a slip front that the basis cannot move. What its own law of friction
+differs in from the full one's, or its friction points, this does not see.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
@@ -15,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
@@ -26,6 +32,11 @@ from skfem_joint.system import System
 
 #: Instants of a run at which its residual is looked at.
 INSTANTS = 100
+#: Sets of instants that friction holds alike: as many matrices are factorised for a run.
+ALIKE = 25
+#: Rate at which friction answers, over that of instants; slope of friction, over the largest, below
+#: which points are free.
+_RATE, _FREE = 10.0, 1e-6
 # Singular values that are left out, over the largest; share of the stiffness, over that of mass,
 # that holds bodies which friction alone holds.
 _NEGLIGIBLE, _HOLD = 1e-8, 1e-9
@@ -53,7 +64,7 @@ def acceleration(run: Run) -> FloatArray:
 
 @dataclass(frozen=True)
 class Residual:
-    """What reduced runs of a full system lack; its stiffness is factorised once."""
+    """What reduced runs of a full system lack."""
 
     system: System
 
@@ -65,10 +76,6 @@ class Residual:
     @cached_property
     def _carrying(self) -> IntArray:
         return np.flatnonzero(self.system.on_rows(self.system.w))
-
-    @cached_property
-    def _solve(self) -> Any:
-        return factorised(self._stiffness)
 
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Forces (N) that are left in the full equation at a run's stored fields, (n, frames).
@@ -82,28 +89,58 @@ class Residual:
             sigma = np.zeros((v.shape[1], system.B.shape[0]))
             sigma[:, self._carrying] = run.sigma
         else:
-            beta = np.minimum(system.beta, run.system.beta.max(initial=0.0))
-            sigma = friction.force_vectors((system.B @ v).T, beta, system.directions)
+            sigma = friction.force_vectors((system.B @ v).T, self._beta(run), system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
+
+    def _beta(self, run: Run) -> FloatArray:
+        return np.asarray(np.minimum(self.system.beta, run.system.beta.max(initial=0.0)))
+
+    def _held(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
+        """Stiffness (frames, m), N/m, by which friction holds points that the forces R act on."""
+        system, slip = self.system, (self.system.B @ (V @ run.v.T)).T
+        if picks_unknowns(run.system.B):  # all slips are in the basis
+            return np.zeros((len(slip), system.w.size))
+        force = system.on_rows(system.w) * friction.force_vectors(
+            slip, self._beta(run), system.directions
+        )
+        squares = sparse.csr_array(system.B).power(2).sum(axis=1)
+        force += (system.B @ R).T / np.where(squares > 0.0, squares, 1.0)
+        slope = friction.slope(system.slip_norm(slip), self._beta(run))
+        slope[system.slip_norm(force) > system.w] = 0.0
+        return np.asarray(system.w * slope * _RATE / (run.field_times[1] - run.field_times[0]))
+
+    def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
+        """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
+        R, B = self.forces(V, run), sparse.csc_array(self.system.B)
+        yield factorised(self._stiffness)(np.ascontiguousarray(R))
+        held = self._held(V, run, R)
+        held = np.log(np.maximum(held, _FREE * max(float(held.max(initial=0.0)), 1e-300)))
+        kinds = fclusterdata(held, ALIKE, "maxclust", method="ward")
+        X = np.zeros_like(R)
+        for kind in np.unique(kinds):
+            alike = np.flatnonzero(kinds == kind)
+            rows = sparse.diags_array(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
+            solve = factorised(sparse.csc_array(self._stiffness + B.T @ rows @ B))
+            X[:, alike] = solve(np.ascontiguousarray(R[:, alike]))
+        yield X
 
     def lacking(self, V: FloatArray, run: Run, most: int) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
 
-        Orthonormal in mass, and against ``V``, in the order of the energy of the static response;
-        without slips where those are coordinates of ``V``.
+        Orthonormal in mass, and against ``V``; half of them of the free response, half of the held
+        one, each in the order of energy; without slips where those are coordinates of ``V``.
         """
-        R = self.forces(V, run)
-        left, values, _ = linalg.svd(R, full_matrices=False)
-        keep = values > _NEGLIGIBLE * values[0]
-        if not np.any(keep):  # no residual at all
-            return np.zeros((self.system.n, 0))
-        X = self._solve(np.ascontiguousarray(left[:, keep] * values[keep]))
-        whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
-        for _ in range(2):
-            X = X - V @ linalg.solve(run.system.M, V.T @ (self.system.M @ X), assume_a="pos")
-        if picks_unknowns(run.system.B):
-            X = X - V @ (run.system.B.T @ (self.system.B[self._carrying] @ X))
-        sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
-        most = min(most, self.system.n - V.shape[1])
-        first = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1][:most]
-        return orthonormal(X @ turn[:, first], self.system.M) if first.size else X[:, :0]
+        system, found, count = self.system, V, V.shape[1]
+        for X, more in zip(self._responses(V, run), (most // 2, most - most // 2), strict=True):
+            whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
+            for _ in range(2):
+                MV = system.M @ found
+                X = X - found @ linalg.solve(found.T @ MV, MV.T @ X, assume_a="pos")
+            if picks_unknowns(run.system.B):
+                X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
+            sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
+            told = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1]
+            first = told[: min(more, system.n - found.shape[1])]
+            if first.size:
+                found = np.hstack([found, orthonormal(X @ turn[:, first], system.M)])
+        return found[:, count:]
