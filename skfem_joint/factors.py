@@ -112,6 +112,11 @@ class Condensation:
         """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns."""
         return np.asarray(g[self.kept] - self._inwards @ self.inside(g[self.rest]))
 
+    def solver(self, added: Any = 0.0) -> Callable[[FloatArray], FloatArray]:
+        """Solver of the whole matrix, with what is ``added`` (k, k) to the unknowns kept."""
+        solve = factorised(np.asarray(self.complement + added))
+        return lambda g: self.outward(solve(self.inward(g)), g)
+
     def outward(self, x: FloatArray, g: FloatArray) -> FloatArray:
         """All unknowns, (n,) or (n, m), from those that are kept, under the right side of all."""
         every = np.empty_like(g)

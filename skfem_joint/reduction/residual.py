@@ -24,10 +24,11 @@ from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.factors import factorised
+from skfem_joint.factors import Condensation, factorised
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.steppers import condenses
 from skfem_joint.system import System
 
 #: Instants of a run at which its residual is looked at.
@@ -77,6 +78,28 @@ class Residual:
     def _carrying(self) -> IntArray:
         return np.flatnonzero(self.system.on_rows(self.system.w))
 
+    @cached_property
+    def _contact(self) -> Condensation | None:
+        """The stiffness condensed to what the contact moves, where that is cheaper."""
+        kept = np.unique(sparse.csr_array(self.system.B).indices)
+        return (
+            Condensation(self._stiffness, kept) if condenses(self._stiffness, kept.size) else None
+        )
+
+    @cached_property
+    def _free(self) -> Any:
+        return factorised(self._stiffness) if self._contact is None else self._contact.solver()
+
+    def _holding(self, rows: FloatArray) -> Any:
+        """Solver of the stiffness with springs (N/m) that resist each slip."""
+        B = sparse.csc_array(self.system.B)
+        if self._contact is not None:
+            B = B[:, self._contact.kept]
+        springs = B.T @ sparse.diags_array(rows) @ B
+        if self._contact is not None:
+            return self._contact.solver(springs.toarray())
+        return factorised(sparse.csc_array(self._stiffness + springs))
+
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Forces (N) that are left in the full equation at a run's stored fields, (n, frames).
 
@@ -111,16 +134,15 @@ class Residual:
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
-        R, B = self.forces(V, run), sparse.csc_array(self.system.B)
-        yield factorised(self._stiffness)(np.ascontiguousarray(R))
+        R = self.forces(V, run)
+        yield self._free(np.ascontiguousarray(R))
         held = self._held(V, run, R)
         held = np.log(np.maximum(held, _FREE * max(float(held.max(initial=0.0)), 1e-300)))
         kinds = fclusterdata(held, ALIKE, "maxclust", method="ward")
         X = np.zeros_like(R)
         for kind in np.unique(kinds):
             alike = np.flatnonzero(kinds == kind)
-            rows = sparse.diags_array(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
-            solve = factorised(sparse.csc_array(self._stiffness + B.T @ rows @ B))
+            solve = self._holding(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
             X[:, alike] = solve(np.ascontiguousarray(R[:, alike]))
         yield X
 

@@ -362,14 +362,20 @@ class Points:
 
     def best_problem(self, A: Any) -> ContactProblem | Condensed:
         """The same, condensed to the contact where that is cheaper."""
-        dense, contact = isinstance(A, np.ndarray), self.unknowns().size
-        most = len(A) - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * A.nnz))
-        return Condensed(A, self) if contact <= most else self.problem(A)
+        return Condensed(A, self) if condenses(A, self.unknowns().size) else self.problem(A)
 
     def numbered(self, unknowns: IntArray) -> Points:
         """Same points where the given unknowns are all that there are."""
         second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
         return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
+
+
+def condenses(A: Any, contact: int) -> bool:
+    """Whether it is cheaper to condense a matrix to so many unknowns in ``contact``."""
+    dense = isinstance(A, np.ndarray)
+    return bool(
+        contact <= (len(A) - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * A.nnz)))
+    )
 
 
 class Condensed(Condensation):

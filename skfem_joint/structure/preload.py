@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Condensation, factorised
+from skfem_joint.factors import Condensation
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -412,9 +412,8 @@ class _Solver:
 
     def _solver(self, G: Matrix, penalty: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver with some contact closed, whose rows move few of the unknowns."""
-        K, G = self._condensed, sparse.csr_array(G)[:, self._condensed.kept]
-        solve = factorised(K.complement + (G.T @ sparse.diags_array(penalty) @ G).toarray())
-        return lambda right: K.outward(solve(K.inward(right)), right)
+        G = sparse.csr_array(G)[:, self._condensed.kept]
+        return self._condensed.solver((G.T @ sparse.diags_array(penalty) @ G).toarray())
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
