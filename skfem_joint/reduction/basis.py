@@ -130,6 +130,13 @@ class Basis:
     #: Points and positions (m) of each active zone, where they lie along a line.
     stretches: tuple[tuple[IntArray, FloatArray], ...] | None = None
 
+    @property
+    def followed(self) -> FloatArray:
+        """Motions of the course that the modes come from (n, s), where it is the system's own."""
+        proper = self.proper
+        own = proper.modes * proper.singular_values
+        return own if self.reference is None else np.zeros((len(self.V), 0))
+
 
 def make_basis(
     structure: AnyStructure,

@@ -34,7 +34,7 @@ from skfem_joint.system import System
 #: Instants of a run at which its residual is looked at.
 INSTANTS = 100
 #: Sets of instants that friction holds alike: as many matrices are factorised for a run.
-ALIKE = 25
+ALIKE = 10
 #: Rate at which friction answers, over that of instants; slope of friction, over the largest, below
 #: which points are free.
 _RATE, _FREE = 10.0, 1e-6
@@ -146,14 +146,18 @@ class Residual:
             X[:, alike] = solve(np.ascontiguousarray(R[:, alike]))
         yield X
 
-    def lacking(self, V: FloatArray, run: Run, most: int) -> FloatArray:
+    def lacking(self, V: FloatArray, run: Run, most: int, known: FloatArray) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
 
         Orthonormal in mass, and against ``V``; half of them of the free response, half of the held
-        one, each in the order of energy; without slips where those are coordinates of ``V``.
+        one, each in the order of energy; without slips where those are coordinates of ``V``. There
+        are as many more of motions that are ``known`` (n, s).
         """
         system, found, count = self.system, V, V.shape[1]
-        for X, more in zip(self._responses(V, run), (most // 2, most - most // 2), strict=True):
+        sources = zip(
+            [*self._responses(V, run), known], (most // 2, most - most // 2, most), strict=True
+        )
+        for X, more in sources:
             whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
             for _ in range(2):
                 MV = system.M @ found
