@@ -145,10 +145,13 @@ def of_reduced(
     """
     steepest = float(reduced.beta.max())
     points = _Points(system, basis, picks_unknowns(reduced.B))
+    if run is None or not how["save"].points:
+        run = again(reduced, how)
     if how["cycle_steps"] is not None:
-        cycles = _settles(again(reduced, how) if run is None else run)
-        how = {**how, "n_steps": min(how["n_steps"], cycles * how["cycle_steps"])}
-    base = results(again(reduced, how))
+        how = {**how, "n_steps": min(how["n_steps"], _settles(run) * how["cycle_steps"])}
+        if how["n_steps"] < run.counters.steps:
+            run = again(reduced, how)
+    base = results(run)
     looks, bases, last = _enriched(points, steepest, how)
     V, W = bases[-1], bases[1]
     (first, grown), best = looks[0], results(last)

@@ -121,8 +121,6 @@ class Residual:
     def _held(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Stiffness (frames, m), N/m, by which friction holds points that the forces R act on."""
         system, slip = self.system, (self.system.B @ (V @ run.v.T)).T
-        if picks_unknowns(run.system.B):  # all slips are in the basis
-            return np.zeros((len(slip), system.w.size))
         force = system.on_rows(system.w) * friction.force_vectors(
             slip, self._beta(run), system.directions
         )
@@ -135,7 +133,10 @@ class Residual:
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
         R = self.forces(V, run)
-        yield self._free(np.ascontiguousarray(R))
+        X = self._free(np.ascontiguousarray(R))
+        yield X
+        if picks_unknowns(run.system.B):  # all slips are in the basis
+            return
         held = self._held(V, run, R)
         held = np.log(np.maximum(held, _FREE * max(float(held.max(initial=0.0)), 1e-300)))
         kinds = fclusterdata(held, ALIKE, "maxclust", method="ward")
@@ -153,20 +154,21 @@ class Residual:
         one, each in the order of energy; without slips where those are coordinates of ``V``. There
         are as many more of motions that are ``known`` (n, s).
         """
-        system, found, count = self.system, V, V.shape[1]
-        sources = zip(
-            [*self._responses(V, run), known], (most // 2, most - most // 2, most), strict=True
-        )
-        for X, more in sources:
+        system, M = self.system, self.system.M
+        found = V[:, :0]
+        responses = list(self._responses(V, run))
+        each = most // len(responses)
+        for X, more in [*((X, each) for X in responses), (known, most)]:
             whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
             for _ in range(2):
-                MV = system.M @ found
-                X = X - found @ linalg.solve(found.T @ MV, MV.T @ X, assume_a="pos")
+                MX = M @ X
+                X = X - V @ linalg.solve(run.system.M, V.T @ MX, assume_a="pos")
+                X = X - found @ (found.T @ MX)
             if picks_unknowns(run.system.B):
                 X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
             sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
             told = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1]
-            first = told[: min(more, system.n - found.shape[1])]
+            first = told[: min(more, system.n - V.shape[1] - found.shape[1])]
             if first.size:
-                found = np.hstack([found, orthonormal(X @ turn[:, first], system.M)])
-        return found[:, count:]
+                found = np.hstack([found, orthonormal(X @ turn[:, first], M)])
+        return found
