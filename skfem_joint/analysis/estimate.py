@@ -1,13 +1,13 @@
-"""Estimated errors of results, by the source of error; none costs more than a run of its own kind.
+"""Estimated errors of results, by the source of error.
 
 A reduced or condensed model is looked at four times, and no step of the full one is done (on short
 bars, where that would be cheaper, looks take tenths of a second, and say which source errs):
 
 basis
     The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
-    .reduction.residual`). With the first modes of that the model is run again, and once more with
-    what that run lacks, unless they hardly changed anything. How the second change relates to the
-    first tells what is still missing.
+    .reduction.residual`). With the first modes of that, and the next of what its own modes come
+    from, the model is run again, and once more with what that run lacks, unless they hardly changed
+    anything. How the second change relates to the first tells what is still missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
     what the basis lacks; further looks at the basis keep it.
