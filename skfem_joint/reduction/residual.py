@@ -161,9 +161,12 @@ class Residual:
         for X, more in [*((X, each) for X in responses), (known, most)]:
             whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
             for _ in range(2):
-                MX = M @ X
-                X = X - V @ linalg.solve(run.system.M, V.T @ MX, assume_a="pos")
-                X = X - found @ (found.T @ MX)
+                MX, MN = M @ X, M @ found
+                between = V.T @ MN
+                gram = np.block([[run.system.M, between], [between.T, found.T @ MN]])
+                right = np.vstack([V.T @ MX, found.T @ MX])
+                share = linalg.solve(gram, right, assume_a="pos")
+                X = X - V @ share[: V.shape[1]] - found @ share[V.shape[1] :]
             if picks_unknowns(run.system.B):
                 X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
             sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
