@@ -25,6 +25,10 @@ BAND = 128
 LARGE, NOT_DEFINITE = 5000, -4
 #: Right sides solved at once while condensing.
 BLOCK = 64
+#: Most unknowns that a matrix is condensed to as a dense one, and the most that their square may be
+#: for each of its entries: beyond it dense products cost more than sparse ones. Fewest that stay
+#: sparse, where at most `BAND` of them meet the others.
+CONDENSED, CONDENSED_SQUARE, SPARSE = 1200, 3, 512
 
 
 def factorised(A: Any) -> Any:
@@ -40,8 +44,8 @@ def factorised(A: Any) -> Any:
             factor = linalg.cho_factor(A.T, check_finite=False)
         except linalg.LinAlgError as error:
             raise InputError(
-                "the mass or step matrix is not positive definite: is the step tiny, or do modes "
-                "depend on each other? Use skfem_joint.reduction.pod.orthonormal, which drops them"
+                "a matrix is not positive definite: is the step tiny, a body held by nothing, or "
+                "do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal then"
             ) from error
         return lambda right: linalg.cho_solve(factor, right, check_finite=False)
     entries = A.tocoo(copy=False)
@@ -89,6 +93,36 @@ def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A") -> SuperLU:
     return splu(sparse.csc_array(A), order, **how)
 
 
+def condenses(A: Any, kept: IntArray) -> bool:
+    """Whether it is cheaper to condense a matrix to the unknowns that are ``kept``."""
+    if isinstance(A, np.ndarray):
+        return kept.size < len(A)
+    most = min(CONDENSED, np.sqrt(CONDENSED_SQUARE * A.nnz))
+    return bool(kept.size <= most or _narrow_border(A, kept).size)
+
+
+def solvers(
+    A: Any, kept: IntArray, most: int = 0
+) -> Callable[[Any], Callable[[FloatArray], FloatArray]]:
+    """Maker of solvers of one sparse matrix with others added, that act on what is ``kept`` alone.
+
+    A is condensed to that once where that is cheaper, or at most so many are kept.
+    """
+    if kept.size <= most or condenses(A, kept):
+        made = Condensation(A, kept)
+        return lambda added: made.solver(sparse.csr_array(added)[kept][:, kept])
+    return lambda added: factorised(sparse.csc_array(A + added))
+
+
+def _narrow_border(A: Any, kept: IntArray) -> IntArray:
+    """Places of what is ``kept`` that meet the other unknowns, if they are few of many."""
+    if isinstance(A, np.ndarray) or kept.size < SPARSE:
+        return np.zeros(0, dtype=np.intp)
+    others = np.setdiff1d(np.arange(A.shape[0]), kept)
+    border = np.unique(sparse.csr_array(A[others][:, kept]).indices)
+    return border[: border.size if border.size <= min(BAND, kept.size // 2) else 0]
+
+
 class Condensation:
     """A symmetric positive definite matrix condensed to the unknowns that are ``kept``, sorted.
 
@@ -97,8 +131,8 @@ class Condensation:
     kept, rest : ndarray of int, shape (k,) and (n - k,)
     inside : callable
         Solver of the rest alone.
-    complement : ndarray, shape (k, k)
-        Schur complement of those that are kept.
+    complement : ndarray or csr_array, shape (k, k)
+        Schur complement of those that are kept; sparse if they are many and few meet the rest.
     """
 
     def __init__(self, A: Any, kept: IntArray) -> None:
@@ -114,7 +148,7 @@ class Condensation:
 
     def solver(self, added: Any = 0.0) -> Callable[[FloatArray], FloatArray]:
         """Solver of the whole matrix, with what is ``added`` (k, k) to the unknowns kept."""
-        solve = factorised(np.asarray(self.complement + added))
+        solve = factorised(self.complement + added)
         return lambda g: self.outward(solve(self.inward(g)), g)
 
     def outward(self, x: FloatArray, g: FloatArray) -> FloatArray:
@@ -125,12 +159,20 @@ class Condensation:
         return every
 
 
-def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
+def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> Any:
     """Schur complement.
 
     Of large matrices it is what the last pivots leave: one more factorisation in place of a
     solution for each unknown.
     """
+    border = _narrow_border(A, kept)
+    if border.size:
+        at = kept[border]
+        coupling = as_dense(A[rest][:, at])
+        lost = coupling.T @ solve(coupling)
+        lost = sparse.csr_array(0.5 * (lost + lost.T))
+        place = sparse.eye_array(kept.size, format="csr")[:, border]
+        return as_compressed(A[kept][:, kept] - place @ lost @ place.T)
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([rest[np.argsort(lu.perm_c)], kept])

@@ -5,7 +5,14 @@ import pytest
 from scipy import sparse
 
 from skfem_joint import factors
-from skfem_joint.factors import BAND, BlockFactors, Condensation, factorised
+from skfem_joint.factors import (
+    BAND,
+    BlockFactors,
+    Condensation,
+    condenses,
+    factorised,
+    solvers,
+)
 
 
 def eye(n: int) -> sparse.csr_array:
@@ -80,6 +87,21 @@ def test_what_is_condensed_follows(shape, apart, dense, library):
     some = np.sin(np.arange(A.shape[0]))
     u = made.outward(np.linalg.solve(made.complement, made.inward(some)), some)
     np.testing.assert_allclose(A @ u, some, atol=1e-11)
+
+
+def test_many_that_meet_few_others_stay_sparse():
+    A, place = grid((60, 20)), np.random.default_rng(5).permutation(60 * 20)
+    kept = np.flatnonzero(place >= 30 * 20)  # of a grid half of its length
+    made = Condensation(A, kept)
+    assert condenses(A, kept)
+    assert made.complement.nnz < A[kept][:, kept].nnz + 20**2
+    inverse = np.linalg.inv(A.toarray())[np.ix_(kept, kept)]
+    np.testing.assert_allclose(made.complement @ inverse, np.eye(kept.size), atol=1e-11)
+    some = np.sin(np.arange(A.shape[0]))
+    added = sparse.diags_array(2.0 * (place >= 30 * 20))
+    u = solvers(A, kept)(added)(some)
+    np.testing.assert_allclose(A @ u + added @ u, some, atol=1e-11)
+    assert not condenses(A, np.arange(0, A.shape[0], 2))
 
 
 @pytest.mark.parametrize("hold", [False, True])

@@ -1,7 +1,7 @@
 """Estimated errors of results, by the source of error.
 
-A reduced or condensed model is looked at from four sides, and no step of the full one is done (on short
-bars, where that would be cheaper, looks take tenths of a second, and say which source errs):
+A reduced or condensed model is looked at from four sides, and no step of the full one is done (on
+short bars, where that would be cheaper, looks take tenths of a second, and say which source errs):
 
 basis
     The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint

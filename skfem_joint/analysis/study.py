@@ -21,6 +21,7 @@ from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
+from skfem_joint.factors import CONDENSED
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
@@ -32,7 +33,6 @@ from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.steppers import CONDENSED
 from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
 

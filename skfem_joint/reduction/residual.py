@@ -24,11 +24,10 @@ from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.factors import Condensation, factorised
+from skfem_joint.factors import solvers
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.steppers import condenses
 from skfem_joint.system import System
 
 #: Instants of a run at which its residual is looked at.
@@ -79,26 +78,18 @@ class Residual:
         return np.flatnonzero(self.system.on_rows(self.system.w))
 
     @cached_property
-    def _contact(self) -> Condensation | None:
-        """The stiffness condensed to what the contact moves, where that is cheaper."""
-        kept = np.unique(sparse.csr_array(self.system.B).indices)
-        return (
-            Condensation(self._stiffness, kept) if condenses(self._stiffness, kept.size) else None
-        )
-
-    @cached_property
-    def _free(self) -> Any:
-        return factorised(self._stiffness) if self._contact is None else self._contact.solver()
+    def _solver(self) -> Any:
+        """Maker of solvers of the stiffness with springs at what the contact moves."""
+        return solvers(self._stiffness, np.unique(sparse.csr_array(self.system.B).indices))
 
     def _holding(self, rows: FloatArray) -> Any:
         """Solver of the stiffness with springs (N/m) that resist each slip."""
         B = sparse.csc_array(self.system.B)
-        if self._contact is not None:
-            B = B[:, self._contact.kept]
-        springs = B.T @ sparse.diags_array(rows) @ B
-        if self._contact is not None:
-            return self._contact.solver(springs.toarray())
-        return factorised(sparse.csc_array(self._stiffness + springs))
+        return self._solver(B.T @ sparse.diags_array(rows) @ B)
+
+    @cached_property
+    def _free(self) -> Any:
+        return self._holding(np.zeros(self.system.B.shape[0]))
 
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Forces (N) that are left in the full equation at a run's stored fields, (n, frames).

@@ -122,12 +122,15 @@ class QuasiStatic:
         """Let all else follow, unless it can move as a rigid body without slip."""
         rigid = self.rigid[whole.kept]
         still = _STILL * np.abs(self.rigid).max(initial=0.0)
-        if rigid.size and np.linalg.svd(rigid, compute_uv=False).min() <= still:
+        sparse_one = rigid.size and not whole.problem.dense  # what is added is not sparse
+        if sparse_one or (rigid.size and np.linalg.svd(rigid, compute_uv=False).min() <= still):
             return
         self.condensed, self.problem, self.A = whole, whole.problem, whole.problem.A
-        image = self.A @ rigid
-        self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
-        self.stiffness, self.B = self.A - self.added, self.B[:, whole.kept]
+        self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, whole.kept]
+        if rigid.size:
+            image = self.A @ rigid
+            self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
+            self.stiffness = self.A - self.added
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""

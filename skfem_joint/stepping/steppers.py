@@ -23,7 +23,7 @@ from scipy import linalg, sparse
 
 from skfem_joint import friction
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
-from skfem_joint.factors import Condensation, factorised
+from skfem_joint.factors import Condensation, condenses, factorised
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
@@ -37,9 +37,6 @@ Motion = tuple[FloatArray, FloatArray]
 
 #: Stride of rows that are never stored.
 NEVER = 2**62
-#: Largest contact, in unknowns, that is condensed, and the most that its square may be for each
-#: entry of the matrix: beyond it dense products cost more than sparse ones.
-CONDENSED, CONDENSED_SQUARE = 1200, 3
 
 
 @dataclass
@@ -362,20 +359,12 @@ class Points:
 
     def best_problem(self, A: Any) -> ContactProblem | Condensed:
         """The same, condensed to the contact where that is cheaper."""
-        return Condensed(A, self) if condenses(A, self.unknowns().size) else self.problem(A)
+        return Condensed(A, self) if condenses(A, self.unknowns()) else self.problem(A)
 
     def numbered(self, unknowns: IntArray) -> Points:
         """Same points where the given unknowns are all that there are."""
         second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
         return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
-
-
-def condenses(A: Any, contact: int) -> bool:
-    """Whether it is cheaper to condense a matrix to so many unknowns in ``contact``."""
-    dense = isinstance(A, np.ndarray)
-    return bool(
-        contact <= (len(A) - 1 if dense else min(CONDENSED, np.sqrt(CONDENSED_SQUARE * A.nnz)))
-    )
 
 
 class Condensed(Condensation):
@@ -392,8 +381,10 @@ class Condensed(Condensation):
 
     def without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A v = g, (n,) or (n, k)."""
-        contact = linalg.lu_factor(self.problem.A)
-        return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
+        if self.problem.dense:  # that which is nearly singular Cholesky's method refuses
+            contact = linalg.lu_factor(self.problem.A)
+            return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
+        return self.solver()
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""

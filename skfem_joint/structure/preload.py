@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Condensation
+from skfem_joint.factors import solvers
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -48,6 +48,8 @@ _OPPOSITE, _NO_GAP = 0.7, 1e-9
 #: Stiffness of closed contact over that of the elements, which multipliers then make exact, and
 #: share of the mass that keeps bodies in place while too few nodes touch.
 _STIFF, _SHIFT = 1e5, 1e-10
+#: Most unknowns that the stiffness is condensed to, and their contact made dense (0.2 GB).
+_CONDENSED = 5000
 #: Active sets that are tried; corrections of one solution, and what of the load may be left.
 _SETS, _CORRECTIONS, _LEFT = 100, 20, 1e-9
 #: Share of the clamp forces that may push bodies where friction alone holds them: that of meshes
@@ -405,15 +407,10 @@ class _Solver:
         return np.asarray(_STIFF * mean / self.area**2)
 
     @cached_property
-    def _condensed(self) -> Condensation:
-        """The stiffness, condensed to the unknowns that contact moves."""
+    def _solvers(self) -> Callable[[Matrix], Callable[[FloatArray], FloatArray]]:
+        """Maker of solvers of the stiffness with contact closed, which moves few unknowns."""
         K = sparse.csr_array(self.K + _SHIFT * sparse.diags_array(self.K.diagonal()))
-        return Condensation(K, np.unique(self.G.indices))
-
-    def _solver(self, G: Matrix, penalty: FloatArray) -> Callable[[FloatArray], FloatArray]:
-        """Solver with some contact closed, whose rows move few of the unknowns."""
-        G = sparse.csr_array(G)[:, self._condensed.kept]
-        return self._condensed.solver((G.T @ sparse.diags_array(penalty) @ G).toarray())
+        return solvers(K, np.unique(self.G.indices), _CONDENSED)
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
@@ -452,7 +449,7 @@ class _Solver:
         The residual is corrected by the factor of an augmented Lagrangian.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        solve = self._solver(G, penalty)
+        solve = self._solvers(G.T @ sparse.diags_array(penalty) @ G)
         p, last = p[active], np.inf
         for _ in range(_CORRECTIONS):
             r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u

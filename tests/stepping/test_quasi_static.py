@@ -10,6 +10,7 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
+from skfem_joint import factors
 from skfem_joint.stepping import steppers
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
@@ -63,7 +64,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(steppers, "CONDENSED", 0)
+    monkeypatch.setattr(factors, "CONDENSED", 0)
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (np.asarray((system.B @ path.follow(forces).T).T) for path in (alone, together))
@@ -74,6 +75,24 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     assert again.solves == 0
     w = np.asarray((system.B @ again.follow(forces).T).T)  # whatever was followed before
     np.testing.assert_allclose(w, v, rtol=0, atol=1e-6 * np.abs(v).max())
+
+
+@pytest.mark.parametrize("fixed", [("right",), ()])
+def test_many_in_contact_are_stepped_as_the_whole_is(fixed, monkeypatch):
+    """Of a plate pressed on a part of it, which stays sparse; friction alone may hold it."""
+    mesh = sj.build_plate([("joint", 0.1, 44), ("free", 0.1, 10)], 0.05, 6)
+    made = structure(mesh, [pressed(pressure=5e6, friction=0.5)], fixed)
+    system = made.system([sj.Load("left", sj.Harmonic(1.0, 1.0), (-1.0, 0.2))], [])
+    forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * 12e3 * system.loads[0].vector
+    alone = QuasiStatic(system, 1e-10)
+    assert alone.whole is not None
+    assert (alone.condensed is not None) == bool(fixed)
+    monkeypatch.setattr(steppers, "condenses", lambda A, kept: False)
+    together = QuasiStatic(system, 1e-10)
+    assert together.whole is None
+    u, v = (path.follow(forces) for path in (alone, together))
+    assert np.abs(system.B @ v.T).max() > 1e-8
+    np.testing.assert_allclose(u, v, rtol=0, atol=1e-6 * np.abs(v).max())
 
 
 def test_slip_vectors_of_a_plate_do_no_less_work_than_the_load_left():
