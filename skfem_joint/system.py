@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.factors import symmetric_lu
 from skfem_joint.friction import norms
@@ -203,6 +203,31 @@ class System:
                 f"basis: found shape {V.shape}, must be ({self.n}, j) with finite entries"
             )
         return self._with(V, self.B @ V)
+
+    def widened(self, small: System, V: FloatArray, W: FloatArray) -> System:
+        """Projection on the columns of both, from the one on those of ``V``, which is ``small``."""
+
+        def wide(A: Matrix, part: FloatArray) -> FloatArray:
+            AW = A @ W
+            return np.block([[part, V.T @ AW], [AW.T @ V, 0.5 * (W.T @ AW + AW.T @ W)]])
+
+        def beside(part: Matrix, more: Matrix) -> Matrix:
+            return np.hstack([as_dense(part), as_dense(more)])
+
+        vectors = (
+            np.append(a.vector, W.T @ b.vector)
+            for a, b in zip(small.loads, self.loads, strict=True)
+        )
+        return replace(
+            small,
+            M=wide(self.M, small.M),
+            C=wide(self.C, small.C),
+            K=wide(self.K, small.K),
+            B=beside(small.B, self.B @ W),
+            loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
+            P=beside(small.P, self.P @ W),
+            T=beside(small.T, W if self.T is None else self.T @ W),
+        )
 
     def in_unknowns(self, new: Arrangement) -> System:
         """Same system in other unknowns, for which every slip row picks one of them.

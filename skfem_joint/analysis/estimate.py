@@ -45,7 +45,7 @@ import numpy as np
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.condensed import condensed_system
+from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -147,7 +147,7 @@ def of_reduced(
     not converge, KeyboardInterrupt if one is interrupted.
     """
     steepest = float(reduced.beta.max())
-    points = _Points(system, basis, picks_unknowns(reduced.B))
+    points = _Points.of(system, basis, reduced)
     if run is None or not how["save"].points:
         run = again(reduced, how)
     if how["cycle_steps"] is not None:
@@ -210,6 +210,15 @@ class _Points:
     system: System
     basis: Basis
     condensed: bool  #: whether the basis keeps all of them as unknowns, which costs nothing
+    projected: dict[int, System]  #: projections by the number of modes, each begins as the last
+
+    @staticmethod
+    def of(system: System, basis: Basis, reduced: System) -> _Points:
+        """Those of a reduced or condensed model."""
+        if not picks_unknowns(reduced.B):
+            return _Points(system, basis, condensed=False, projected={})
+        known = {basis.V.shape[1]: reduced}
+        return _Points(carrying(system)[0], basis, condensed=True, projected=known)
 
     @property
     def few(self) -> bool:
@@ -225,10 +234,18 @@ class _Points:
         )
 
     def model(self, V: FloatArray, beta: float) -> System:
-        """Reduced model on V."""
+        """Reduced model on V, which begins with the basis."""
+        if V.shape[1] not in self.projected:
+            most = max(self.projected, default=0)
+            self.projected[V.shape[1]] = (
+                self.system.widened(self.projected[most], V[:, :most], V[:, most:])
+                if most
+                else self.system.project(V)
+            )
+        small = self.projected[V.shape[1]]
         if self.condensed:
-            return condensed_system(self.system, V)
-        small = replace(self.system.project(V), beta=np.minimum(self.system.beta, beta))
+            return slips_first(small)
+        small = replace(small, beta=np.minimum(self.system.beta, beta))
         if self.few:
             return small
         few, shares = self.merged

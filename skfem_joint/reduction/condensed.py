@@ -135,11 +135,13 @@ def _fixed_interface(
 
 
 def condensed_system(system: System, V: FloatArray) -> System:
-    """Projection on a condensed basis: its slip rows pick the first unknowns."""
-    points = carrying(system)[0]
-    return replace(
-        points.project(V), B=selection(np.arange(points.B.shape[0], dtype=np.intp), V.shape[1])
-    )
+    """Projection on a condensed basis."""
+    return slips_first(carrying(system)[0].project(V))
+
+
+def slips_first(system: System) -> System:
+    """The same with slip rows that pick the first unknowns, as they do but for round-off."""
+    return replace(system, B=selection(np.arange(system.B.shape[0], dtype=np.intp), system.n))
 
 
 def carrying(system: System) -> tuple[System, sparse.csr_array]:

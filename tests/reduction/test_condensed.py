@@ -50,6 +50,17 @@ def system_of(kind: str, beta: float = np.inf, amplitude: float = FORCE) -> sj.S
     return replace(system._with(T, system.B @ T), T=None)
 
 
+@pytest.mark.parametrize("kind", ["plates", "solid", "matrices"])
+def test_a_projection_is_widened_by_what_is_new_alone(kind):
+    system = system_of(kind)
+    V, W = np.split(np.random.default_rng(3).normal(size=(system.n, 12)), [8], axis=1)
+    wide, whole = system.widened(system.project(V), V, W), system.project(np.hstack([V, W]))
+    for name in ("M", "C", "K", "B", "P", "T"):
+        one, other = (getattr(made, name) for made in (wide, whole))
+        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
+    np.testing.assert_allclose(wide.load_vectors(), whole.load_vectors(), rtol=1e-12)
+
+
 @pytest.mark.parametrize("beta", [1e4, np.inf], ids=["arctan", "coulomb"])
 @pytest.mark.parametrize("kind", ["plates", "solid", "matrices"])
 def test_with_all_fixed_interface_modes_it_is_the_full_model(kind, beta):
