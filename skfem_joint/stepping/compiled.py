@@ -267,13 +267,12 @@ def resolvent(x, k, beta):
 
 
 @compiled
-def cholesky_solve(A, x):
-    """Solve A x = b in place (b in x, lower triangle of A overwritten by its factor).
+def cholesky(A):
+    """Overwrite the lower triangle of A by its factor; False where it is not positive definite.
 
     The diagonal takes the reciprocals of the factor's, so that the loops need not divide.
     """
-    n = x.size
-    for i in range(n):
+    for i in range(len(A)):
         for j in range(i + 1):
             t = A[i, j]
             for k in range(j):
@@ -284,6 +283,13 @@ def cholesky_solve(A, x):
                 A[i, i] = 1.0 / sqrt(t)
             else:
                 A[i, j] = t * A[j, j]
+    return True
+
+
+@compiled
+def solve_factorised(A, x):
+    """Solve A x = b in place (b in x) by the factor that `cholesky` left."""
+    n = x.size
     for i in range(n):
         t = x[i]
         for k in range(i):
@@ -294,4 +300,3 @@ def cholesky_solve(A, x):
         for k in range(i + 1, n):
             t -= A[k, i] * x[k]
         x[i] = t * A[i, i]
-    return True
