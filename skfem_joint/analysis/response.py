@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -23,6 +23,7 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
@@ -37,8 +38,9 @@ HARMONICS = 5
 #: Points that are added around a peak, and the distance to a known one, relative, from which on
 #: none is; change of the amplitude between two points, over the largest, that asks for one more.
 AROUND, CLOSE, STEEP = 6, 2e-4, 0.15
-#: Times in a period at which a linear response is looked at.
-SAMPLES = 256
+#: Times in a period at which a linear response is looked at; frequencies at which it is found
+#: first, and force, relative, that may be left elsewhere.
+SAMPLES, AMONG, EXACT = 256, 7, 1e-8
 
 
 @dataclass(frozen=True)
@@ -311,21 +313,51 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     """
     inner = arranged(system).system
     V = motions_without_slip(inner, True) if stuck else sparse.eye_array(inner.n, format="csc")
-    M, C, K = (sparse.csr_array(congruent(A, V)) for A in (inner.M, inner.C, inner.K))
+    solve = _Harmonic(*(sparse.csr_array(congruent(A, V)) for A in (inner.K, inner.C, inner.M)))
     P, F = inner.P @ V, V.T @ inner.load_vectors()
     turn = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
-    found = []
-    for frequency in frequencies.tolist():
-        motion = np.zeros((len(system.points), SAMPLES))
-        solvers: dict[float, Any] = {}
+    found = np.zeros((frequencies.size, len(system.points)))
+    # From far to near, so that most lie between others.
+    far = np.unique(np.linspace(0, frequencies.size - 1, AMONG).astype(int))
+    for at in [*far, *np.setdiff1d(np.arange(frequencies.size), far)]:
+        frequency, motion = float(frequencies[at]), np.zeros((len(system.points), SAMPLES))
         for force, load in zip(F.T, at_frequency(inner, frequency).loads, strict=True):
             for part in load.amplitude.harmonics:
-                omega = 2.0 * np.pi * part.frequency
-                if omega not in solvers:
-                    H = K + 1j * omega * C - omega**2 * M
-                    solvers[omega] = splu(sparse.csc_array(H)).solve
-                u = P @ solvers[omega](force.astype(complex)) * part.amplitude
+                u = P @ solve(2.0 * np.pi * part.frequency, force) * part.amplitude
                 phase = turn * part.frequency / frequency + part.phase
                 motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
-        found.append(0.5 * np.ptp(motion, axis=1))
-    return np.array(found)
+        found[at] = 0.5 * np.ptp(motion, axis=1)
+    return found
+
+
+class _Harmonic:
+    """Motion under harmonic forces by few factors: most lie in the span of those found before.
+
+    Where the residual there is more than `EXACT` of the force, a factor is made.
+    """
+
+    def __init__(self, K: sparse.csr_array, C: sparse.csr_array, M: sparse.csr_array) -> None:
+        self.matrices, self.factorizations = (K, C, M), 0
+        self.V = np.zeros((K.shape[0], 0))
+        self.images = [self.V, self.V, self.V]
+
+    def __call__(self, omega: float, force: FloatArray) -> NDArray[np.complex128]:
+        """Complex amplitude, (n,), at an angular frequency."""
+        factors = 1.0, 1j * omega, -(omega**2)
+        if self.V.shape[1]:
+            image = sum(a * A for a, A in zip(factors, self.images, strict=True))
+            u = np.linalg.solve(self.V.T @ image, self.V.T @ force)
+            if np.linalg.norm(force - image @ u) <= EXACT * np.linalg.norm(force):
+                return np.asarray(self.V @ u)
+        H = sum(a * A for a, A in zip(factors, self.matrices, strict=True))
+        self.factorizations += 1
+        u = splu(sparse.csc_array(H)).solve(force.astype(complex))
+        more = np.stack([u.real, u.imag], axis=1)
+        for _ in range(2):
+            more = more - self.V @ (self.V.T @ more)
+            more = orthonormal(more, sparse.eye_array(u.size))
+        self.V = np.hstack([self.V, more])
+        self.images = [
+            np.hstack([B, A @ more]) for A, B in zip(self.matrices, self.images, strict=True)
+        ]
+        return np.asarray(u)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
@@ -28,6 +29,18 @@ def test_small_and_large_loads_go_to_the_linear_limits():
     for curve, stuck in ((small, True), (large, False)):
         linear = linear_response(system, f, stuck)
         assert curve.column("amplitude") / curve.level == pytest.approx(linear, rel=2e-3)
+
+
+def test_a_linear_response_takes_few_factors(monkeypatch):
+    system, f, made = bar(), np.linspace(1500.0, 2800.0, 60), []
+    monkeypatch.setattr(module, "splu", lambda H: made.append(0) or splu(H))
+    found = linear_response(system, f, stuck=False)
+    assert len(made) <= 7
+    exact = []
+    for omega in 2.0 * np.pi * f:
+        H = system.K + 1j * omega * system.C - omega**2 * system.M
+        exact.append(np.abs(system.P @ splu(H.tocsc()).solve(system.loads[0].vector + 0j)))
+    np.testing.assert_allclose(found, exact, rtol=1e-4)  # of 256 times in a period
 
 
 def test_peaks_are_found_and_fall_with_the_level():
