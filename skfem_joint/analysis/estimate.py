@@ -226,26 +226,28 @@ class _Points:
 
     @cached_property
     def merged(self) -> tuple[System, Any]:
-        return merged_points(
-            self.system.project(self.basis.V),
-            self.basis.velocities,
-            np.flatnonzero(self.system.w),
-            MERGED,
-        )
+        every = self.projection(self.basis.V)
+        return merged_points(every, self.basis.velocities, np.flatnonzero(self.system.w), MERGED)
+
+    def projection(self, V: FloatArray) -> System:
+        """Projection on V, which begins with the basis, and with those that were asked for."""
+        j, known = V.shape[1], self.projected
+        if j not in known and not known:
+            known[j] = self.system.project(V)
+        elif j not in known:
+            most = max(known)
+            known[j] = self.system.widened(known[most], V[:, :most], V[:, most:])
+        return known[j]
+
+    def everywhere(self, V: FloatArray, beta: float) -> System:
+        """Reduced model on V with all points."""
+        return replace(self.projection(V), beta=np.minimum(self.system.beta, beta))
 
     def model(self, V: FloatArray, beta: float) -> System:
-        """Reduced model on V, which begins with the basis."""
-        if V.shape[1] not in self.projected:
-            most = max(self.projected, default=0)
-            self.projected[V.shape[1]] = (
-                self.system.widened(self.projected[most], V[:, :most], V[:, most:])
-                if most
-                else self.system.project(V)
-            )
-        small = self.projected[V.shape[1]]
+        """Reduced model on V with as many points as looks have."""
         if self.condensed:
-            return slips_first(small)
-        small = replace(small, beta=np.minimum(self.system.beta, beta))
+            return slips_first(self.projection(V))
+        small = self.everywhere(V, beta)
         if self.few:
             return small
         few, shares = self.merged
@@ -254,13 +256,13 @@ class _Points:
 
 def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
     """What a look's points cause: none if it has all, else told by the start of a run with all."""
-    system, V = points.system, points.basis.V
     if points.few:
         return dict.fromkeys(QUANTITIES, 0.0)
     short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
     some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
-    everything = replace(system.project(V), beta=np.minimum(system.beta, beta))
-    return difference(*(results(again(one, some)) for one in (everything, points.model(V, beta))))
+    V = points.basis.V
+    both = points.everywhere(V, beta), points.model(V, beta)
+    return difference(*(results(again(one, some)) for one in both))
 
 
 def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:

@@ -119,12 +119,15 @@ class QuasiStatic:
         return self.problem.factorizations
 
     def _step_contact_alone(self, whole: Condensed) -> None:
-        """Let all else follow, unless it can move as a rigid body without slip."""
+        """Let all else follow, unless it can move as a rigid body without slip.
+
+        Nor where bodies can move rigidly and the contact is sparse: what is added to it is not.
+        """
         rigid = self.rigid[whole.kept]
-        still = _STILL * np.abs(self.rigid).max(initial=0.0)
-        sparse_one = rigid.size and not whole.problem.dense  # what is added is not sparse
-        if sparse_one or (rigid.size and np.linalg.svd(rigid, compute_uv=False).min() <= still):
-            return
+        if rigid.size:
+            still = _STILL * np.abs(self.rigid).max()
+            if not whole.problem.dense or np.linalg.svd(rigid, compute_uv=False).min() <= still:
+                return
         self.condensed, self.problem, self.A = whole, whole.problem, whole.problem.A
         self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, whole.kept]
         if rigid.size:
