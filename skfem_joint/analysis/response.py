@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from skfem_joint.analysis.history import relative
 from skfem_joint.arrays import FloatArray
@@ -337,7 +337,8 @@ class _Harmonic:
     """
 
     def __init__(self, K: sparse.csr_array, C: sparse.csr_array, M: sparse.csr_array) -> None:
-        self.matrices, self.factorizations = (K, C, M), 0
+        self.matrices = K, C, M
+        self.factor: tuple[float, SuperLU] | None = None  # the last one, and its frequency
         self.V = np.zeros((K.shape[0], 0))
         self.images = [self.V, self.V, self.V]
 
@@ -349,9 +350,10 @@ class _Harmonic:
             u = np.linalg.solve(self.V.T @ image, self.V.T @ force)
             if np.linalg.norm(force - image @ u) <= EXACT * np.linalg.norm(force):
                 return np.asarray(self.V @ u)
-        H = sum(a * A for a, A in zip(factors, self.matrices, strict=True))
-        self.factorizations += 1
-        u = splu(sparse.csc_array(H)).solve(force.astype(complex))
+        if self.factor is None or self.factor[0] != omega:  # loads often share a frequency
+            H = sum(a * A for a, A in zip(factors, self.matrices, strict=True))
+            self.factor = omega, splu(sparse.csc_array(H))
+        u = self.factor[1].solve(force.astype(complex))
         more = np.stack([u.real, u.imag], axis=1)
         for _ in range(2):
             more = more - self.V @ (self.V.T @ more)

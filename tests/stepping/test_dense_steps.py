@@ -25,12 +25,12 @@ def run_of(s: System, steps: int = 200, **options: Any) -> Run:
     return integrate(s, step=STEP, n_steps=steps, save=Save(fields=True), **options)
 
 
-@pytest.mark.parametrize(("beta", "iterations"), [(1.0, 3.8), (1e3, 5.5), (1e5, 5.7)])
+@pytest.mark.parametrize(("beta", "iterations"), [(1.0, 1.1), (1e3, 1.5), (1e5, 1.8)])
 @pytest.mark.parametrize(("pairs", "singles"), [(1, 0), (20, 0), (6, 9), (0, 9)])
 def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
     pairs, singles, beta, iterations
 ):
-    """Some by the factor of the one before; a wrong tangent would take tens of iterations."""
+    """A wrong tangent of the friction would take tens of iterations."""
     s = dense_system(singles, pairs, beta=np.full(pairs + singles, beta))
     run = run_of(s, tolerance=1e-13)
     law = [friction.force_vectors(slip, s.beta, s.directions) for slip in run.v @ s.B.T]
@@ -49,7 +49,7 @@ def test_points_out_of_the_steep_part_of_a_law_are_found_back():
     """The law's slope alone takes 13 iterations a step, and 75 evaluations of friction."""
     small = reduce(LapJoint().system, modes=12).with_beta(1e7)
     counters = integrate(small, step=5e-6, n_steps=400).counters
-    assert counters.newton_iterations <= 12 * counters.steps
+    assert counters.newton_iterations <= 9 * counters.steps
     assert counters.friction_evaluations <= 40 * counters.steps
 
 
