@@ -59,7 +59,7 @@ class Counters:
     """Work that a run took."""
 
     steps: int = 0  #: asked for (without the parts of halved ones)
-    newton_iterations: int = 0  #: linear solves of Newton's iteration in all
+    newton_iterations: int = 0  #: Newton's, each with a tangent of its own, in all
     largest_iterations: int = 0  #: most of them in one step
     nested_solves: int = 0  #: steps that needed the second tier on a chain
     descents: int = 0  #: steps that needed the third
