@@ -10,7 +10,11 @@ from weakref import finalize
 import numpy as np
 from scipy import linalg, sparse
 from scipy.linalg import lapack
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    reverse_cuthill_mckee,
+)
 from scipy.sparse.linalg import SuperLU, splu
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed, as_dense
@@ -20,6 +24,9 @@ from skfem_joint.errors import InputError
 #: unknowns of a plate with 92 take 0.03 s, and 2 ms a solution, instead of 0.09 s and 4 ms; with
 #: 280 solutions take longer.
 BAND = 128
+#: Rows of a band up to which it is not looked for a narrower one, and up to which LAPACK factorises
+#: it column by column: with the upper factor solutions take two thirds of the time then.
+THIN, UNBLOCKED = 16, 65
 #: Unknowns from which on PARDISO is used where it is installed; its error for other matrices than
 #: positive definite ones.
 LARGE, NOT_DEFINITE = 5000, -4
@@ -48,9 +55,27 @@ def factorised(A: Any) -> Any:
                 "do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal then"
             ) from error
         return lambda right: linalg.cho_solve(factor, right, check_finite=False)
-    entries = A.tocoo(copy=False)
-    banded = Band(entries.row, entries.col, A.shape[0]).factorised(entries.data)
-    return _of_any_pattern(A) if banded is None else banded
+    return Factoriser()(A)
+
+
+class Factoriser:
+    """`factorised` for sparse matrices one after another.
+
+    Places along a band serve again for the next one of the same pattern.
+    """
+
+    def __init__(self) -> None:
+        self._pattern: tuple[IntArray, IntArray] | None = None
+
+    def __call__(self, A: Any) -> Callable[[FloatArray], FloatArray]:
+        """Solver of A x = b."""
+        A = sparse.csr_array(A)
+        pattern = A.indptr, A.indices
+        if self._pattern is None or not all(map(np.array_equal, pattern, self._pattern)):
+            entries = A.tocoo(copy=False)
+            self._pattern, self._band = pattern, Band(entries.row, entries.col, A.shape[0])
+        banded = self._band.factorised(A.data)
+        return _of_any_pattern(A) if banded is None else banded
 
 
 def _of_any_pattern(A: Any) -> Any:
@@ -93,6 +118,19 @@ def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A") -> SuperLU:
     return splu(sparse.csc_array(A), order, **how)
 
 
+def pivots(A: Any) -> FloatArray:
+    """Pivots of a symmetric matrix.
+
+    RuntimeError if one of them is zero.
+    """
+    entries = sparse.coo_array(A)
+    found = Band(entries.row, entries.col, A.shape[0]).factor(entries.data)
+    if found is None:
+        return symmetric_lu(A).U.diagonal()
+    factor, lower, _ = found
+    return factor[0 if lower else -1] ** 2
+
+
 def condenses(A: Any, kept: IntArray) -> bool:
     """Whether it is cheaper to condense a matrix to the unknowns that are ``kept``."""
     if isinstance(A, np.ndarray):
@@ -111,7 +149,8 @@ def solvers(
     if kept.size <= most or condenses(A, kept):
         made = Condensation(A, kept)
         return lambda added: made.solver(sparse.csr_array(added)[kept][:, kept])
-    return lambda added: factorised(sparse.csc_array(A + added))
+    factorise = Factoriser()
+    return lambda added: factorise(A + added)
 
 
 def _narrow_border(A: Any, kept: IntArray) -> IntArray:
@@ -140,39 +179,51 @@ class Condensation:
         self.inside = factorised(A[self.rest][:, self.rest])
         self._outwards = as_compressed(A[self.rest][:, kept])
         self._inwards = as_compressed(self._outwards.T)
-        self.complement = _complement(A, kept, self.rest, self.inside)
+        self._border = _narrow_border(A, kept)
+        if self._border.size:
+            coupling = as_dense(self._outwards[:, self._border])
+            self._led = self.inside(coupling)  # what the rest does where the border goes
+            lost = sparse.csr_array(coupling.T @ self._led)
+            place = sparse.eye_array(kept.size, format="csr")[:, self._border]
+            lost = place @ (0.5 * (lost + lost.T)) @ place.T
+            self.complement = as_compressed(A[kept][:, kept] - lost)
+        else:
+            self.complement = _complement(A, kept, self.rest, self.inside)
+        self._factorise = factorised if isinstance(self.complement, np.ndarray) else Factoriser()
 
-    def inward(self, g: FloatArray) -> FloatArray:
-        """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns."""
-        return np.asarray(g[self.kept] - self._inwards @ self.inside(g[self.rest]))
+    def inward(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns.
+
+        What the rest does while what is kept rests comes second.
+        """
+        still = self.inside(g[self.rest])
+        return np.asarray(g[self.kept] - self._inwards @ still), still
+
+    def outward(self, x: FloatArray, still: FloatArray) -> FloatArray:
+        """All unknowns, (n,) or (n, m), from those that are kept, and the others at their rest."""
+        every = np.empty((self.kept.size + self.rest.size, *x.shape[1:]))
+        every[self.kept] = x
+        led = self._led @ x[self._border] if self._border.size else self.inside(self._outwards @ x)
+        every[self.rest] = still - led
+        return every
 
     def solver(self, added: Any = 0.0) -> Callable[[FloatArray], FloatArray]:
         """Solver of the whole matrix, with what is ``added`` (k, k) to the unknowns kept."""
-        solve = factorised(self.complement + added)
-        return lambda g: self.outward(solve(self.inward(g)), g)
+        solve = self._factorise(self.complement + added)
 
-    def outward(self, x: FloatArray, g: FloatArray) -> FloatArray:
-        """All unknowns, (n,) or (n, m), from those that are kept, under the right side of all."""
-        every = np.empty_like(g)
-        every[self.kept] = x
-        every[self.rest] = self.inside(g[self.rest] - self._outwards @ x)
-        return every
+        def whole(g: FloatArray) -> FloatArray:
+            right, still = self.inward(g)
+            return self.outward(solve(right), still)
+
+        return whole
 
 
-def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> Any:
-    """Schur complement.
+def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
+    """Schur complement, dense.
 
     Of large matrices it is what the last pivots leave: one more factorisation in place of a
     solution for each unknown.
     """
-    border = _narrow_border(A, kept)
-    if border.size:
-        at = kept[border]
-        coupling = as_dense(A[rest][:, at])
-        lost = coupling.T @ solve(coupling)
-        lost = sparse.csr_array(0.5 * (lost + lost.T))
-        place = sparse.eye_array(kept.size, format="csr")[:, border]
-        return as_compressed(A[kept][:, kept] - place @ lost @ place.T)
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([rest[np.argsort(lu.perm_c)], kept])
@@ -202,10 +253,18 @@ class Band:
             return
         ones = np.ones(rows.size)
         pattern = sparse.csr_matrix((ones, (rows, columns)), shape=(n, n))
-        self.order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
-        place = np.argsort(self.order)
+        self._arrange(reverse_cuthill_mckee(pattern, symmetric_mode=True), rows, columns)
+        if THIN < self.height <= 2 * BAND:
+            one = self.order, self.height
+            self._arrange(_from_far_end(pattern, self.order), rows, columns)
+            if self.height > one[1]:
+                self._arrange(one[0], rows, columns)
+
+    def _arrange(self, order: IntArray, rows: IntArray, columns: IntArray) -> None:
+        """Places of the entries in an order of the unknowns."""
+        place = np.argsort(order)
         row, column = place[rows], place[columns]
-        self._lower = np.flatnonzero(row >= column)
+        self.order, self._lower = order, np.flatnonzero(row >= column)
         self._row, self._column = row[self._lower], column[self._lower]
         self.height = int((self._row - self._column).max()) + 1
 
@@ -216,6 +275,17 @@ class Band:
 
         None where the band is wide, or round-off leaves it not positive definite.
         """
+        found = self.factor(values, among)
+        if found is None:
+            return None
+        factor, lower, order = found
+        place = np.argsort(order)
+        return lambda right: lapack.dpbtrs(factor, right[order], lower, overwrite_b=1)[0][place]
+
+    def factor(
+        self, values: FloatArray, among: BoolArray | None = None
+    ) -> tuple[FloatArray, bool, IntArray] | None:
+        """Cholesky's factor along the band, whether it is the lower one, and its unknowns."""
         if self.height > BAND:
             return None
         row, column, values = self._row, self._column, values[self._lower]
@@ -227,12 +297,42 @@ class Band:
             row, column, values = number[row[both]], number[column[both]], values[both]
             order = (np.cumsum(among) - 1)[order[inside]]
             height = int((row - column).max(initial=0)) + 1
-        place = np.argsort(order)
-        entries = np.bincount(column * height + (row - column), values, height * order.size)
-        factor, failed = lapack.dpbtrf(entries.reshape(-1, height).T, lower=1, overwrite_ab=1)
-        if failed:
-            return None
-        return lambda right: lapack.dpbtrs(factor, right[order], lower=1, overwrite_b=1)[0][place]
+        lower = height > UNBLOCKED
+        place = column * height + row - column if lower else (row + 1) * height - 1 - row + column
+        entries = np.bincount(place, values, height * order.size).reshape(-1, height).T
+        factor, failed = lapack.dpbtrf(entries, lower, overwrite_ab=1)
+        return None if failed else (factor, lower, order)
+
+
+def _from_far_end(pattern: sparse.csr_matrix, order: IntArray) -> IntArray:
+    """Order of the unknowns of a pattern by their distance from its far end, seen from ``order``.
+
+    Cuthill and McKee start at one unknown, mostly at a corner: about a corner of a strip, levels of
+    equal distance are twice as wide as the strip is. From all of its end at once they are not.
+    """
+    count, part = connected_components(pattern, directed=False)
+    starts = np.zeros(count, dtype=np.intp)
+    starts[part[order]] = order  # of each part the last one, where the order starts
+    found, depth = _levels(pattern, starts)
+    deepest = np.zeros(count, dtype=np.intp)
+    np.maximum.at(deepest, part[found], depth)
+    found = _levels(pattern, found[depth == deepest[part[found]]])[0]
+    return found[np.argsort(part[found], kind="stable")]
+
+
+def _levels(pattern: sparse.csr_matrix, starts: IntArray) -> tuple[IntArray, IntArray]:
+    """Unknowns of a pattern in the order of their distance from all ``starts``, and that one."""
+    n, indices = pattern.shape[0], np.concatenate([pattern.indices, starts])
+    # One more unknown, which meets the starts.
+    joined = sparse.csr_matrix(
+        (np.ones(indices.size), indices, np.append(pattern.indptr, indices.size)), shape=(n + 1, n + 1)
+    )
+    order, before = breadth_first_order(joined, n)
+    place = np.argsort(order)[before[order[1:]]]
+    ends = [1]
+    while ends[-1] < order.size:
+        ends.append(1 + int(np.searchsorted(place, ends[-1])))
+    return order[1:], np.repeat(np.arange(len(ends) - 1), np.diff(ends))
 
 
 class BlockFactors:

@@ -22,11 +22,16 @@ _SAME = 0.1
 
 
 def natural_modes(
-    K: Matrix, M: Matrix, count: int, solve: Callable[[FloatArray], FloatArray] | None = None
+    K: Matrix,
+    M: Matrix,
+    count: int,
+    solve: Callable[[FloatArray], FloatArray] | None = None,
+    tolerance: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices.
 
-    ``solve`` is a solver of K x = b, if there is one already.
+    ``solve`` is a solver of K x = b, if there is one already. The ``tolerance`` is that of modes,
+    relative; round-off if it is zero.
     """
     n = K.shape[0]
     if n < 20 or count >= n - 1:
@@ -35,7 +40,7 @@ def natural_modes(
         K, M = sparse.csc_array(K), sparse.csc_array(M)
         inverse = LinearOperator((n, n), matvec=solve or factorised(K), dtype=float)
         start = np.random.default_rng(1).normal(size=n)  # an even one misses modes of equal bodies
-        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse)
+        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse, tol=tolerance)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
 
 

@@ -46,7 +46,7 @@ from skfem_joint.analysis.history import QUANTITIES, Results, difference, result
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
-from skfem_joint.reduction.friction_points import merged_points, shared_points
+from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
@@ -58,10 +58,8 @@ from skfem_joint.system import System
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Relative change of cycles below which they are alike.
 SETTLED = 0.01
-#: Contact points beyond which looks merge them, as the basis slips, and to how many (that of 600 to
-#: 150 said 10 % where 2.7 % was true, to 40 a hundred times the truth); fewest cycles of looks, and
-#: cycles of the look at all points.
-MANY, MERGED, FIRST, SHORT = 1000, 150, 4, 2
+#: Fewest cycles of looks, and cycles of the look at all points.
+FIRST, SHORT = 4, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -262,7 +260,8 @@ def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
     some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
     V = points.basis.V
     both = points.everywhere(V, beta), points.model(V, beta)
-    return difference(*(results(again(one, some)) for one in both))
+    factor = 0.5 if _twice(points.system, some) else 1.0  # what points cause it tells as well
+    return difference(*(results(again(one, some, factor)) for one in both))
 
 
 def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:

@@ -257,18 +257,23 @@ def static_basis(
     count = max(_MOST, modes // 6) if isinstance(interface, str) else interface
     shapes, share = path.interface[:, :count], path.share[:count]
     if count > share.size:
-        shapes, share = interface_modes(system, path.response, path.loads, count)
+        shapes, share = interface_modes(system, path.response, path.loads, 2 * count)
+        shapes, share = shapes[:, :count], share[:count]
     if isinstance(interface, str) and share.size:
         W = orthonormal(V, system.M)
         left = shapes - W @ (W.T @ (system.M @ shapes))
         size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
         shapes = shapes[:, share * np.sqrt(size / whole) > _SHARE]
     V = np.hstack([V, shapes])
-    u, v = (thinned(x, _MOST_TIMES) @ path.V.T for x in (path.run.u, path.run.v))
-    slip = path.run.slip_peak if path.rigid.size else path.slip_peak  # the path's is the sharper
-    velocity = float(system.slip_norm(path.run.v @ (system.B @ path.V).T).max(initial=0.0))
-    basis = _basis(system, V, modes, proper, system.w > 0.0, u, v, slip, velocity)
-    return replace(basis, resolved=_RESOLVED)
+    run, slips = path.run, (system.B @ path.V).T
+    u = np.linalg.qr(run.u, mode="r") @ path.V.T  # few states of the same energies, added up
+    slip = path.slip_peak  # sharper than the run's
+    if path.rigid.size:
+        slip = system.slip_norm(run.u @ slips).max(axis=0)
+    velocity = float(system.slip_norm(run.v @ slips).max(initial=0.0))
+    basis = _basis(system, V, modes, proper, system.w > 0.0, u, path.V.T, slip, velocity)
+    velocities = thinned(run.v, _MOST_TIMES) @ basis.velocities
+    return replace(basis, velocities=velocities, resolved=_RESOLVED)
 
 
 def stuck_basis(

@@ -137,7 +137,7 @@ def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
 
     Columns of ``V`` (n, j) may have any scale.
     """
-    scale = np.sqrt(np.einsum("ij,ij->j", V, M @ V))
+    scale = np.sqrt((V * (M @ V)).sum(axis=0))
     V = V[:, scale > 0.0] / scale[scale > 0.0]
     gram = V.T @ (M @ V)
     values, vectors = np.linalg.eigh(gram)

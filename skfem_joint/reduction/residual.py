@@ -96,14 +96,16 @@ class Residual:
 
         The run is that of ``system.project(V)``, maybe with a law or friction points of its own.
         """
-        system, v = self.system, V @ run.v.T
+        system = self.system
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
-        left -= system.M @ (V @ acceleration(run)) + system.C @ v + system.K @ (V @ run.u.T)
+        motion = np.vstack([acceleration(run), run.v.T, run.u.T])
+        left -= np.hstack([A @ V for A in (system.M, system.C, system.K)]) @ motion
         if picks_unknowns(run.system.B):  # condensed: its friction is that of the same points
-            sigma = np.zeros((v.shape[1], system.B.shape[0]))
+            sigma = np.zeros((len(run.v), system.B.shape[0]))
             sigma[:, self._carrying] = run.sigma
         else:
-            sigma = friction.force_vectors((system.B @ v).T, self._beta(run), system.directions)
+            slip = run.v @ (system.B @ V).T
+            sigma = friction.force_vectors(slip, self._beta(run), system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 
     def _beta(self, run: Run) -> FloatArray:
@@ -111,7 +113,7 @@ class Residual:
 
     def _held(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Stiffness (frames, m), N/m, by which friction holds points that the forces R act on."""
-        system, slip = self.system, (self.system.B @ (V @ run.v.T)).T
+        system, slip = self.system, run.v @ (self.system.B @ V).T
         force = system.on_rows(system.w) * friction.force_vectors(
             slip, self._beta(run), system.directions
         )
@@ -151,12 +153,13 @@ class Residual:
         each = most // len(responses)
         for X, more in [*((X, each) for X in responses), (known, most)]:
             whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
+            MN = M @ found
+            between = V.T @ MN
+            gram = np.block([[run.system.M, between], [between.T, found.T @ MN]])
+            gram = linalg.cho_factor(gram, overwrite_a=True)
             for _ in range(2):
-                MX, MN = M @ X, M @ found
-                between = V.T @ MN
-                gram = np.block([[run.system.M, between], [between.T, found.T @ MN]])
-                right = np.vstack([V.T @ MX, found.T @ MX])
-                share = linalg.solve(gram, right, assume_a="pos")
+                MX = M @ X
+                share = linalg.cho_solve(gram, np.vstack([V.T @ MX, found.T @ MX]))
                 X = X - V @ share[: V.shape[1]] - found @ share[V.shape[1] :]
             if picks_unknowns(run.system.B):
                 X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))

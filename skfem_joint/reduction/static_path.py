@@ -24,6 +24,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import Amplitude, common_period
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.friction_points import MANY, MERGED, NO_FRICTION, merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_modes
 from skfem_joint.reduction.residual import acceleration
 from skfem_joint.reduction.zones import QUICK_CYCLES, motions_without_slip, steps_of_a_period
@@ -36,10 +37,6 @@ from skfem_joint.unknowns import congruent
 if TYPE_CHECKING:
     from skfem_joint.stepping.quasi_static import QuasiStatic
 
-NO_FRICTION = (
-    "models.run: 'reduced' needs friction in a joint; every joint has zero pressure or zero "
-    "friction. Run 'full' alone."
-)
 #: Levels of the first path and of the second where one harmonic acts, and how far beyond the peak
 #: they go.
 FIRST, SECOND, BEYOND = 6, 13, (1.12, 1.05)
@@ -49,8 +46,9 @@ PERIOD, START, WHOLE = 50, 16, 100
 GROWING, MOST_CYCLES = 1.05, 64
 #: Rounds of preliminary run and path, while so much more slips than before.
 ROUNDS, BLIND = 3, 0.1
-#: Interface modes of the preliminary model: share in the response that counts, and most of them.
-_SHARE, _MOST = 4e-3, 20
+#: Interface modes of the preliminary model: share in the response that counts, and most of them;
+#: their tolerance (that of their frequencies is its square).
+_SHARE, _MOST, _INEXACT = 4e-3, 20, 1e-6
 #: Increments of a path through time weigh so much more than its states.
 _INCREMENTS = 3.0
 #: Modes of the preliminary model; what is added to the stiffness: share of that of mass.
@@ -148,12 +146,15 @@ def slip_path(
     scheme: Scheme | None = None,
     modes: int = 0,
     path: QuasiStatic | None = None,
+    tolerance: float = 1e-4,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come, as `integrate` takes it.
 
     Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
     through time is followed too: motions that ring beside the load's have phases of their own. A
-    ``path`` of the system may have its factors.
+    ``path`` of the system may have its factors. The ``tolerance`` of states is the largest force
+    residual over the largest force: modes and their errors are the same to three digits from 1e-4
+    downwards.
 
     InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
     state is not found; KeyboardInterrupt if the preliminary run is interrupted.
@@ -163,7 +164,7 @@ def slip_path(
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, step, n_steps)
-    path = QuasiStatic(system) if path is None else path.afresh(path.to)
+    path = QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
     rise = np.array([loads.lasting])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
@@ -286,9 +287,9 @@ def interface_modes(
     """Fixed-interface modes, (n, k), and their shares in the response, the largest first.
 
     Each is an oscillator that the inertia of the static ``response`` (n, loads) drives; its share
-    is its largest strain energy over that of the response, as a root. They are chosen of the
-    ``most`` lowest, or of twice as many where those beyond may count. A ``path`` may have the
-    factor for them.
+    is its largest strain energy over that of the response, as a root. They are chosen of half the
+    ``most`` lowest, or of as many or twice as many where those beyond may count. A ``path`` may
+    have the factor for them.
     """
     F = motions_without_slip(system)
     if F.shape[1] == 0 or most == 0:
@@ -296,8 +297,8 @@ def interface_modes(
     K, M, C = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M, system.C))
     solve = None if path is None else path.stuck(F)
     inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
-    for count in (most, 2 * most):
-        frequency, shapes = natural_modes(K, M, min(count, F.shape[1]), solve)
+    for count in (max(1, most // 2), most, 2 * most):
+        frequency, shapes = natural_modes(K, M, min(count, F.shape[1]), solve, _INEXACT)
         omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
         participation = shapes.T @ (F.T @ inertia)
         left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
@@ -324,9 +325,12 @@ def _preliminary(
     """Run of the preliminary model: periods in steps that will do, or the whole run.
 
     There are more periods while it still swings up. Its law is no steeper than a few modes resolve
-    of the velocities at which the ``path`` (levels, n) is passed through.
+    of the velocities at which the ``path`` (levels, n) is passed through; very many contact points
+    are merged as they slip on it.
     """
     small = system.project(V)
+    if system.contact_points > MANY:
+        small = merged_points(small, path @ (system.M @ V), np.flatnonzero(system.w), MERGED)[0]
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     small = replace(small, beta=np.minimum(small.beta, _RESOLVED / max(velocity, _SLOW)))
     step, steps, cycles, most = loads.step, loads.n_steps, 1, 1

@@ -40,7 +40,7 @@ from skfem_joint.stepping.march import Full, subtract_column, subtract_product, 
 from skfem_joint.stepping.recording import compressed
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
-ITERATIONS, SWEEPS, SEARCH = 100, 6, 20
+ITERATIONS, SWEEPS, SEARCH = 100, 4, 20
 #: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
 #: right side that the systems are solved to; unknowns whose diagonal has changed by half or doubled
 #: from which on it is not tried (of 178 trials with more, 3 took no more than four solves).
@@ -55,12 +55,13 @@ STIFFEST = 1e8
 NOTHING = 1e-140
 
 # A contact point slips in one or two directions: its unknowns are ``first[p]`` and,
-# unless that is -1, ``second[p]``. Symmetric blocks of a point are stored as (11, 12, 22), shape
-# (points, 3); of a point with one direction only the first entry counts.
+# unless that is -1, ``second[p]``. ``stiff[p]`` is the largest eigenvalue of its block of A.
+# Symmetric blocks of a point are stored as (11, 12, 22), shape (points, 3); of a point with one
+# direction only the first entry counts.
 
 
 @compiled
-def _relax(p, first, second, block, w, beta, r, s, v):
+def _relax(p, first, second, stiff, w, beta, r, s, v):
     """Minimise over the velocity of one point; ``r`` and ``s`` are its residual without friction.
 
     With two directions the block is replaced by its largest eigenvalue, seen from the velocity
@@ -68,22 +69,19 @@ def _relax(p, first, second, block, w, beta, r, s, v):
     """
     i = first[p]
     j = second[p]
+    x = r + stiff[p] * v[i]
     if j < 0:
-        a = block[p, 0]
-        v[i] = resolvent((r + a * v[i]) / w[p], a / w[p], beta[p])[0]
+        v[i] = resolvent(x / w[p], stiff[p] / w[p], beta[p])[0]
         return
-    a, b, c = block[p, 0], block[p, 1], block[p, 2]
-    largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
-    x = r + largest * v[i]
-    y = s + largest * v[j]
+    y = s + stiff[p] * v[j]
     size = hypot(x, y)
-    speed = resolvent(size / w[p], largest / w[p], beta[p])[0]
+    speed = resolvent(size / w[p], stiff[p] / w[p], beta[p])[0]
     v[i] = speed * (x / size) if size != 0.0 else 0.0
     v[j] = speed * (y / size) if size != 0.0 else 0.0
 
 
 @compiled
-def _sweep(A, first, second, block, w, beta, r, v, backward):
+def _sweep(A, first, second, stiff, w, beta, r, v, backward):
     """Relax all points one after another, in place, and keep the residual r = g - A v.
 
     Points that rest and stay so cost nothing.
@@ -95,7 +93,7 @@ def _sweep(A, first, second, block, w, beta, r, v, backward):
         j = second[p]
         x = v[i]
         y = v[j] if j >= 0 else 0.0
-        _relax(p, first, second, block, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
+        _relax(p, first, second, stiff, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
         if v[i] != x:
             subtract_column(A, i, v[i] - x, r)
         if j >= 0 and v[j] != y:
@@ -143,7 +141,7 @@ def _subtract_friction(first, second, w, beta, v, r, sigma, held):
 
 
 @compiled
-def _tangent(first, second, block, w, beta, v, out):
+def _tangent(first, second, stiff, w, beta, v, out):
     """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead."""
     for p in range(first.size):
         i = first[p]
@@ -152,7 +150,7 @@ def _tangent(first, second, block, w, beta, v, out):
         speed = _size(first, second, p, v)
         if beta[p] == inf:
             along = 0.0
-            most = STIFFEST * block[p, 0]
+            most = STIFFEST * stiff[p]
             across = 0.0 if speed == 0.0 else w[p] / speed if most * speed > w[p] else most
         else:
             z = beta[p] * speed
@@ -258,10 +256,9 @@ class ContactProblem:
         self.pairs = i, j = self.first[self.both], self.second[self.both]
         self.diagonal = diagonal = A.diagonal()
         self.added = np.zeros(n)
-        self.block = np.zeros((self.first.size, 3))
-        self.block[:, 0] = diagonal[self.first]
-        self.block[self.both, 1] = np.asarray(A[i, j]).ravel()
-        self.block[self.both, 2] = diagonal[j]
+        self.stiff = diagonal[self.first]
+        mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
+        self.stiff[self.both] = mean + np.hypot(half, np.asarray(A[i, j]).ravel())
         self.limited = np.zeros(n, dtype=bool)  # unknowns that friction acts on
         self.limited[self.first] = self.limited[j] = True
         self.points = self.first, self.second
@@ -270,13 +267,13 @@ class ContactProblem:
 
     def compile(self) -> None:
         """Compile all that solving needs, on no points."""
-        none, nothing, block = self.first[:0], self.w[:0], self.block[:0]
+        none, nothing, block = self.first[:0], self.w[:0], np.zeros((0, 3))
         laws = none, none, nothing, nothing
         x, y, z = np.zeros((3, self.A.shape[0]))
         subtract_product(self.rows, x, y)
-        _sweep(self.rows, none, none, block, nothing, nothing, x, y, False)
+        _sweep(self.rows, none, none, nothing, nothing, nothing, x, y, False)
         _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
-        _tangent(none, none, block, nothing, nothing, x, block)
+        _tangent(none, none, nothing, nothing, nothing, x, block)
         _slope(*laws, x, y, 1.0)
         _round_off(*laws, x)
         _add_blocks(none, none, block, x, y)
@@ -299,7 +296,7 @@ class ContactProblem:
         for iteration in range(ITERATIONS):
             for sweep in range(SWEEPS):
                 backward = bool((sweep + iteration) % 2)
-                _sweep(self.rows, *self.points, self.block, self.w, self.beta, r, v, backward)
+                _sweep(self.rows, *self.points, self.stiff, self.w, self.beta, r, v, backward)
             r = g - times(self.A, v)
             left = r.copy()
             residual, where = _subtract_friction(*self.laws, v, r, sigma, held)
@@ -344,8 +341,8 @@ class ContactProblem:
 
         ``left`` is g - A v, ``r`` that without friction; unknowns that are ``held`` rest.
         """
-        tangents = np.zeros_like(self.block)
-        _tangent(*self.points, self.block, self.w, self.beta, v, tangents)
+        tangents = np.zeros((self.first.size, 3))
+        _tangent(*self.points, self.stiff, self.w, self.beta, v, tangents)
         r[held] = 0.0
         d, solves = self._newton_direction(r, tangents, held)
         along = times(self.A, d)

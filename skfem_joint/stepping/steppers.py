@@ -383,7 +383,12 @@ class Condensed(Condensation):
         """Solver of A v = g, (n,) or (n, k)."""
         if self.problem.dense:  # that which is nearly singular Cholesky's method refuses
             contact = linalg.lu_factor(self.problem.A)
-            return lambda g: self.outward(linalg.lu_solve(contact, self.inward(g)), g)
+
+            def whole(g: FloatArray) -> FloatArray:
+                right, still = self.inward(g)
+                return self.outward(linalg.lu_solve(contact, right), still)
+
+            return whole
         return self.solver()
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
@@ -392,9 +397,9 @@ class Condensed(Condensation):
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
-        force, right = float(np.abs(g).max()), self.inward(g)
+        force, (right, still) = float(np.abs(g).max()), self.inward(g)
         found = self.problem.solve(right, start[self.kept], tolerance, force)
-        v, sigma = self.outward(found.v, g), np.zeros_like(g)
+        v, sigma = self.outward(found.v, still), np.zeros_like(g)
         sigma[self.kept] = found.sigma
         return replace(
             found,

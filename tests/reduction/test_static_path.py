@@ -127,7 +127,7 @@ def test_a_dense_system_has_the_modes_of_the_sparse_one():
     regions = [("joint", 0.1, 20), ("linear", 0.5, 20)]
     _, system = bar(regions, ["joint"], [("end", sj.Harmonic(87.5e3, 500.0))])
     bases = [
-        static_basis(one, slip_path(one, 1e-5, 400), 8).V
+        static_basis(one, slip_path(one, 1e-5, 400, tolerance=1e-8), 8).V
         for one in (system, system.project(np.eye(system.n)))
     ]
     spans = np.linalg.svd(bases[0].T @ (system.M @ bases[1]), compute_uv=False)
