@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 from weakref import finalize
@@ -59,7 +60,7 @@ def factorised(A: Any) -> Any:
 
 
 class Factoriser:
-    """`factorised` for sparse matrices one after another.
+    """`factorised` for matrices one after another.
 
     Places along a band serve again for the next one of the same pattern.
     """
@@ -69,6 +70,10 @@ class Factoriser:
 
     def __call__(self, A: Any) -> Callable[[FloatArray], FloatArray]:
         """Solver of A x = b."""
+        solve: Callable[[FloatArray], FloatArray]
+        if isinstance(A, np.ndarray):
+            solve = factorised(A)
+            return solve
         A = sparse.csr_array(A)
         pattern = A.indptr, A.indices
         if self._pattern is None or not all(map(np.array_equal, pattern, self._pattern)):
@@ -124,11 +129,8 @@ def pivots(A: Any) -> FloatArray:
     RuntimeError if one of them is zero.
     """
     entries = sparse.coo_array(A)
-    found = Band(entries.row, entries.col, A.shape[0]).factor(entries.data)
-    if found is None:
-        return symmetric_lu(A).U.diagonal()
-    factor, lower, _ = found
-    return factor[0 if lower else -1] ** 2
+    factor = Band(entries.row, entries.col, A.shape[0]).factorised(entries.data)
+    return np.asarray(symmetric_lu(A).U.diagonal()) if factor is None else factor.pivots
 
 
 def condenses(A: Any, kept: IntArray) -> bool:
@@ -139,18 +141,14 @@ def condenses(A: Any, kept: IntArray) -> bool:
     return bool(kept.size <= most or _narrow_border(A, kept).size)
 
 
-def solvers(
-    A: Any, kept: IntArray, most: int = 0
-) -> Callable[[Any], Callable[[FloatArray], FloatArray]]:
-    """Maker of solvers of one sparse matrix with others added, that act on what is ``kept`` alone.
+def condensed(A: Any, kept: IntArray, most: int = 0) -> Uncondensed:
+    """A sparse matrix, to which others will be added that act on what is ``kept`` alone.
 
-    A is condensed to that once where that is cheaper, or at most so many are kept.
+    It is condensed to that where that is cheaper, or at most so many are kept.
     """
     if kept.size <= most or condenses(A, kept):
-        made = Condensation(A, kept)
-        return lambda added: made.solver(sparse.csr_array(added)[kept][:, kept])
-    factorise = Factoriser()
-    return lambda added: factorise(A + added)
+        return Condensation(A, kept)
+    return Uncondensed(A)
 
 
 def _narrow_border(A: Any, kept: IntArray) -> IntArray:
@@ -162,7 +160,40 @@ def _narrow_border(A: Any, kept: IntArray) -> IntArray:
     return border[: border.size if border.size <= min(BAND, kept.size // 2) else 0]
 
 
-class Condensation:
+class Uncondensed:
+    """What a `Condensation` does, by a matrix that is not condensed: all unknowns are kept."""
+
+    def __init__(self, A: Any) -> None:
+        self.A, self._factorise = A, Factoriser()
+
+    def inward(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns.
+
+        What the rest does while what is kept rests comes second.
+        """
+        return g, g[:0]
+
+    def outward(self, x: FloatArray, still: FloatArray) -> FloatArray:
+        """All unknowns, (n,) or (n, m), from those that are kept, and the others at their rest."""
+        del still
+        return x
+
+    def alone(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """Solver for what is kept, with a matrix added, (n, n)."""
+        return self._factorise(self.A if added is None else self.A + added)
+
+    def solver(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """Solver for all unknowns, with a matrix added, (n, n)."""
+        solve = self.alone(added)
+
+        def whole(g: FloatArray) -> FloatArray:
+            right, still = self.inward(g)
+            return self.outward(solve(right), still)
+
+        return whole
+
+
+class Condensation(Uncondensed):
     """A symmetric positive definite matrix condensed to the unknowns that are ``kept``, sorted.
 
     Attributes
@@ -189,33 +220,26 @@ class Condensation:
             self.complement = as_compressed(A[kept][:, kept] - lost)
         else:
             self.complement = _complement(A, kept, self.rest, self.inside)
-        self._factorise = factorised if isinstance(self.complement, np.ndarray) else Factoriser()
+        self._factorise = Factoriser()
 
     def inward(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Right side for what is kept alone, (k,) or (k, m), from that of all unknowns.
-
-        What the rest does while what is kept rests comes second.
-        """
+        """See `Uncondensed`."""
         still = self.inside(g[self.rest])
         return np.asarray(g[self.kept] - self._inwards @ still), still
 
     def outward(self, x: FloatArray, still: FloatArray) -> FloatArray:
-        """All unknowns, (n,) or (n, m), from those that are kept, and the others at their rest."""
+        """See `Uncondensed`."""
         every = np.empty((self.kept.size + self.rest.size, *x.shape[1:]))
         every[self.kept] = x
         led = self._led @ x[self._border] if self._border.size else self.inside(self._outwards @ x)
         every[self.rest] = still - led
         return every
 
-    def solver(self, added: Any = 0.0) -> Callable[[FloatArray], FloatArray]:
-        """Solver of the whole matrix, with what is ``added`` (k, k) to the unknowns kept."""
-        solve = self._factorise(self.complement + added)
-
-        def whole(g: FloatArray) -> FloatArray:
-            right, still = self.inward(g)
-            return self.outward(solve(right), still)
-
-        return whole
+    def alone(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """See `Uncondensed`."""
+        if added is None:
+            return self._factorise(self.complement)
+        return self._factorise(self.complement + sparse.csr_array(added)[self.kept][:, self.kept])
 
 
 def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
@@ -241,6 +265,26 @@ def _complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArra
     return np.ascontiguousarray(0.5 * (S + S.T))
 
 
+@dataclass(frozen=True)
+class BandFactor:
+    """Cholesky's factor along a band, which solves for a right side."""
+
+    factor: FloatArray
+    lower: bool
+    order: IntArray  #: of the unknowns along the band
+    place: IntArray  #: of each unknown
+
+    def __call__(self, right: FloatArray) -> FloatArray:
+        """Solution, (n,) or (n, m)."""
+        x = lapack.dpbtrs(self.factor, right[self.order], self.lower, overwrite_b=1)[0]
+        return np.asarray(x[self.place])
+
+    @property
+    def pivots(self) -> FloatArray:
+        """Pivots in the order of the band."""
+        return np.asarray(self.factor[0 if self.lower else -1] ** 2)
+
+
 class Band:
     """Places of the entries of symmetric matrices of order ``n`` along a band.
 
@@ -253,39 +297,29 @@ class Band:
             return
         ones = np.ones(rows.size)
         pattern = sparse.csr_matrix((ones, (rows, columns)), shape=(n, n))
-        self._arrange(reverse_cuthill_mckee(pattern, symmetric_mode=True), rows, columns)
-        if THIN < self.height <= 2 * BAND:
-            one = self.order, self.height
-            self._arrange(_from_far_end(pattern, self.order), rows, columns)
-            if self.height > one[1]:
-                self._arrange(one[0], rows, columns)
 
-    def _arrange(self, order: IntArray, rows: IntArray, columns: IntArray) -> None:
-        """Places of the entries in an order of the unknowns."""
-        place = np.argsort(order)
+        def height(order: IntArray) -> int:
+            place = np.argsort(order)
+            return int(np.abs(place[rows] - place[columns]).max()) + 1
+
+        corner, given = reverse_cuthill_mckee(pattern, symmetric_mode=True), np.arange(n)
+        known = {height(corner): corner, height(given): given}
+        # From its end a strip is half as wide as from a corner: none looked for if it is given so.
+        if THIN < min(known) <= 2 * BAND and height(given) > 0.6 * height(corner):
+            end = _from_far_end(pattern, corner)
+            known[height(end)] = end
+        self.height = min(known)
+        self.order = known[self.height]
+        place = np.argsort(self.order)
         row, column = place[rows], place[columns]
-        self.order, self._lower = order, np.flatnonzero(row >= column)
+        self._lower = np.flatnonzero(row >= column)
         self._row, self._column = row[self._lower], column[self._lower]
-        self.height = int((self._row - self._column).max()) + 1
 
-    def factorised(
-        self, values: FloatArray, among: BoolArray | None = None
-    ) -> Callable[[FloatArray], FloatArray] | None:
+    def factorised(self, values: FloatArray, among: BoolArray | None = None) -> BandFactor | None:
         """Solver by Cholesky's method, of the matrix of the unknowns ``among``, in their order.
 
         None where the band is wide, or round-off leaves it not positive definite.
         """
-        found = self.factor(values, among)
-        if found is None:
-            return None
-        factor, lower, order = found
-        place = np.argsort(order)
-        return lambda right: lapack.dpbtrs(factor, right[order], lower, overwrite_b=1)[0][place]
-
-    def factor(
-        self, values: FloatArray, among: BoolArray | None = None
-    ) -> tuple[FloatArray, bool, IntArray] | None:
-        """Cholesky's factor along the band, whether it is the lower one, and its unknowns."""
         if self.height > BAND:
             return None
         row, column, values = self._row, self._column, values[self._lower]
@@ -301,7 +335,7 @@ class Band:
         place = column * height + row - column if lower else (row + 1) * height - 1 - row + column
         entries = np.bincount(place, values, height * order.size).reshape(-1, height).T
         factor, failed = lapack.dpbtrf(entries, lower, overwrite_ab=1)
-        return None if failed else (factor, lower, order)
+        return None if failed else BandFactor(factor, lower, order, np.argsort(order))
 
 
 def _from_far_end(pattern: sparse.csr_matrix, order: IntArray) -> IntArray:
@@ -324,10 +358,8 @@ def _levels(pattern: sparse.csr_matrix, starts: IntArray) -> tuple[IntArray, Int
     """Unknowns of a pattern in the order of their distance from all ``starts``, and that one."""
     n, indices = pattern.shape[0], np.concatenate([pattern.indices, starts])
     # One more unknown, which meets the starts.
-    joined = sparse.csr_matrix(
-        (np.ones(indices.size), indices, np.append(pattern.indptr, indices.size)), shape=(n + 1, n + 1)
-    )
-    order, before = breadth_first_order(joined, n)
+    entries = np.ones(indices.size), indices, np.append(pattern.indptr, indices.size)
+    order, before = breadth_first_order(sparse.csr_matrix(entries, shape=(n + 1, n + 1)), n)
     place = np.argsort(order)[before[order[1:]]]
     ends = [1]
     while ends[-1] < order.size:

@@ -20,8 +20,8 @@ time step
 
 A condensed model has law and points of the full one: there its basis and time step alone err.
 Looks end with the cycle in which the reduced run has settled: a transient goes on to matter.
-Where contact points are very many they are merged in looks; what that leaves out is told by a
-shorter look at all of them.
+Where contact points are very many they are merged in looks; all of them tell at the velocities of a
+run what that leaves out, and the run is made again under it.
 
 The looks are steps of one way, from the model asked for to the best one: energies may go up and
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
@@ -37,13 +37,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from skfem_joint import friction
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
+from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
@@ -52,14 +54,15 @@ from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.system import System
+from skfem_joint.system import AppliedLoad, System
 
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Relative change of cycles below which they are alike.
 SETTLED = 0.01
-#: Fewest cycles of looks, and cycles of the look at all points.
-FIRST, SHORT = 4, 2
+#: Fewest cycles of looks; most steps of the look at all points, unless one cycle has more, and how
+#: many numbers it takes at once.
+FIRST, MOST_STEPS, AT_ONCE = 4, 4000, 1_000_000
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -253,15 +256,37 @@ class _Points:
 
 
 def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
-    """What a look's points cause: none if it has all, else told by the start of a run with all."""
+    """What a look's points cause: none if it has all.
+
+    Else all of them tell in each step of a run with few what these leave out, which acts as a load
+    when it is run again: a defect correction, that costs no iteration with all points.
+    """
     if points.few:
         return dict.fromkeys(QUANTITIES, 0.0)
-    short = how["n_steps"] // 2 if how["cycle_steps"] is None else SHORT * how["cycle_steps"]
-    some = {**how, "n_steps": max(1, min(how["n_steps"], short))}
-    V = points.basis.V
-    both = points.everywhere(V, beta), points.model(V, beta)
-    factor = 0.5 if _twice(points.system, some) else 1.0  # what points cause it tells as well
-    return difference(*(results(again(one, some, factor)) for one in both))
+    cycle, steps = how["cycle_steps"], min(how["n_steps"], MOST_STEPS)
+    if cycle is not None:
+        steps = min(how["n_steps"], max(1, MOST_STEPS // cycle) * cycle)
+    some, V = {**how, "n_steps": steps, "until": "end"}, points.basis.V
+    every, few = points.everywhere(V, beta), points.model(V, beta)
+    run = again(few, some, fields=1)
+    missing = _friction(every, run.v) - _friction(few, run.v)
+    courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
+    added = map(AppliedLoad, np.eye(few.n), courses)
+    corrected = again(replace(few, loads=(*few.loads, *added)), some)
+    work, own = corrected.cycles.input, len(few.loads)
+    work = work[-1] if len(work) else corrected.input_work
+    found = results(corrected)
+    lost = found.friction_energy - float(work[own:].sum())
+    other = replace(found, friction_energy=lost, loop_energy=float(work[:own].sum()))
+    return difference(other, results(run))
+
+
+def _friction(system: System, v: FloatArray) -> FloatArray:
+    """Forces of friction (times, n), N, at some velocities of the unknowns (times, n)."""
+    B, limits = np.asarray(system.B), system.on_rows(system.w)
+    parts = np.array_split(v, 1 + len(v) * len(B) // AT_ONCE)
+    forces = (friction.force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
+    return np.vstack([(limits * force) @ B for force in forces])
 
 
 def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
@@ -288,7 +313,8 @@ def _enriched(
     All but the first have a steeper law, where the full model has: modes that are there to hold
     points still creep with one that a poor basis resolves.
     """
-    V, known, residual = points.basis.V, points.basis.followed, Residual(points.system)
+    V, known = points.basis.V, points.basis.followed
+    residual = Residual(points.system, points.basis.stiffness)
     fields = stride(how["n_steps"], how["cycle_steps"])
     most, steeper = V.shape[1] + 2 * ADDED, bool(np.any(points.system.beta > beta))
     run, bases = again(points.model(V, beta), how, fields=fields), [V]

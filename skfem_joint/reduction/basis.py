@@ -24,7 +24,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import Uncondensed, factorised
 from skfem_joint.friction import norms
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -125,6 +125,7 @@ class Basis:
     active: IntArray  #: contact points with friction that move in the basis
     missed: float  #: share of the course that it cannot follow, in the norm of strain energy
     resolved: float = 1e-4  #: share of the largest slip velocity that the modes resolve
+    stiffness: Uncondensed | None = None  #: of the system, condensed, if that is there
     reference: ReferenceModes | None = None  #: what scaled modes come from
     active_length: Mapping[str, float] = field(default_factory=dict)  #: of scaled modes, by joint
     #: Points and positions (m) of each active zone, where they lie along a line.
@@ -265,15 +266,17 @@ def static_basis(
         size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
         shapes = shapes[:, share * np.sqrt(size / whole) > _SHARE]
     V = np.hstack([V, shapes])
-    run, slips = path.run, (system.B @ path.V).T
+    run = path.run
     u = np.linalg.qr(run.u, mode="r") @ path.V.T  # few states of the same energies, added up
     slip = path.slip_peak  # sharper than the run's
     if path.rigid.size:
-        slip = system.slip_norm(run.u @ slips).max(axis=0)
-    velocity = float(system.slip_norm(run.v @ slips).max(initial=0.0))
+        slip = system.slip_norm(run.u @ (system.B @ path.V).T).max(axis=0)
+    few = run.system
+    velocity = float(few.slip_norm(run.v @ np.asarray(few.B).T).max(initial=0.0))
     basis = _basis(system, V, modes, proper, system.w > 0.0, u, path.V.T, slip, velocity)
     velocities = thinned(run.v, _MOST_TIMES) @ basis.velocities
-    return replace(basis, velocities=velocities, resolved=_RESOLVED)
+    basis = replace(basis, velocities=velocities, stiffness=path.stiffness)
+    return replace(basis, resolved=_RESOLVED)
 
 
 def stuck_basis(

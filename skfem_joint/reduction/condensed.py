@@ -19,9 +19,8 @@ from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.friction_points import shared_points
+from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal
-from skfem_joint.reduction.friction_points import NO_FRICTION
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system import System
 from skfem_joint.unknowns import selection, slips_as_unknowns

@@ -37,17 +37,17 @@ NO_FRICTION = (
 #: Friction points for each mode: of each active stretch along a line; of all that is merged, more
 #: while merging loses more than a share of the friction power.
 POINTS_PER_MODE, MERGED_PER_MODE, MOST_LOST = 4, (3, 6, 12), 3e-3
-#: Contact points beyond which looks at a model merge them, as its basis slips, and to how many (that
-#: of 600 to 150 said 10 % where 2.7 % was true, to 40 a hundred times the truth).
+#: Contact points beyond which looks at a model merge them, as its basis slips, and to how many
+#: (that of 600 to 150 said 10 % where 2.7 % was true, to 40 a hundred times the truth).
 MANY, MERGED = 1000, 150
 #: Resolving the friction law more finely than the modes resolve velocities gains nothing. A free
 #: decay comes to rest, where a law less steep would let the joint creep: there it is steeper.
 DECAYING = 100.0
 #: Slip velocity of a joint that sticks throughout, for the choice of beta, m/s.
 STUCK_VELOCITY = 1e-3
-#: Times at which slip velocities are compared, principal directions that are kept of them, and the
-#: squared distance, relative, that is round-off.
-_TIMES, _DIRECTIONS, _ALIKE = 150, 40, 1e-14
+#: Times at which slip velocities are compared, principal directions that are kept of them, the
+#: squared distance, relative, that is round-off, and rounds in which sets are found.
+_TIMES, _DIRECTIONS, _ALIKE, _ROUNDS = 150, 40, 1e-14, 200
 
 
 def reduced_system(
@@ -243,17 +243,18 @@ def partition(x: FloatArray, weight: FloatArray, count: int) -> IntArray:
     distance, starts = np.full(len(x), np.inf), [int(np.argmax(weight * square))]
     while True:
         start = starts[-1]
-        apart = square + square[start] - 2.0 * x @ x[start]
+        apart = square + square[start] - 2.0 * (x @ x[start])
         apart[apart <= _ALIKE * (square + square[start])] = 0.0
         distance = np.minimum(distance, weight * apart)
         if len(starts) == count or distance.max() == 0.0:
             break
         starts.append(int(np.argmax(distance)))
-    centres = x[starts]
-    label = np.full(len(x), -1)
-    for _ in range(200):
+    centres, label, near = x[starts], np.full(len(x), -1), np.empty((len(x), len(starts)))
+    for _ in range(_ROUNDS):
         old = label
-        label = np.argmin((centres * centres).sum(axis=1) - 2.0 * x @ centres.T, axis=1)
+        np.matmul(x, centres.T, out=near)
+        near -= 0.5 * (centres * centres).sum(axis=1)
+        label = np.argmax(near, axis=1)
         if np.array_equal(label, old):
             break
         place = label, np.arange(label.size)

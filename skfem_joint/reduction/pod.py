@@ -137,12 +137,14 @@ def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
 
     Columns of ``V`` (n, j) may have any scale.
     """
-    scale = np.sqrt((V * (M @ V)).sum(axis=0))
-    V = V[:, scale > 0.0] / scale[scale > 0.0]
-    gram = V.T @ (M @ V)
+    MV = M @ V
+    scale = np.sqrt((V * MV).sum(axis=0))
+    moves = scale > 0.0
+    V = V[:, moves] / scale[moves]
+    gram = V.T @ (MV[:, moves] / scale[moves])
     values, vectors = np.linalg.eigh(gram)
     keep = values > _DEPENDENT**2 * values[-1]
     if np.all(keep):
         # Gram-Schmidt keeps the order and the look of the modes.
-        return np.asarray(np.linalg.solve(np.linalg.cholesky(gram), V.T).T)
+        return np.asarray(solve_triangular(np.linalg.cholesky(gram), V.T, lower=True).T)
     return np.asarray(V @ (vectors[:, keep] / np.sqrt(values[keep])))

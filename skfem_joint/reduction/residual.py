@@ -12,7 +12,7 @@ differs in from the full one's, or its friction points, this does not see.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
@@ -24,7 +24,7 @@ from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.factors import solvers
+from skfem_joint.factors import Condensation, Uncondensed, condensed
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
@@ -64,9 +64,10 @@ def acceleration(run: Run) -> FloatArray:
 
 @dataclass(frozen=True)
 class Residual:
-    """What reduced runs of a full system lack."""
+    """What reduced runs of a full system lack; its stiffness may have been condensed before."""
 
     system: System
+    stiffness: Uncondensed | None = None
 
     @cached_property
     def _stiffness(self) -> Any:
@@ -78,17 +79,21 @@ class Residual:
         return np.flatnonzero(self.system.on_rows(self.system.w))
 
     @cached_property
-    def _solver(self) -> Any:
-        """Maker of solvers of the stiffness with springs at what the contact moves."""
-        return solvers(self._stiffness, np.unique(sparse.csr_array(self.system.B).indices))
+    def _condensed(self) -> Uncondensed:
+        """The stiffness, to which springs at what the contact moves will be added."""
+        moved = np.unique(sparse.csr_array(self.system.B).indices)
+        known = self.stiffness
+        if isinstance(known, Condensation) and np.array_equal(known.kept, moved):
+            return known
+        return condensed(self._stiffness, moved)
 
-    def _holding(self, rows: FloatArray) -> Any:
-        """Solver of the stiffness with springs (N/m) that resist each slip."""
+    def _holding(self, rows: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver for what is kept, with springs (N/m) that resist each slip."""
         B = sparse.csc_array(self.system.B)
-        return self._solver(B.T @ sparse.diags_array(rows) @ B)
+        return self._condensed.alone(B.T @ sparse.diags_array(rows) @ B)
 
     @cached_property
-    def _free(self) -> Any:
+    def _free(self) -> Callable[[FloatArray], FloatArray]:
         return self._holding(np.zeros(self.system.B.shape[0]))
 
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
@@ -125,20 +130,20 @@ class Residual:
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
-        R = self.forces(V, run)
-        X = self._free(np.ascontiguousarray(R))
-        yield X
+        R, whole = self.forces(V, run), self._condensed
+        right, still = whole.inward(np.ascontiguousarray(R))
+        yield whole.outward(self._free(right), still)
         if picks_unknowns(run.system.B):  # all slips are in the basis
             return
         held = self._held(V, run, R)
         held = np.log(np.maximum(held, _FREE * max(float(held.max(initial=0.0)), 1e-300)))
         kinds = fclusterdata(held, ALIKE, "maxclust", method="ward")
-        X = np.zeros_like(R)
+        x = np.zeros_like(right)
         for kind in np.unique(kinds):
             alike = np.flatnonzero(kinds == kind)
             solve = self._holding(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
-            X[:, alike] = solve(np.ascontiguousarray(R[:, alike]))
-        yield X
+            x[:, alike] = solve(np.ascontiguousarray(right[:, alike]))
+        yield whole.outward(x, still)
 
     def lacking(self, V: FloatArray, run: Run, most: int, known: FloatArray) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).
@@ -152,7 +157,7 @@ class Residual:
         responses = list(self._responses(V, run))
         each = most // len(responses)
         for X, more in [*((X, each) for X in responses), (known, most)]:
-            whole = float(np.einsum("ij,ij", X, self._stiffness @ X))
+            whole = float(np.vdot(X, self._stiffness @ X))
             MN = M @ found
             between = V.T @ MN
             gram = np.block([[run.system.M, between], [between.T, found.T @ MN]])
@@ -160,7 +165,8 @@ class Residual:
             for _ in range(2):
                 MX = M @ X
                 share = linalg.cho_solve(gram, np.vstack([V.T @ MX, found.T @ MX]))
-                X = X - V @ share[: V.shape[1]] - found @ share[V.shape[1] :]
+                X = X - V @ share[: V.shape[1]]
+                X -= found @ share[V.shape[1] :]
             if picks_unknowns(run.system.B):
                 X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
             sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import lsim
+from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.factors import Uncondensed
 from skfem_joint.loads import Amplitude, common_period
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 #: Levels of the first path and of the second where one harmonic acts, and how far beyond the peak
 #: they go.
-FIRST, SECOND, BEYOND = 6, 13, (1.12, 1.05)
+FIRST, SECOND, BEYOND = 6, 12, (1.12, 1.05)
 #: Levels of paths through time: in 1.25 periods, in the period at the start, in a run without any.
 PERIOD, START, WHOLE = 50, 16, 100
 #: More periods while the strain energy of the last one is so much more than before, and the most.
@@ -71,6 +72,7 @@ class StaticPath:
     V: FloatArray  #: (n, j), basis of the preliminary model
     run: Run  #: of the preliminary model, with fields
     loads: Excitation  #: that act
+    stiffness: Uncondensed | None  #: condensed, if the path had it
     blind: float  #: share of what slips on the second path (by limits) that did not on the first
     work: Mapping[str, int]  #: counts of what it took
 
@@ -146,7 +148,7 @@ def slip_path(
     scheme: Scheme | None = None,
     modes: int = 0,
     path: QuasiStatic | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float = 3e-5,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come, as `integrate` takes it.
 
@@ -201,6 +203,7 @@ def slip_path(
         V=V,
         run=run,
         loads=loads,
+        stiffness=path.unshifted,
         blind=blind,
         work={
             "quasi-static states": path.solves,
@@ -307,14 +310,13 @@ def interface_modes(
             break
     stop = loads.step * loads.n_steps
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
-    times = np.arange(0.0, stop * (1.0 + 1e-9), loads.step)
-    driven = participation @ loads(times)
+    driven = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     share = np.zeros(omega.size)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
-        # Displacement and velocity over w, driven by the support; both are of one size.
-        oscillator = ([[0.0, w], [-w, -c]], [[0.0], [w]], [[1.0, c / w]], [[0.0]])
-        share[k] = w * np.abs(lsim(oscillator, driven[k], times)[1] - driven[k]).max()
+        # What it lags behind its support, which is its acceleration over the square of w.
+        lag = cont2discrete(([1.0, 0.0, 0.0], [1.0, c, w**2]), loads.step, "foh")
+        share[k] = w * np.abs(lfilter(lag[0].ravel(), lag[1], driven[k])).max()
     order = np.argsort(-share, kind="stable")[:most]
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
 

@@ -44,7 +44,7 @@ ITERATIONS, SWEEPS, SEARCH = 100, 4, 20
 #: Most solves of a Newton's system; the kept factor is given up when one takes more; share of their
 #: right side that the systems are solved to; unknowns whose diagonal has changed by half or doubled
 #: from which on it is not tried (of 178 trials with more, 3 took no more than four solves).
-MOST_SOLVES, PATIENCE, FORCING, CHANGED = 60, 4, 0.1, 32
+MOST_SOLVES, PATIENCE, FORCING, CHANGED = 60, 6, 0.05, 32
 #: Unknowns of a dense system that moves up to which a factor of its own costs less than that.
 FEW = 512
 #: Accepted round-off: so many units in the last place of the forces that are added up.

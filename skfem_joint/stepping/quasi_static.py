@@ -29,7 +29,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised, pivots
+from skfem_joint.factors import Uncondensed, factorised, pivots
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
@@ -167,6 +167,11 @@ class QuasiStatic:
         if self.whole is None or self.to.maps or not np.array_equal(F.indices, self.whole.rest):
             return None
         return cast("Callable[[FloatArray], FloatArray]", self.whole.inside)
+
+    @property
+    def unshifted(self) -> Uncondensed | None:
+        """The stiffness, condensed, in the system's own unknowns, if it is there."""
+        return None if self.shift or self.to.maps else self.whole
 
     def follow(
         self,

@@ -16,7 +16,7 @@ touch is found by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import solvers
+from skfem_joint.factors import Uncondensed, condensed
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
@@ -407,10 +407,10 @@ class _Solver:
         return np.asarray(_STIFF * mean / self.area**2)
 
     @cached_property
-    def _solvers(self) -> Callable[[Matrix], Callable[[FloatArray], FloatArray]]:
-        """Maker of solvers of the stiffness with contact closed, which moves few unknowns."""
+    def _open(self) -> Uncondensed:
+        """The stiffness with contact open, which moves few unknowns where it is closed."""
         K = sparse.csr_array(self.K + _SHIFT * sparse.diags_array(self.K.diagonal()))
-        return solvers(K, np.unique(self.G.indices), _CONDENSED)
+        return condensed(K, np.unique(self.G.indices), _CONDENSED)
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and how many sets of touching nodes were tried."""
@@ -449,7 +449,7 @@ class _Solver:
         The residual is corrected by the factor of an augmented Lagrangian.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        solve = self._solvers(G.T @ sparse.diags_array(penalty) @ G)
+        solve = self._open.solver(G.T @ sparse.diags_array(penalty) @ G)
         p, last = p[active], np.inf
         for _ in range(_CORRECTIONS):
             r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u

@@ -47,7 +47,7 @@ def test_no_step_of_the_full_model_is_taken():
     _, path = of_fig_18()
     offline = path.work
     assert set(offline) == {"quasi-static states", "factorizations", "preliminary steps"}
-    assert offline["quasi-static states"] == 1 + 6 + 14  # response, first and second path
+    assert offline["quasi-static states"] == 1 + 6 + 13  # response, first and second path
     assert offline["factorizations"] <= 2.5 * offline["quasi-static states"]
     assert offline["preliminary steps"] == 400
     assert path.run.system.n < 30
