@@ -37,6 +37,8 @@ ALIKE = 10
 #: Rate at which friction answers, over that of instants; slope of friction, over the largest, below
 #: which points are free.
 _RATE, _FREE = 10.0, 1e-6
+# Share of a mode's mass within a span from which on it is round-off of what that spans.
+_INSIDE = 1.0 - 1e-6
 # Singular values that are left out, over the largest; share of the stiffness, over that of mass,
 # that holds bodies which friction alone holds.
 _NEGLIGIBLE, _HOLD = 1e-8, 1e-9
@@ -161,10 +163,8 @@ class Residual:
             MN = M @ found
             between = V.T @ MN
             gram = np.block([[run.system.M, between], [between.T, found.T @ MN]])
-            gram = linalg.cho_factor(gram, overwrite_a=True)
             for _ in range(2):
-                MX = M @ X
-                share = linalg.cho_solve(gram, np.vstack([V.T @ MX, found.T @ MX]))
+                share, _ = _spanned(V, found, gram, M @ X)
                 X = X - V @ share[: V.shape[1]]
                 X -= found @ share[V.shape[1] :]
             if picks_unknowns(run.system.B):
@@ -173,5 +173,15 @@ class Residual:
             told = np.flatnonzero(sizes > _NEGLIGIBLE**2 * whole)[::-1]
             first = told[: min(more, system.n - V.shape[1] - found.shape[1])]
             if first.size:
-                found = np.hstack([found, orthonormal(X @ turn[:, first], M)])
+                new = orthonormal(X @ turn[:, first], M)
+                inside = np.einsum("ij,ij->j", *_spanned(V, found, gram, M @ new))
+                found = np.hstack([found, new[:, inside < _INSIDE]])
         return found
+
+
+def _spanned(
+    V: FloatArray, found: FloatArray, gram: FloatArray, MX: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates of what is nearest to some X in the span of both, and its products with them."""
+    right = np.vstack([V.T @ MX, found.T @ MX])
+    return linalg.solve(gram, right, assume_a="pos"), right
