@@ -60,9 +60,9 @@ from skfem_joint.system import AppliedLoad, System
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 #: Relative change of cycles below which they are alike.
 SETTLED = 0.01
-#: Fewest cycles of looks; most steps of the look at all points, unless one cycle has more, and how
-#: many numbers it takes at once.
-FIRST, MOST_STEPS, AT_ONCE = 4, 4000, 1_000_000
+#: Fewest cycles of looks; most steps of a correction for all points, unless one cycle has more, how
+#: many numbers it takes at once, and up to what it is believed; cycles of the look at all points.
+FIRST, MOST_STEPS, AT_ONCE, SURE, SHORT = 4, 4000, 1_000_000, 5e-3, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -258,21 +258,40 @@ class _Points:
 def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
     """What a look's points cause: none if it has all.
 
-    Else all of them tell in each step of a run with few what these leave out, which acts as a load
-    when it is run again: a defect correction, that costs no iteration with all points.
+    It is told by a correction, where that is small, else by the start of a run with all points.
     """
     if points.few:
         return dict.fromkeys(QUANTITIES, 0.0)
-    cycle, steps = how["cycle_steps"], min(how["n_steps"], MOST_STEPS)
-    if cycle is not None:
-        steps = min(how["n_steps"], max(1, MOST_STEPS // cycle) * cycle)
-    some, V = {**how, "n_steps": steps, "until": "end"}, points.basis.V
+    V, cycle = points.basis.V, how["cycle_steps"]
     every, few = points.everywhere(V, beta), points.model(V, beta)
-    run = again(few, some, fields=1)
+    found = _corrected(
+        every, few, _start(how, MOST_STEPS if cycle is None else MOST_STEPS // cycle)
+    )
+    if max((error for error in found.values() if error is not None), default=0.0) <= SURE:
+        return found
+    some = _start(how, how["n_steps"] // 2 if cycle is None else SHORT)
+    factor = 0.5 if _twice(points.system, some) else 1.0
+    return difference(*(results(again(one, some, factor)) for one in (every, few)))
+
+
+def _start(how: Mapping[str, Any], most: int) -> dict[str, Any]:
+    """The start of a run: so many of its cycles, or steps if it has none, at least one."""
+    steps = max(1, most) * (how["cycle_steps"] or 1)
+    return {**how, "n_steps": min(how["n_steps"], steps)}
+
+
+def _corrected(every: System, few: System, how: Mapping[str, Any]) -> Parts:
+    """What few points cause in a model that could have all, by a defect correction.
+
+    In each step of a run with few all of them tell what these leave out, which acts as a load when
+    it is run again. That costs no iteration with all points. It says too much where few points do
+    not resolve how the model slips: nothing then holds what differs within one of them.
+    """
+    run = again(few, {**how, "until": "end"}, fields=1)
     missing = _friction(every, run.v) - _friction(few, run.v)
     courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
     added = map(AppliedLoad, np.eye(few.n), courses)
-    corrected = again(replace(few, loads=(*few.loads, *added)), some)
+    corrected = again(replace(few, loads=(*few.loads, *added)), {**how, "until": "end"})
     work, own = corrected.cycles.input, len(few.loads)
     work = work[-1] if len(work) else corrected.input_work
     found = results(corrected)

@@ -1,11 +1,19 @@
 """Results know their errors: what is stated is what a run that has hardly any shows."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from benchmarks.estimates import judged, report, scenes
-from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
+from joint_scenes import (
+    bar_scene,
+    harmonic,
+    lap_joint,
+    plate,
+    plate_scene,
+    steps_taken,
+)
 from scipy import linalg
 
 from skfem_joint.analysis import estimate
@@ -15,6 +23,7 @@ from skfem_joint.analysis.estimate import again, of_full
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Save
@@ -97,6 +106,34 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
         V = np.hstack([V, residual.lacking(V, run, 8, V[:, :0])])
     assert errors[1] < 0.4 * errors[0]
     assert errors[2] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize(("sets", "looked_at"), [(80, False), (30, True)])
+def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at, monkeypatch):
+    """Without a step of all points, where few of them resolve how the model slips."""
+    scene = plate_scene("reduced", mesh=plate(100))
+    study = Study(scene, scene.structure(), scene.system())
+    basis, small, _ = reduction_of(study, options_of(scene))
+    how = how_of(scene) | {"save": Save()}
+    every = study.system.project(basis.V)
+    every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
+    few, _ = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
+    true = difference(results(again(every, how)), results(again(few, how)))
+    sizes, real = [], estimate.integrate
+
+    def counted(system: Any, **options: Any) -> Any:
+        sizes.append(system.w.size)
+        return real(system, **options)
+
+    monkeypatch.setattr(estimate, "integrate", counted)
+    monkeypatch.setattr(estimate, "MANY", 0)
+    monkeypatch.setattr(estimate, "MERGED", sets)
+    stated = estimate.of_reduced(study.system, basis, few, how).parts["points"]
+    assert (max(sizes) == every.w.size) == looked_at
+    for name in QUANTITIES:
+        one, other = stated[name] or 0.0, true[name] or 0.0
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SURE
+    assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
 @pytest.mark.parametrize(("kind", "count"), [("reduced", 8), ("full", 6)])
