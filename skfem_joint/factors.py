@@ -298,20 +298,18 @@ class Band:
         ones = np.ones(rows.size)
         pattern = sparse.csr_matrix((ones, (rows, columns)), shape=(n, n))
 
-        def height(order: IntArray) -> int:
+        def placed(order: IntArray) -> tuple[int, IntArray, IntArray, IntArray]:
             place = np.argsort(order)
-            return int(np.abs(place[rows] - place[columns]).max()) + 1
+            row, column = place[rows], place[columns]
+            return int(np.abs(row - column).max()) + 1, order, row, column
 
-        corner, given = reverse_cuthill_mckee(pattern, symmetric_mode=True), np.arange(n)
-        known = {height(corner): corner, height(given): given}
+        given = int(np.abs(rows - columns).max()) + 1, np.arange(n), rows, columns
+        corner = placed(reverse_cuthill_mckee(pattern, symmetric_mode=True))
+        known = [given, corner]
         # From its end a strip is half as wide as from a corner: none looked for if it is given so.
-        if THIN < min(known) <= 2 * BAND and height(given) > 0.6 * height(corner):
-            end = _from_far_end(pattern, corner)
-            known[height(end)] = end
-        self.height = min(known)
-        self.order = known[self.height]
-        place = np.argsort(self.order)
-        row, column = place[rows], place[columns]
+        if THIN < min(given[0], corner[0]) <= 2 * BAND and given[0] > 0.6 * corner[0]:
+            known.append(placed(_from_far_end(pattern, corner[1])))
+        self.height, self.order, row, column = min(known, key=lambda one: one[0])
         self._lower = np.flatnonzero(row >= column)
         self._row, self._column = row[self._lower], column[self._lower]
 
