@@ -142,6 +142,7 @@ def measure(task):
 def main(arguments):
     """Print the table; other arguments than --quick are parts of the names of rows."""
     names = [one for one in arguments if not one.startswith("-")] or [""]
+    measure({"name": "what loads the code", "make": "plate", "of": [20, 3, 0.05, False]})
     print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
     head(*HEADER)
     for task in TASKS:

@@ -62,7 +62,7 @@ SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
 SETTLED = 0.01
 #: Fewest cycles of looks; most steps of a correction for all points, unless one cycle has more, how
 #: many numbers it takes at once, and up to what it is believed; cycles of the look at all points.
-FIRST, MOST_STEPS, AT_ONCE, SURE, SHORT = 4, 4000, 1_000_000, 5e-3, 2
+FIRST, MOST_STEPS, AT_ONCE, SURE, SHORT = 4, 4000, 300_000, 5e-3, 2
 #: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
 #: front that the basis holds: each look frees the next points.
 ADDED, MOST_LOOKS = 8, 4
@@ -156,7 +156,8 @@ def of_reduced(
         if how["n_steps"] < run.counters.steps:
             run = again(reduced, how)
     base = results(run)
-    looks, bases, last = _enriched(points, steepest, how)
+    start, merged = _merged(points, steepest, how)
+    looks, bases, last = _enriched(points, steepest, how, start)
     V, W = bases[-1], bases[1]
     (first, grown), best = looks[0], results(last)
     steep = best if len(looks) == 1 else looks[1][0]
@@ -172,7 +173,6 @@ def of_reduced(
     for before, after in looks:
         whole = whole.plus(1.0, after, before)
     left = _left([change(after, before) for before, after in looks])
-    merged = _merged(points, steepest, how)
     parts = {
         "basis": added(change(whole, first), left),
         "law": change(steep, grown, 1.0 + law),
@@ -255,23 +255,24 @@ class _Points:
         return shared_points(small, shares, few.w)[0]
 
 
-def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> Parts:
-    """What a look's points cause: none if it has all.
+def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> tuple[Run | None, Parts]:
+    """What a look's points cause: none if it has all; before it a run of the look, if there is one.
 
     It is told by a correction, where that is small, else by the start of a run with all points.
     """
     if points.few:
-        return dict.fromkeys(QUANTITIES, 0.0)
+        return None, dict.fromkeys(QUANTITIES, 0.0)
     V, cycle = points.basis.V, how["cycle_steps"]
     every, few = points.everywhere(V, beta), points.model(V, beta)
-    found = _corrected(
-        every, few, _start(how, MOST_STEPS if cycle is None else MOST_STEPS // cycle)
-    )
-    if max((error for error in found.values() if error is not None), default=0.0) <= SURE:
-        return found
-    some = _start(how, how["n_steps"] // 2 if cycle is None else SHORT)
-    factor = 0.5 if _twice(points.system, some) else 1.0
-    return difference(*(results(again(one, some, factor)) for one in (every, few)))
+    some = _start(how, MOST_STEPS if cycle is None else MOST_STEPS // cycle)
+    run = again(few, {**some, "until": "end"}, fields=1)
+    found = _corrected(every, run, some)
+    if max((error for error in found.values() if error is not None), default=0.0) > SURE:
+        some = _start(how, how["n_steps"] // 2 if cycle is None else SHORT)
+        factor = 0.5 if _twice(points.system, some) else 1.0
+        found = difference(*(results(again(one, some, factor)) for one in (every, few)))
+    whole = how.get("until") != "steady" and run.counters.steps == how["n_steps"]
+    return run if whole else None, found
 
 
 def _start(how: Mapping[str, Any], most: int) -> dict[str, Any]:
@@ -280,14 +281,14 @@ def _start(how: Mapping[str, Any], most: int) -> dict[str, Any]:
     return {**how, "n_steps": min(how["n_steps"], steps)}
 
 
-def _corrected(every: System, few: System, how: Mapping[str, Any]) -> Parts:
-    """What few points cause in a model that could have all, by a defect correction.
+def _corrected(every: System, run: Run, how: Mapping[str, Any]) -> Parts:
+    """What few points cause in a run of a model that could have all, by a defect correction.
 
-    In each step of a run with few all of them tell what these leave out, which acts as a load when
-    it is run again. That costs no iteration with all points. It says too much where few points do
-    not resolve how the model slips: nothing then holds what differs within one of them.
+    In each step all of them tell what the few leave out, which acts as a load when the model is run
+    again. That costs no iteration with all points. It says too much where few points do not resolve
+    how the model slips: nothing then holds what differs within one of them.
     """
-    run = again(few, {**how, "until": "end"}, fields=1)
+    few = run.system
     missing = _friction(every, run.v) - _friction(few, run.v)
     courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
     added = map(AppliedLoad, np.eye(few.n), courses)
@@ -325,18 +326,20 @@ def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Par
 
 
 def _enriched(
-    points: _Points, beta: float, how: Mapping[str, Any]
+    points: _Points, beta: float, how: Mapping[str, Any], start: Run | None
 ) -> tuple[list[tuple[Results, Results]], list[FloatArray], Run]:
     """Results before and after a basis gets the next modes that it lacks, all bases, the last run.
 
-    All but the first have a steeper law, where the full model has: modes that are there to hold
-    points still creep with one that a poor basis resolves.
+    The first run may be there, with the fields of all steps. All but the first have a steeper law,
+    where the full model has: modes that are there to hold points still creep with one that a poor
+    basis resolves.
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(how["n_steps"], how["cycle_steps"])
     most, steeper = V.shape[1] + 2 * ADDED, bool(np.any(points.system.beta > beta))
-    run, bases = again(points.model(V, beta), how, fields=fields), [V]
+    run = start or again(points.model(V, beta), how, fields=fields)
+    run, bases = run.thinned(1 if start is None else fields), [V]
     looks: list[tuple[Results, Results]] = []
     while len(looks) < 2 or (len(looks) < MOST_LOOKS and V.shape[1] < most):
         before = results(run)

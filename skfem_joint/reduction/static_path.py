@@ -155,8 +155,7 @@ def slip_path(
     Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
     through time is followed too: motions that ring beside the load's have phases of their own. A
     ``path`` of the system may have its factors. The ``tolerance`` of states is the largest force
-    residual over the largest force: modes and their errors are the same to three digits from 1e-4
-    downwards.
+    residual over the largest force: singular values are the same to three digits below 3e-5.
 
     InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
     state is not found; KeyboardInterrupt if the preliminary run is interrupted.

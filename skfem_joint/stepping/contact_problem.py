@@ -13,11 +13,11 @@ preconditioned by the factor of an earlier tangent where the law acts as it did 
 diagonal where it does not; that factor serves for several iterations.
 
 Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
-1e5, 4,032 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
-step of time: 6.9 with 6.9 and 6.9 without relaxation and with a factor for each, 2.3 with 2.3 and
-2.3 after six sweeps, 3.5 with 5.9 and 0.7 if factors are kept while four solves do and few unknowns
-have changed, 4.6 with 25 and 0.1 while eight do. A factor costs ten solves along a narrow band,
-thirty elsewhere.
+1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton's steps with solves and factors a
+step of time: 6.8 with 9.2 and 7.2 without relaxation and with a factor for each, 2.9 with 4.9 and
+2.9 after four sweeps, 3.7 with 12.7 and 0.5 if factors are kept while six solves do and few
+unknowns have changed, 4.2 with 33 and 0.1 while ten do. A factor costs ten solves along a narrow
+band, thirty elsewhere.
 """
 
 # numba infers the types of compiled functions:

@@ -14,7 +14,7 @@ zero for the trapezoidal rule.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,6 +129,11 @@ class Run:
     preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
     interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
     steady: Steady | None = None  #: of a run that is one period of steady vibration
+
+    def thinned(self, every: int) -> Run:
+        """With every so many of its stored fields."""
+        names = ("field_times", "u", "v", "sigma", "friction_work_rows")
+        return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     @property
     def energy_residual(self) -> float:
