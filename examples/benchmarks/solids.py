@@ -58,7 +58,7 @@ def plates(elements, cycles, steps):
     scene["joint"][0]["pressure"] = {"reach": 0.01, "bolts": bolts}
     scene["time"] = {"steps_per_cycle": steps, "cycles": cycles}
     scene["models"] = {"run": ["full", "condensed", "reduced"]}
-    scene["reduction"] = {"modes": 40, "friction_points": 30}
+    scene["reduction"] = {"modes": 44, "friction_points": 30}
     scene["output"] = {"plots": False, "vtk": False}
     del scene["bolt"]
     return scene_from(scene, merged([above, below]))
