@@ -21,7 +21,7 @@ time step
 A condensed model has law and points of the full one: there its basis and time step alone err.
 Looks end with the cycle in which the reduced run has settled: a transient goes on to matter.
 Where contact points are very many they are merged in looks; all of them tell at the velocities of a
-run what that leaves out, and the run is made again under it.
+run what that leaves out, and the run is made again under it (or with all, where that is much).
 
 The looks are steps of one way, from the model asked for to the best one: energies may go up and
 down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
@@ -338,8 +338,8 @@ def _enriched(
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(how["n_steps"], how["cycle_steps"])
     most, steeper = V.shape[1] + 2 * ADDED, bool(np.any(points.system.beta > beta))
-    run = start or again(points.model(V, beta), how, fields=fields)
-    run, bases = run.thinned(1 if start is None else fields), [V]
+    run = start.thinned(fields) if start else again(points.model(V, beta), how, fields=fields)
+    bases = [V]
     looks: list[tuple[Results, Results]] = []
     while len(looks) < 2 or (len(looks) < MOST_LOOKS and V.shape[1] < most):
         before = results(run)

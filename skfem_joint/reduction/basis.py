@@ -275,8 +275,7 @@ def static_basis(
     velocity = float(few.slip_norm(run.v @ np.asarray(few.B).T).max(initial=0.0))
     basis = _basis(system, V, modes, proper, system.w > 0.0, u, path.V.T, slip, velocity)
     velocities = thinned(run.v, _MOST_TIMES) @ basis.velocities
-    basis = replace(basis, velocities=velocities, stiffness=path.stiffness)
-    return replace(basis, resolved=_RESOLVED)
+    return replace(basis, velocities=velocities, stiffness=path.stiffness, resolved=_RESOLVED)
 
 
 def stuck_basis(

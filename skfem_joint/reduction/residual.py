@@ -105,8 +105,10 @@ class Residual:
         """
         system = self.system
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
-        motion = np.vstack([acceleration(run), run.v.T, run.u.T])
-        left -= np.hstack([A @ V for A in (system.M, system.C, system.K)]) @ motion
+        motions = acceleration(run), run.v.T, run.u.T
+        for A, x in zip((system.M, system.C, system.K), motions, strict=True):
+            # A condensed model has more unknowns than frames.
+            left -= (A @ V) @ x if V.shape[1] < x.shape[1] else A @ (V @ x)
         if picks_unknowns(run.system.B):  # condensed: its friction is that of the same points
             sigma = np.zeros((len(run.v), system.B.shape[0]))
             sigma[:, self._carrying] = run.sigma

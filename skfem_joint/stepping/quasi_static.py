@@ -142,7 +142,7 @@ class QuasiStatic:
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
         if isinstance(self.problem, Condensed):
-            return self.problem.without_friction()
+            return self.problem.solver()
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
 
     @cached_property

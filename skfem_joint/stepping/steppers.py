@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -379,17 +379,11 @@ class Condensed(Condensation):
         """Matrices factorised so far."""
         return self.problem.factorizations
 
-    def without_friction(self) -> Callable[[FloatArray], FloatArray]:
-        """Solver of A v = g, (n,) or (n, k)."""
-        if self.problem.dense:  # that which is nearly singular Cholesky's method refuses
-            contact = linalg.lu_factor(self.problem.A)
-
-            def whole(g: FloatArray) -> FloatArray:
-                right, still = self.inward(g)
-                return self.outward(linalg.lu_solve(contact, right), still)
-
-            return whole
-        return self.solver()
+    def alone(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """Solver for the contact without friction, with a matrix added, (n, n)."""
+        if self.problem.dense and added is None:  # nearly singular: Cholesky's method refuses it
+            return partial(linalg.lu_solve, linalg.lu_factor(self.problem.A))
+        return super().alone(added)
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""

@@ -6,14 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.estimates import judged, report, scenes
-from joint_scenes import (
-    bar_scene,
-    harmonic,
-    lap_joint,
-    plate,
-    plate_scene,
-    steps_taken,
-)
+from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
 from skfem_joint.analysis import estimate
