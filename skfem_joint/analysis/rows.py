@@ -141,7 +141,7 @@ class Rows:
             return content
         given = {"row": mark, "seconds": seconds, "content": _encoded(content)}
         text = json.dumps(given)[1:].encode()
-        line = _BEFORE + sha256(text).hexdigest().encode() + _BETWEEN + text + b"\n"
+        line = _line(text)
         if not self.path.exists():
             with replacing(self.path) as temporary:
                 temporary.write_bytes(HEADER)
@@ -197,12 +197,16 @@ def _items(kinds: Sequence[type]) -> list[tuple[str, Any]]:
     return [(kind.__name__, kind) for kind in kinds]
 
 
+def _line(text: bytes) -> bytes:
+    """Line of a file from what stands behind its digest."""
+    return _BEFORE + sha256(text).hexdigest().encode() + _BETWEEN + text + b"\n"
+
+
 def _intact(line: bytes) -> str:
     """Name of the row of a line; empty if the line is damaged."""
-    text, mark = line[_START:-1], line[_START + len(_ROW) :][:_DIGEST]
-    digest = line[len(_BEFORE) :][:_DIGEST]
-    good = line.startswith(_BEFORE) and text.startswith(_ROW)
-    return mark.decode() if good and sha256(text).hexdigest().encode() == digest else ""
+    text = line[_START:-1]
+    good = text.startswith(_ROW) and line == _line(text)
+    return text[len(_ROW) :][:_DIGEST].decode() if good else ""
 
 
 def _encoded(value: Any) -> Any:
