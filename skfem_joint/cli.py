@@ -369,9 +369,9 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
     try:
         yield rows
     except BaseException as error:
-        if rows.done:
+        if rows.kept:
             print(
-                f"{rows.done} of {max(rows.asked, rows.done)} rows, as far as they are known, are "
+                f"{rows.kept} of {max(rows.asked, rows.kept)} rows, as far as they are known, are "
                 f"finished and kept in {rows.path}."
             )
         if isinstance(error, KeyboardInterrupt):

@@ -105,8 +105,13 @@ class Rows:
 
     @property
     def done(self) -> int:
-        """Rows that are finished, of those that were asked for."""
+        """Rows taken up and computed so far."""
         return self.taken + self.made
+
+    @property
+    def kept(self) -> int:
+        """Rows in the file."""
+        return len(self._places)
 
     def mark(self, *parts: Any) -> str:
         """Name of a row: a digest of what its content is computed from; empty without a file.
@@ -136,8 +141,8 @@ class Rows:
 
         ``seconds`` is how long it took. OSError if it cannot be written.
         """
-        self.made += 1
         if self.path is None:
+            self.made += 1
             return content
         given = {"row": mark, "seconds": seconds, "content": _encoded(content)}
         text = json.dumps(given)[1:].encode()
@@ -151,6 +156,7 @@ class Rows:
             file.flush()
             os.fsync(file.fileno())
         self._places[mark] = place, len(line)
+        self.made += 1
         kept: T = self._decoded(json.loads(b"{" + text)["content"])
         return kept
 
