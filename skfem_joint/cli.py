@@ -6,9 +6,11 @@ import argparse
 import io
 import logging
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -22,6 +24,7 @@ from skfem_joint.progress import Progress, progress_bar
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from skfem_joint.analysis.rows import Rows
     from skfem_joint.analysis.study import Study
 
 _log = logging.getLogger(__name__)
@@ -47,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.command is None:
             parser.print_help()
             return 0
-        with _words(options):
+        with _words(options), _stoppable():
             status: int = options.command(options)
         sys.stdout.flush()
         return status
@@ -67,6 +70,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("skfem-joint: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let SIGTERM end a command as an interrupt does: what is finished is kept, locks are freed."""
+    if threading.current_thread() is not threading.main_thread():  # which alone takes signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 def _drop_output() -> None:
@@ -142,7 +158,7 @@ def _parser() -> argparse.ArgumentParser:
         ("sweep", _sweep, (given, written, shared), "run the scenes of a [sweep] or go on"),
     ):
         made[name] = commands.add_parser(name, parents=[said, *parents], help=text)
-        made[name].set_defaults(command=command)
+        made[name].set_defaults(command=command, name=name)
     made["keys"].add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
     made["error-time"].add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
@@ -279,8 +295,13 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
         if options.executor == "processes" and options.workers in (None, 1):
             yield None
         else:
-            with make() as executor:
+            executor = make()
+            try:
                 yield executor
+            except BaseException:  # what still runs is not waited for
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
+            executor.shutdown()
 
 
 def _certify(study: Study, progress: Progress, executor: Executor | None) -> JointError | None:
@@ -310,28 +331,67 @@ def _error_time(options: argparse.Namespace) -> int:
         # Read when numpy starts, so that it takes another process.
         again = [sys.executable, "-m", "skfem_joint", *options.given]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
-        return subprocess.run(again, env=pinned, check=False).returncode
-    with folder.kept(options.out) as notes:
+        return _status_of(again, pinned)
+    with folder.kept(options.out) as notes, _rows(options, comparison.ROWS) as rows:
         with _progress(options) as progress:
-            found = comparison.error_time(
-                scene, repeats=options.repeats, quick=options.quick, progress=progress
-            )
+            how = {"repeats": options.repeats, "quick": options.quick}
+            found = comparison.error_time(scene, **how, progress=progress, rows=rows)
         files = folder.write_error_time(options.out, found, notes)
     for level in comparison.LEVELS:
         print(comparison.advice(found.points, level), end="\n\n")
     return _told(notes, options.out, files)
 
 
+def _status_of(command: Sequence[str], environment: Mapping[str, str]) -> int:
+    """Exit status of a process that is told to end, once, when this one is."""
+    # In a group of its own, lest a terminal tell it too.
+    with subprocess.Popen(command, env=environment, process_group=0) as process:
+        while process.returncode is None:
+            try:
+                process.wait()
+            except KeyboardInterrupt:
+                process.terminate()
+    status = process.returncode
+    return status if status >= 0 else 128 - status
+
+
+@contextmanager
+def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
+    """Rows of finished work of a command in its folder, removed when its results are written.
+
+    If the block ends early it is said how many are kept. They are used by the same command alone.
+    """
+    from skfem_joint.analysis.rows import Rows
+
+    rows = Rows(options.out / f"{options.name}_rows.jsonl", kinds)
+    if rows.known:
+        _log.warning("%s: %d finished rows are taken up where they fit.", rows.path, rows.known)
+    try:
+        yield rows
+    except BaseException as error:
+        if rows.kept:
+            print(
+                f"{rows.kept} of {max(rows.asked, rows.kept)} rows, as far as they are known, are "
+                f"finished and kept in {rows.path}."
+            )
+        if isinstance(error, KeyboardInterrupt):
+            print("The same command goes on.")
+        raise
+    rows.remove()
+    for note in rows.notes():
+        print(f"Note: {note}")
+
+
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import scene_backbone
+    from skfem_joint.analysis.scene_vibration import BACKBONE_ROWS, scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    with kept(options.out) as notes:
+    with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
-            found = scene_backbone(scene, progress)
+            found = scene_backbone(scene, progress, rows)
         found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:
@@ -352,15 +412,15 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import scene_response
+    from skfem_joint.analysis.scene_vibration import RESPONSE_ROWS, scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    with kept(options.out) as notes:
+    with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
-            found = scene_response(scene, executor, progress)
+            found = scene_response(scene, executor, progress, rows)
         found.warnings += notes
         files = damping.write_response(options.out, found)
     for model in found.models:

@@ -26,6 +26,7 @@ import numpy as np
 from scipy import sparse
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.modes import natural_modes
@@ -34,7 +35,7 @@ from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.quasi_static import HELD, QuasiStatic
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
@@ -111,6 +112,7 @@ def backbone(
     up_to: float = 0.7,
     slips_at: float | None = None,
     progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> list[Backbone]:
     """Frequency and damping against amplitude of some modes.
 
@@ -129,6 +131,8 @@ def backbone(
         That level, m/s² kg^1/2, as in the `Backbone` of the full model; found if not given.
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), loops' included.
+    rows : Rows, optional
+        Where levels are kept as they are found, and taken up again.
 
     Raises
     ------
@@ -145,7 +149,7 @@ def backbone(
     if numbers.size == 0 or numbers.min() < 1:
         raise InputError(f"backbone: found modes {list(modes)}, must be numbers from 1")
     known = len(modes) * (levels + INCREMENTS * min(CHECKED, levels))
-    path = QuasiStatic(to.system, TOLERANCE, Tally(progress, known))
+    path = _Path(to.system, Tally(progress, known), rows or Rows())
     frequency, shapes = stuck_modes(to.system, int(numbers.max()) + 10)
     if numbers.max() > frequency.size:
         raise InputError(
@@ -158,9 +162,59 @@ def backbone(
     ]
 
 
+class _Path(QuasiStatic):
+    """Quasi-static response whose levels are rows: each depends on its start alone, to the bit."""
+
+    def __init__(self, system: System, tally: Tally, rows: Rows) -> None:
+        super().__init__(system, TOLERANCE, tally)
+        self.rows, self.of = rows, rows.mark("level", system, TOLERANCE)
+
+    def follow(
+        self,
+        forces: FloatArray,
+        times: FloatArray | None = None,
+        held: float = HELD,
+        start: tuple[FloatArray, FloatArray] | None = None,
+    ) -> FloatArray:
+        """As `QuasiStatic.follow`, level by level, without times."""
+        if times is not None:
+            raise InputError("backbone: levels are followed without times")
+        states = []
+        u, before = np.zeros((2, forces.shape[1])) if start is None else start
+        for force in forces:
+            u = self._level(force, held, u, before)
+            states.append(u)
+            before = force
+        return np.array(states)
+
+    def _level(
+        self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
+    ) -> FloatArray:
+        """Displacement under a force from ``u`` under the force ``before``."""
+        mark, done = self.rows.mark(self.of, force, held, u, before, self.last), self.tally.done
+
+        def computed() -> tuple[FloatArray, FloatArray]:
+            self.forget(self.last)
+            state = super(_Path, self).follow(force[np.newaxis], held=held, start=(u, before))[0]
+            return state, self.last
+
+        state, self.last = self.rows.row(mark, computed)
+        if self.tally.done == done:  # it was taken up
+            self.tally.add()
+        return state
+
+    def limit(self, force: FloatArray) -> float:
+        """As `QuasiStatic.limit`; nothing is remembered of it, nor of what was before."""
+        self.forget()
+        limit = super().limit
+        found = self.rows.row(self.rows.mark(self.of, "limit", force), lambda: limit(force))
+        self.forget()
+        return found
+
+
 def _curve(
     to: Arranged,
-    path: QuasiStatic,
+    path: _Path,
     number: int,
     frequencies: FloatArray,
     shape: FloatArray,
@@ -176,10 +230,11 @@ def _curve(
     force = system.M @ shape
     limit = path.limit(force)
     if slips_at is None:
-        static = shape / (2.0 * np.pi * stuck) ** 2
+        static, before = shape / (2.0 * np.pi * stuck) ** 2, path.rows.done
         slips_at = min(limit, first_slip(path, force, static, np.isinf(limit)))
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
+        path.rows.asked += path.rows.done - before  # nobody knew how many it takes
     level = shares * slips_at
     if level[-1] >= limit:
         raise InputError(
@@ -195,7 +250,9 @@ def _curve(
     count = CHECKED if masing else level.size
     around = np.unique(np.linspace(0, level.size - 1, count).round().astype(int))
     around = around[work[around] > 0.0]
-    path.tally.asked += INCREMENTS * (around.size - min(CHECKED, level.size))
+    more = INCREMENTS * (around.size - min(CHECKED, level.size))
+    path.tally.asked += more
+    path.rows.asked += more
     parts = [_loop(path, level[k] * force, states[k]) for k in around]
     loops = np.reshape(parts, (-1, system.n))
     rubbed = system.slip_norm((system.B @ loops.T).T) @ system.w

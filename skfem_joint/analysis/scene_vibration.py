@@ -13,9 +13,25 @@ import numpy as np
 
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import TO_STEADY, options_of
-from skfem_joint.analysis.backbone import Backbone, RingDown, backbone, ring_down, stuck_modes
-from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.analysis.response import Curve, at_frequency, linear_response, response
+from skfem_joint.analysis.backbone import (
+    CHECKED,
+    INCREMENTS,
+    Backbone,
+    RingDown,
+    backbone,
+    ring_down,
+    stuck_modes,
+)
+from skfem_joint.analysis.estimate import Estimate, Parts
+from skfem_joint.analysis.response import (
+    Curve,
+    SteadyPoint,
+    at_frequency,
+    linear_response,
+    response,
+)
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
@@ -33,6 +49,8 @@ from skfem_joint.system import System
 DOUBTFUL, WELL = 0.05, 0.01
 #: Modes of what slips that a reduced model has, and stuck ones beyond the mode's own.
 MODES, BESIDE = 24, 2
+#: What rows of finished work hold, of `scene_response` and of `scene_backbone`.
+RESPONSE_ROWS, BACKBONE_ROWS = (SteadyPoint,), (RingDown,)
 
 
 @dataclass(frozen=True)
@@ -42,7 +60,7 @@ class ModelResponse:
     name: str
     curves: list[Curve]
     offline_s: float  #: of modes, projection and friction points, s
-    wall_s: float
+    wall_s: float  #: with the time that rows taken up from an earlier command took
     estimates: list[Estimate]  #: of each curve at its peak
 
     @property
@@ -64,13 +82,17 @@ class SceneResponse:
 
 
 def scene_response(
-    scene: Scene, executor: Executor | None = None, progress: Progress = silent
+    scene: Scene,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> SceneResponse:
     """Response of each model of a scene with a table ``[response]``, at its levels.
 
     A reduced model is made for the highest level at the frequency at which the stuck structure
-    answers most, and its errors are estimated at the peak of each level. InputError if there is no
-    such table, or as :func:`response`.
+    answers most, and its errors are estimated at the peak of each level. ``rows``, which may hold
+    `RESPONSE_ROWS`, keeps what is finished and is gone on from. InputError if there is no such
+    table, or as :func:`response`.
     """
     asked = scene.response
     if asked is None:
@@ -84,6 +106,10 @@ def scene_response(
     found = SceneResponse(scene, frequencies, stuck, free)
     found.warnings += doubts(scene.structure(), system)
     levels, steps = sorted(asked.levels), scene.time.steps_per_cycle
+    rows, of_curve = rows or Rows(), frequencies.size
+    if scene.accuracy.estimate:
+        of_curve += frequencies.size + 1
+    rows.asked += len(scene.models.run) * len(levels) * of_curve
     for name in scene.models.run:
         begin, model, basis, unit = time.perf_counter(), system, None, 1.0
         if name != "full":
@@ -91,7 +117,7 @@ def scene_response(
             if name == "reduced":
                 top = float(frequencies[stuck.max(axis=1).argmax()])
             basis, model = _loaded(name, scene, top, unit, found.warnings)
-        offline, begin = time.perf_counter() - begin, time.perf_counter()
+        offline, begin = time.perf_counter() - begin, time.perf_counter() + rows.earlier_s
         curves = response(
             model,
             frequencies,
@@ -101,8 +127,9 @@ def scene_response(
             estimated=scene.accuracy.estimate,
             executor=executor,
             progress=partial(progress, f"{name} model"),
+            rows=rows,
         )
-        wall = time.perf_counter() - begin
+        wall = rows.earlier_s + time.perf_counter() - begin
         slips = None if basis is None else system.B @ basis.V
         curves = [_told(c, v, system, slips) for c, v in zip(curves, levels, strict=True)]
         found.models.append(ModelResponse(name, curves, offline, wall, []))
@@ -115,8 +142,11 @@ def scene_response(
                 )
             if scene.accuracy.estimate:
                 report = partial(progress, f"errors of the {name} model")
-                parts = basis, model, unit, report
-                found.models[-1].estimates.append(_errors(scene, curve, *parts))
+                V = None if basis is None else basis.V
+                of = origin_of(scene), model, V, unit, curve.peak[0], curve.level
+                errors = partial(_errors, scene, curve, basis, model, unit, report)
+                parts = rows.row(rows.mark("errors", *of), errors)
+                found.models[-1].estimates.append(Estimate(parts))
                 found.warnings += _too_long_steps(name, curve, steps)
     return found
 
@@ -178,13 +208,13 @@ def _loaded(
 
 def _errors(
     scene: Scene, curve: Curve, basis: Basis | None, model: System, unit: float, report: Progress
-) -> Estimate:
-    """Estimated errors at the peak of a curve."""
+) -> dict[str, Parts]:
+    """Estimated errors at the peak of a curve, by source and quantity."""
     at = curve.peak[0]
     how = _steps(scene, at) | {"save": Save(), "until": "steady", "progress": report}
     full = at_frequency(scene.system(), at, curve.level)
     run = integrate(at_frequency(model, at, curve.level / unit), **how)
-    return estimate.of_run(full, basis, run, how)
+    return dict(estimate.of_run(full, basis, run, how).parts)
 
 
 @dataclass(frozen=True)
@@ -206,19 +236,27 @@ class SceneBackbone:
     warnings: list[str] = field(default_factory=list)
 
 
-def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
+def scene_backbone(
+    scene: Scene, progress: Progress = silent, rows: Rows | None = None
+) -> SceneBackbone:
     """Frequency and damping against amplitude as a scene's table ``[backbone]`` asks for.
 
     A reduced model is made for each mode, of the full one's states at its levels. ``progress`` is
-    called with (what is done, how much, of how much). Errors as :func:`backbone` and
-    :func:`ring_down`.
+    called with (what is done, how much, of how much). ``rows``, which may hold `BACKBONE_ROWS`,
+    keeps what is finished and is gone on from. Errors as :func:`backbone` and :func:`ring_down`.
     """
     asked, system, structure = scene.backbone, scene.system(), scene.structure()
-    full = partial(progress, "full model")
-    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
+    full, rows = partial(progress, "full model"), rows or Rows()
+    of_curve = 1 + asked.levels + INCREMENTS * min(CHECKED, asked.levels) + bool(asked.ring_down)
+    rows.asked += len(scene.models.run) * len(asked.modes) * of_curve
+    curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full, rows=rows)
     found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
     found.warnings += [warning for curve in curves for warning in curve.warnings]
-    start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
+    start = None
+    if asked.ring_down and asked.released == "loads":
+        mark = rows.mark("loads' end", origin_of(scene))
+        start = rows.row(mark, partial(_loads_end, scene, system))
+        rows.asked += 1
     how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
@@ -228,7 +266,7 @@ def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
                 V, own = _vibrating(name, scene, system, curve, found.warnings)
                 levels = asked.levels, asked.up_to
                 report = partial(progress, f"{name} model, mode {curve.mode}")
-                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report)
+                (one,) = backbone(own, (curve.mode,), *levels, curve.slips_at, report, rows)
                 if start is not None:
                     at_end = V.T @ (system.M @ np.array(start).T)
                     begin = tuple(np.linalg.solve(own.M, at_end).T)
@@ -240,8 +278,10 @@ def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
             model.errors.append({k: float(np.abs(x - 1.0).max()) for k, x in ratios.items()})
             if asked.ring_down:
                 report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-                ringing = ring_down(own, one, asked.ring_down, *how, begin, report)
-                model.ring_downs.append(ringing)
+                released = one.shape, one.stuck_frequency, one.states[-1], begin
+                mark = rows.mark("ring-down", own, *released, asked.ring_down, *how)
+                ringing = partial(ring_down, own, one, asked.ring_down, *how, begin, report)
+                model.ring_downs.append(rows.row(mark, ringing))
         found.models.append(model)
     return found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -17,15 +16,14 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from skfem_joint import __version__
 from skfem_joint.analysis import memory
 from skfem_joint.analysis.error_time import THREADS
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.study import origin_of, run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.checkpoint import fingerprint
 
 Results = dict[str, Any]
 _KILLED = (
@@ -69,18 +67,20 @@ def sweep(
     Raises
     ------
     InputError
-        If the journal is none, or another process writes to its folder.
+        If the journal is no file of rows, or another process writes to its folder.
     """
     scenes = list(scenes)
     with nullcontext() if journal is None else holding(journal.parent):
-        known = {} if journal is None else _read(journal)
-        marks = [fingerprint(origin_of(scene), __version__) for scene in scenes]
-        yield from (Row(k, *known[mark]) for k, mark in enumerate(marks) if mark in known)
-        waiting = deque(k for k, mark in enumerate(marks) if mark not in known)
+        kept = Rows(journal)
+        marks = [kept.mark(origin_of(scene)) for scene in scenes]
+        known = [mark in kept for mark in marks]
+        yield from (Row(k, **kept.take(marks[k])) for k, there in enumerate(known) if there)
+        waiting = deque(k for k, there in enumerate(known) if not there)
         with closing(_rows(scenes, waiting, executor)) as rows:
             for row, settled in rows:
-                if journal is not None and settled:
-                    _append(journal, marks[row.number], row)
+                if settled:
+                    content = {"results": row.results, "failure": row.failure}
+                    kept.keep(marks[row.number], content)
                 yield row
 
 
@@ -174,36 +174,6 @@ def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, An
             yield from _flat(value, f"{start}{name}.")
         else:
             yield start + name, value
-
-
-def _read(journal: Path) -> dict[str, tuple[Results, str]]:
-    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off."""
-    if not journal.exists():
-        return {}
-    text = journal.read_bytes()
-    whole = text.rfind(b"\n") + 1
-    if whole < len(text):
-        os.truncate(journal, whole)
-    rows = {}
-    for number, line in enumerate(text[:whole].splitlines(), 1):
-        try:
-            row = json.loads(line)
-            rows[str(row["scene"])] = dict(row["results"]), str(row["failure"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{journal}: line {number}: is not a row of a sweep; move the file away, or choose "
-                "another folder"
-            ) from error
-    return rows
-
-
-def _append(journal: Path, mark: str, row: Row) -> None:
-    """Add a line to a journal, and see that it is on the disk."""
-    line = {"scene": mark, "results": row.results, "failure": row.failure}
-    with journal.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:

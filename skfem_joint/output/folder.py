@@ -42,8 +42,8 @@ _WHOSE = {
     "self": "the full model's own run with",
     "paper": "the paper's reference joint, scaled to",
 }
-# What an unfinished run or a sweep goes on from, and hidden files.
-_PASSED = re.compile(r"checkpoint_.*\.npz|sweep_rows\.jsonl|\..*")
+# What an unfinished command goes on from, and hidden files.
+_PASSED = re.compile(r"checkpoint_.*\.npz|(sweep|response|backbone|error-time)_rows\.jsonl|\..*")
 
 
 @contextmanager

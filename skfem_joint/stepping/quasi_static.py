@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -116,6 +116,21 @@ class QuasiStatic:
         path.tolerance = self.tolerance if tolerance is None else tolerance
         path.last, path.solves, path.held_back = np.zeros_like(self.last), 0, 0
         return path
+
+    def forget(self, last: FloatArray | None = None) -> None:
+        """Remember nothing of what was followed but its last increment, ``last`` or none.
+
+        What is followed next then depends, to the bit, on that and on its own start alone.
+        """
+        self.last = np.zeros_like(self.last) if last is None else last
+        problem = self.problem
+        contact = problem.problem if isinstance(problem, Condensed) else problem
+        if isinstance(contact, ContactProblem):
+            contact.factor = None
+        else:
+            contact.memory = contact.new_memory()
+        if self._fronts is not None:
+            self._fronts.memory = make_memory(len(self.last))
 
     @property
     def factorizations(self) -> int:
@@ -321,7 +336,11 @@ class _Dense:
         self.first = factorised(sticking)
         softest = np.linalg.eigvalsh(sticking)[0]
         self.steepest = _STIFFEST * unit * softest / np.trace(A)
-        self.memory = make_dense_memory(system.n, self.contact.w.size, system.w.size)
+        self.memory = self.new_memory()
+
+    def new_memory(self) -> Any:
+        """Memory of a solver that has found nothing yet."""
+        return make_dense_memory(self.system.n, self.contact.w.size, self.system.w.size)
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """Increment; Coulomb's law is as steep, at last, as the largest slip found asks for."""

@@ -128,10 +128,10 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
     assert set(ran) == {0.2, 0.5, 0.6, 0.7}  # what gives the same again is not run again
     assert sorted(row.number for row in found) == list(range(6))
     assert {row.number: row.failure for row in found}[1] == "step 3"
-    marks = [json.loads(line)["scene"] for line in journal.read_text().splitlines()]
+    marks = [json.loads(line)["row"] for line in journal.read_text().splitlines()[1:]]
     assert len(marks) == len(set(marks)) == 6
     journal.write_text("{}\n")
-    with pytest.raises(InputError, match="line 1: is not a row"):
+    with pytest.raises(InputError, match="line 1: is not that"):
         next(sweep(scenes, executor, journal))
 
 
