@@ -378,7 +378,8 @@ class System:
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
     """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
     array = np.asarray(value)
-    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
+    # A list of one whole number is a vector where there is one unknown.
+    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise InputError(

@@ -39,7 +39,7 @@ _KINDS = {
 _CORNERS = {"line": 2, "tria": 3, "quad": 4}
 
 
-def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
+def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
     """Read one mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
@@ -57,8 +57,9 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        Mesh files, of the same kind and order of elements, with different names; see `merged`.
+    paths : str or Path, or a sequence of them
+        Mesh file, or several of the same kind and order of elements, with different names; see
+        `merged`.
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
@@ -71,6 +72,8 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
         unmerged nodes of one body; groups without elements; points on several nodes; names used
         twice.
     """
+    if isinstance(paths, str | Path):
+        paths = [paths]
     if not paths:
         raise InputError("no mesh file is given: name one, or several for several bodies")
     if not (math.isfinite(scale) and scale > 0.0):

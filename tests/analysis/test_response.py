@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bodies import structure
 from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.response import at_frequency, linear_response
+from skfem_joint.mesh import build_bar
 
 
 def bar(tip: float = 0.0) -> sj.System:
@@ -126,3 +128,23 @@ def test_each_point_knows_the_error_of_its_step():
     true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
     assert true.min() > 0.01
     assert rough.column("step_error") == pytest.approx(true, rel=0.5)
+
+
+def test_a_bar_in_contact_throughout_has_a_stuck_limit_of_zero():
+    mesh = build_bar([("joint", 0.2, 10)], {"tip": 0.2})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("tip", sj.Harmonic(1e4, 1000.0))])
+    f = np.array([500.0, 1000.0])
+    assert not linear_response(system, f, stuck=True).any()
+    assert linear_response(system, f, stuck=False).all()
+
+
+def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
+    mesh = build_bar([("free", 0.2, 10), ("joint", 0.1, 10)], {"end": 0.3, "middle": 0.1})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
+    system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
+    assert system.B.toarray()[-1, -1] == 1.0
+    assert not linear_response(system, np.array([500.0]), stuck=True).any()
