@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, nullcontext
@@ -28,6 +28,10 @@ from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
 
 Results = dict[str, Any]
+#: Results, failure and warnings of a scene, as a `Row` has them.
+Content = tuple[Results, str, Sequence[str]]
+#: Result that says whether a model's vibration is steady; None where its loads do not repeat.
+STEADY = "steady_state_reached"
 _KILLED = (
     "The process that ran it ended twice, the second time with this scene alone in it; it may "
     "need more memory than there is"
@@ -43,6 +47,12 @@ class Row:
     #: ``full.peak_displacement_m.free_end``, of the models that ran to their end.
     results: Results = field(default_factory=dict)
     failure: str = ""  #: why others did not; empty where all did
+    warnings: Sequence[str] = ()  #: what a run of the scene alone prints as notes
+
+    @property
+    def steady(self) -> bool:
+        """Whether no model says that it has not reached a steady state."""
+        return not any(k.endswith(f".{STEADY}") and x is False for k, x in self.results.items())
 
 
 def sweep(
@@ -124,11 +134,11 @@ def _rows(
 
 def _finished(
     pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
-) -> Iterator[tuple[int, Future[tuple[Results, str]]]]:
+) -> Iterator[tuple[int, Future[Content]]]:
     """Futures as they finish, until all are or the pool breaks: then ``broken`` has those in it."""
     # A pool of processes is given no more than it runs, so that few are in it when it breaks.
     most = getattr(pool, "_max_workers", len(scenes))
-    running: dict[Future[tuple[Results, str]], int] = {}
+    running: dict[Future[Content], int] = {}
     try:
         while running or (waiting and not broken):
             while waiting and not broken and len(running) < most:
@@ -151,8 +161,8 @@ def _finished(
             future.cancel()
 
 
-def _run(scene: Scene) -> tuple[Results, str]:
-    """Run one scene where it is sent: its numbers, and why there are not all of them."""
+def _run(scene: Scene) -> Content:
+    """Run one scene where it is sent: its numbers, why there are not all of them, its notes."""
     memory.check(scene, memory.default_limit())
     failure = ""
     try:
@@ -160,12 +170,12 @@ def _run(scene: Scene) -> tuple[Results, str]:
     except JointError as error:
         failure = str(error)
         if error.results is None:
-            return {}, failure
+            return {}, failure, []
         study = error.results
     if study.interrupted:
         raise KeyboardInterrupt
     models = {name: model_summary(study, model) for name, model in study.models.items()}
-    return dict(_flat(models)), failure
+    return dict(_flat(models)), failure, study.warnings
 
 
 def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:
@@ -176,8 +186,11 @@ def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, An
             yield start + name, value
 
 
-def _read(journal: Path) -> dict[str, tuple[Results, str]]:
-    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off."""
+def _read(journal: Path) -> dict[str, Content]:
+    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off.
+
+    Rows of earlier programs, without warnings, are left out: their scenes are run again.
+    """
     if not journal.exists():
         return {}
     text = journal.read_bytes()
@@ -188,7 +201,9 @@ def _read(journal: Path) -> dict[str, tuple[Results, str]]:
     for number, line in enumerate(text[:whole].splitlines(), 1):
         try:
             row = json.loads(line)
-            rows[str(row["scene"])] = dict(row["results"]), str(row["failure"])
+            content = dict(row["results"]), str(row["failure"])
+            if "warnings" in row:
+                rows[str(row["scene"])] = *content, [str(text) for text in row["warnings"]]
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{journal}: line {number}: is not a row of a sweep; move the file away, or choose "
@@ -200,6 +215,7 @@ def _read(journal: Path) -> dict[str, tuple[Results, str]]:
 def _append(journal: Path, mark: str, row: Row) -> None:
     """Add a line to a journal, and see that it is on the disk."""
     line = {"scene": mark, "results": row.results, "failure": row.failure}
+    line["warnings"] = list(row.warnings)
     with journal.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line, allow_nan=False) + "\n")
         file.flush()
