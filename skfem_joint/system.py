@@ -85,6 +85,9 @@ class System:
         Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
         Sentences about what it was made with.
+    made_for : str
+        What a reduced model was made for, in words, where it is good for nothing else; empty for a
+        system that may be loaded in any way.
 
     ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
 
@@ -109,6 +112,7 @@ class System:
     J: Matrix = field(default=None)
     joints: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    made_for: str = ""
 
     def __post_init__(self) -> None:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
@@ -146,6 +150,25 @@ class System:
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
         refuse(problems)
+
+    def check_any_load(self, what: str) -> None:
+        """Refuse a reduced model that was made for one load, for an analysis of others (`what`).
+
+        Its modes, friction points and law suit the slip under that load: elsewhere it may err by
+        any amount, and nothing tells how much.
+
+        Raises
+        ------
+        InputError
+            Saying what it was made for, and what to give instead.
+        """
+        if self.made_for:
+            raise InputError(
+                f"{what}: found a reduced model made for {self.made_for}, must be a system that "
+                "serves other frequencies and levels too; give the full system, or "
+                "sj.condense(system), which keeps all of the contact; the commands backbone and "
+                "response make reduced models of their own from a scene"
+            )
 
     @property
     def joint_points(self) -> list[IntArray]:

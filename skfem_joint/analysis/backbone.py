@@ -117,7 +117,7 @@ def backbone(
     Parameters
     ----------
     system : System
-        Full or reduced; its friction acts as Coulomb's, its loads do not.
+        Full or condensed; its friction acts as Coulomb's, its loads do not.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -134,10 +134,12 @@ def backbone(
     ------
     InputError
         If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
-        whole at the first level, or friction alone holds the structure and cannot at the last.
+        whole at the first level, friction alone holds the structure and cannot at the last, or the
+        system is a reduced model made for its own loads.
     ConvergenceError
         If a level is not found.
     """
+    system.check_any_load("backbone")
     if levels < 1 or not 0.0 < up_to < np.inf:
         raise InputError(f"backbone: found {levels} levels up to {up_to}, both must be positive")
     to = arranged(system)
@@ -346,10 +348,11 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for.
+        If too few cycles are asked for, or the system is a reduced model made for its own loads.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
+    system.check_any_load("ring_down")
     if cycles < 2 * ENDS:
         raise InputError(f"ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])

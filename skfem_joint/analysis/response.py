@@ -128,7 +128,8 @@ def response(
     Parameters
     ----------
     system : System
-        Full or reduced; its loads are harmonic.
+        Full or condensed; its loads are harmonic. What `skfem_joint.reduce` made is good for its
+        own loads alone.
     frequencies : ndarray
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -148,10 +149,12 @@ def response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, or a frequency or level is not positive.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, or the system
+        is a reduced model made for its own loads.
     ConvergenceError
         If no frequency of a level has a steady vibration.
     """
+    system.check_any_load("response")
     frequencies = np.asarray(frequencies, dtype=float)
     if frequencies.size == 0 or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
         raise InputError("response: frequencies must be positive and rise, in Hz")

@@ -8,6 +8,8 @@ can make use of; `condensed` keeps all of the contact, and reduces the rest.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
@@ -54,7 +56,8 @@ def reduce(
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has.
+        Its ``expand`` gives the displacement of all that the full one has. It is good for its loads
+        as they are: `response`, `backbone` and `ring_down`, which load it otherwise, refuse it.
 
     Raises
     ------
@@ -77,4 +80,12 @@ def reduce(
         step = min(step, longest_step(system, whole))
         path = slip_path(system, step, round(whole / step), modes=modes)
         basis = static_basis(system, path, modes, interface_modes)
-    return reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])[0]
+    small, _ = reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])
+    return replace(small, made_for=_loading(system))
+
+
+def _loading(system: System) -> str:
+    """Loads of a system in words."""
+    highest = [load.amplitude.highest_frequency for load in system.loads]
+    known = sorted({f"{frequency:.6g} Hz" for frequency in highest if frequency is not None})
+    return "its loads as they are" + (f" ({', '.join(known)})" if known else "")

@@ -148,3 +148,21 @@ def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
     system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
     assert system.B.toarray()[-1, -1] == 1.0
     assert not linear_response(system, np.array([500.0]), stuck=True).any()
+
+
+def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
+    """Made at 500 Hz and 20 kN it has 13 % of the damping at the highest level of the curve."""
+    system = arm(sj.Harmonic(2e4, 500.0), stiffness_damping=2.5e-7)
+    small, condensed = sj.reduce(system, modes=4), sj.condense(system)
+    (curve,) = sj.backbone(condensed, levels=2)
+    calls = {
+        "response": lambda one: sj.response(one, [200.0], refined=False, estimated=False),
+        "backbone": lambda one: sj.backbone(one, levels=2),
+        "ring_down": lambda one: sj.ring_down(one, curve, 8),
+    }
+    for what, call in calls.items():
+        for same in (small, replace(small, notes=())):
+            with pytest.raises(sj.InputError, match=f"{what}: .* \\(500 Hz\\).*sj.condense"):
+                call(same)
+        assert call(condensed)
+    assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
