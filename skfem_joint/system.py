@@ -30,6 +30,7 @@ from skfem_joint.unknowns import (
     expanded,
     selection,
 )
+from skfem_joint.values import BETA, NOT_NEGATIVE, check, check_some
 
 #: Share of a matrix's norm by which it may differ from its transpose.
 _UNSYMMETRIC = 1e-10
@@ -320,6 +321,8 @@ class System:
         M, K = sparse.csr_array(M), sparse.csr_array(K)
         n = M.shape[0]
         fixed = dof_numbers(fixed, n)
+        factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
+        check_some(NOT_NEGATIVE, **factors)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             refuse(ratio_problems(damping_ratio, others))
@@ -376,6 +379,7 @@ class System:
 
     def with_beta(self, beta: float) -> System:
         """Give every contact point the scaling constant ``beta`` (s/m)."""
+        check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
     def frequency_of(self, u: FloatArray) -> float:

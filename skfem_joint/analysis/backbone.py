@@ -39,6 +39,7 @@ from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
+from skfem_joint.values import COUNT, POSITIVE, at_least, check, check_each
 
 #: Level of the lowest point of a curve over that of the highest one.
 LOWEST = 0.05
@@ -140,12 +141,13 @@ def backbone(
         If a level is not found.
     """
     system.check_any_load("backbone")
-    if levels < 1 or not 0.0 < up_to < np.inf:
-        raise InputError(f"backbone: found {levels} levels up to {up_to}, both must be positive")
+    check_each("backbone: modes", modes, COUNT)
+    check("backbone: levels", levels, COUNT)
+    check("backbone: up_to", up_to, POSITIVE)
+    if slips_at is not None:
+        check("backbone: slips_at", slips_at, POSITIVE)
     to = arranged(system)
     numbers = np.asarray(modes, dtype=int)
-    if numbers.size == 0 or numbers.min() < 1:
-        raise InputError(f"backbone: found modes {list(modes)}, must be numbers from 1")
     known = len(modes) * (levels + INCREMENTS * min(CHECKED, levels))
     path = QuasiStatic(to.system, TOLERANCE, Tally(progress, known))
     frequency, shapes = stuck_modes(to.system, int(numbers.max()) + 10)
@@ -353,8 +355,8 @@ def ring_down(
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
-    if cycles < 2 * ENDS:
-        raise InputError(f"ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
+    check("ring_down: cycles", cycles, at_least(2 * ENDS))
+    check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
     alone = replace(system, loads=(), P=modal, points=("modal",))
     step = 1.0 / curve.stuck_frequency / steps_per_cycle

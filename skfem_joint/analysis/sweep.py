@@ -26,6 +26,7 @@ from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
+from skfem_joint.values import COUNT, check, check_some
 
 Results = dict[str, Any]
 #: Results, failure and warnings of a scene, as a `Row` has them.
@@ -197,7 +198,7 @@ def _read(journal: Path) -> dict[str, Content]:
     whole = text.rfind(b"\n") + 1
     if whole < len(text):
         os.truncate(journal, whole)
-    rows = {}
+    rows: dict[str, Content] = {}
     for number, line in enumerate(text[:whole].splitlines(), 1):
         try:
             row = json.loads(line)
@@ -229,6 +230,7 @@ def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     which has read it before. They end with this process, and leave interrupts to it. As with any
     that are spawned, a script that is run starts them below ``if __name__ == "__main__"``.
     """
+    check_some(COUNT, workers=workers)
     for name in THREADS:
         os.environ.setdefault(name, "1")
     spawned = multiprocessing.get_context("spawn")
@@ -256,8 +258,8 @@ def executors(
     this machine is made if it is not given. InputError if the options do not fit each other, or a
     library is missing.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers: found {workers}, must be >= 1")
+    if workers is not None:
+        check("--workers", workers, COUNT)
     if address is not None and (kind != "dask" or workers is not None):
         raise InputError("--address: is for --executor dask, without --workers")
     if kind == "dask":

@@ -26,6 +26,7 @@ from skfem_joint.files import read_whole
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
     import meshio
@@ -76,7 +77,7 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
         paths = [paths]
     if not paths:
         raise InputError("no mesh file is given: name one, or several for several bodies")
-    if not (math.isfinite(scale) and scale > 0.0):
+    if scale not in POSITIVE:
         files = ", ".join(map(str, paths))
         raise InputError(f"scale of mesh {files} is {scale}: it must be positive and finite")
     found: list[NamedMesh] = []

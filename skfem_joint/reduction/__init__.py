@@ -19,6 +19,7 @@ from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
+from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
 
 #: Steps of a run to come: in a period of its loads, or in all.
 _STEPS, _MOST_STEPS = 200, 2000
@@ -62,9 +63,14 @@ def reduce(
     Raises
     ------
     InputError
-        If the loads have no common period and no duration is given, nothing moves, or no point
-        carries friction.
+        If a number is out of range, the loads have no common period and no duration is given,
+        nothing moves, or no point carries friction.
     """
+    check("modes", modes, COUNT)
+    check("interface_modes", interface_modes, WHOLE, "auto")
+    check("friction_points", friction_points, COUNT, "auto", "all")
+    check("beta", beta, BETA, "auto")
+    check_some(POSITIVE, duration=duration)
     if run is not None:
         count = 0 if isinstance(interface_modes, str) else interface_modes
         basis = own_basis(system, run, modes, interface_modes=count)

@@ -169,7 +169,7 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         replace(plain, K=K[:, :3])
     with pytest.raises(InputError, match="w: friction limits"):
         replace(plain, w=-plain.w)
-    with pytest.raises(InputError, match="beta: must be positive"):
+    with pytest.raises(InputError, match="beta: found nan, must be > 0"):
         plain.with_beta(np.nan)
     with pytest.raises(InputError, match="basis: found shape"):
         plain.project(np.ones((3, 2)))
