@@ -464,6 +464,12 @@ def _sweep(options: argparse.Namespace) -> int:
     for row in failed:
         print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
     print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
+    doubts = sweeps.doubtful(rows)
+    if any(doubts.values()):
+        print(
+            f"{doubts['scenes_with_warnings']} have warnings, {doubts['scenes_not_steady']} are "
+            f"not steady: see the columns of {sweeps.TABLE}."
+        )
     _told(notes, out, files)
     if interrupted:
         print("The same command goes on.")

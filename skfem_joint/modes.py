@@ -13,10 +13,13 @@ from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.factors import factorised
 from skfem_joint.loads import Amplitude
+from skfem_joint.values import Kind, problems
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that
 #: those have at least.
 LOOKED_AT, _RIGID = 12, 1e-12
+#: Ratios of damping that are allowed.
+RATIO = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
 #: Frequencies that differ by less than this share are the same.
 _SAME = 0.1
 
@@ -78,8 +81,7 @@ def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
     """What is wrong with a damping ratio beside other ways to give damping, by their names."""
-    if not 0.0 < ratio < 1.0:
-        yield f"damping.ratio: found {ratio}, must be above 0 and below 1"
+    yield from problems("damping.ratio", ratio, RATIO)
     if given := [name for name, value in others.items() if value]:
         yield (
             f"damping.ratio: found beside {' and '.join(given)}, must be given alone: it makes "

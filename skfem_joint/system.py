@@ -30,6 +30,7 @@ from skfem_joint.unknowns import (
     expanded,
     selection,
 )
+from skfem_joint.values import BETA, NOT_NEGATIVE, check, check_some
 
 #: Share of a matrix's norm by which it may differ from its transpose.
 _UNSYMMETRIC = 1e-10
@@ -85,6 +86,9 @@ class System:
         Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
         Sentences about what it was made with.
+    made_for : str
+        What a reduced model was made for, in words, where it is good for nothing else; empty for a
+        system that may be loaded in any way.
 
     ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
 
@@ -109,6 +113,7 @@ class System:
     J: Matrix = field(default=None)
     joints: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    made_for: str = ""
 
     def __post_init__(self) -> None:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
@@ -146,6 +151,25 @@ class System:
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
         refuse(problems)
+
+    def check_any_load(self, what: str) -> None:
+        """Refuse a reduced model that was made for one load, for an analysis of others (`what`).
+
+        Its modes, friction points and law suit the slip under that load: elsewhere it may err by
+        any amount, and nothing tells how much.
+
+        Raises
+        ------
+        InputError
+            Saying what it was made for, and what to give instead.
+        """
+        if self.made_for:
+            raise InputError(
+                f"{what}: found a reduced model made for {self.made_for}, must be a system that "
+                "serves other frequencies and levels too; give the full system, or "
+                "sj.condense(system), which keeps all of the contact; the commands backbone and "
+                "response make reduced models of their own from a scene"
+            )
 
     @property
     def joint_points(self) -> list[IntArray]:
@@ -297,6 +321,8 @@ class System:
         M, K = sparse.csr_array(M), sparse.csr_array(K)
         n = M.shape[0]
         fixed = dof_numbers(fixed, n)
+        factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
+        check_some(NOT_NEGATIVE, **factors)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             refuse(ratio_problems(damping_ratio, others))
@@ -353,6 +379,7 @@ class System:
 
     def with_beta(self, beta: float) -> System:
         """Give every contact point the scaling constant ``beta`` (s/m)."""
+        check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
     def frequency_of(self, u: FloatArray) -> float:
@@ -378,7 +405,8 @@ class System:
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
     """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
     array = np.asarray(value)
-    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
+    # A list of one whole number is a vector where there is one unknown.
+    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise InputError(

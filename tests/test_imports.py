@@ -100,7 +100,7 @@ def test_the_public_names_are_there_and_cost_nothing_until_they_are_used():
 
 
 def test_sizes_stay_readable():
-    """No module beyond 500 lines, no function beyond 80 but compiled ones."""
+    """No module beyond 500 lines, no function beyond 90 but compiled ones."""
     for module in MODULES:
         text = path_of(module).read_text(encoding="utf-8")
         assert len(text.splitlines()) <= 500, module
@@ -110,4 +110,4 @@ def test_sizes_stay_readable():
                 for one in node.decorator_list
             ):
                 length = (node.end_lineno or 0) - node.lineno + 1
-                assert length <= 80, f"{module}.{node.name}: {length} lines"
+                assert length <= 90, f"{module}.{node.name}: {length} lines"

@@ -40,6 +40,7 @@ from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
+from skfem_joint.values import COUNT, POSITIVE, at_least, check, check_each
 
 #: Level of the lowest point of a curve over that of the highest one.
 LOWEST = 0.05
@@ -119,7 +120,7 @@ def backbone(
     Parameters
     ----------
     system : System
-        Full or reduced; its friction acts as Coulomb's, its loads do not.
+        Full or condensed; its friction acts as Coulomb's, its loads do not.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -138,16 +139,19 @@ def backbone(
     ------
     InputError
         If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
-        whole at the first level, or friction alone holds the structure and cannot at the last.
+        whole at the first level, friction alone holds the structure and cannot at the last, or the
+        system is a reduced model made for its own loads.
     ConvergenceError
         If a level is not found.
     """
-    if levels < 1 or not 0.0 < up_to < np.inf:
-        raise InputError(f"backbone: found {levels} levels up to {up_to}, both must be positive")
+    system.check_any_load("backbone")
+    check_each("backbone: modes", modes, COUNT)
+    check("backbone: levels", levels, COUNT)
+    check("backbone: up_to", up_to, POSITIVE)
+    if slips_at is not None:
+        check("backbone: slips_at", slips_at, POSITIVE)
     to = arranged(system)
     numbers = np.asarray(modes, dtype=int)
-    if numbers.size == 0 or numbers.min() < 1:
-        raise InputError(f"backbone: found modes {list(modes)}, must be numbers from 1")
     known = len(modes) * (levels + INCREMENTS * min(CHECKED, levels))
     path = _Path(to.system, Tally(progress, known), rows or Rows())
     frequency, shapes = stuck_modes(to.system, int(numbers.max()) + 10)
@@ -403,12 +407,13 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for.
+        If too few cycles are asked for, or the system is a reduced model made for its own loads.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
-    if cycles < 2 * ENDS:
-        raise InputError(f"ring_down: found {cycles} cycles, must be at least {2 * ENDS}")
+    system.check_any_load("ring_down")
+    check("ring_down: cycles", cycles, at_least(2 * ENDS))
+    check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
     alone = replace(system, loads=(), P=modal, points=("modal",))
     step = 1.0 / curve.stuck_frequency / steps_per_cycle

@@ -9,7 +9,8 @@ law
     Against exact Coulomb friction: what the regularisation changes. Full model only, a reduced
     model's steepness is looked at with every run.
 full run
-    A reduced model without the full one beside it: two cycles of both.
+    A reduced model without the full one beside it: two cycles of both. (Where the full one was run
+    beside it, every estimate has the distance of the whole runs.)
 
 A reference for other runs of a scene is its own mesh and friction law, integrated by the full model
 at small steps and extrapolated in the step. These errors, of its time step too, tell how well it is
@@ -150,7 +151,8 @@ def certify(
     if name not in study.models:
         raise InputError(f"certify: the scene does not run the {name} model")
     model = study.models[name]
-    parts = dict((model.estimate or Estimate({})).parts)
+    known = model.estimate or Estimate({})
+    parts = dict(known.parts)
     if model.basis is None:
         found = looks(study.scene, results(model.run), progress, executor)[0]
         parts |= {one.source: one.errors for one in found}
@@ -158,13 +160,8 @@ def certify(
         in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
         parts["total"] = added(in_time, *(one.errors for one in found))
     elif "full" not in study.models:
-        parts["full_run"] = _short(study, model, executor)
-        known = [parts.get("total", {}), parts["full_run"]]
-        parts["total"] = {
-            key: max((e for one in known if (e := one.get(key)) is not None), default=None)
-            for key in QUANTITIES
-        }
-    return replace(model, estimate=replace(model.estimate or Estimate({}), parts=parts))
+        return replace(model, estimate=known.beside(_short(study, model, executor)))
+    return replace(model, estimate=replace(known, parts=parts))
 
 
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:

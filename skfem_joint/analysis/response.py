@@ -34,6 +34,7 @@ from skfem_joint.stepping.recording import Save, Steady
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
+from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
 State = tuple[FloatArray, FloatArray]
 #: Harmonics of a response that are told.
@@ -132,7 +133,8 @@ def response(
     Parameters
     ----------
     system : System
-        Full or reduced; its loads are harmonic.
+        Full or condensed; its loads are harmonic. What `skfem_joint.reduce` made is good for its
+        own loads alone.
     frequencies : ndarray
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -154,15 +156,18 @@ def response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, or a frequency or level is not positive.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, or the system
+        is a reduced model made for its own loads.
     ConvergenceError
         If no frequency of a level has a steady vibration.
     """
-    frequencies = np.asarray(frequencies, dtype=float)
-    if frequencies.size == 0 or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
+    system.check_any_load("response")
+    check_each("response: frequencies", frequencies, POSITIVE)
+    check_each("response: levels", levels, POSITIVE)
+    check("response: steps_per_cycle", steps_per_cycle, COUNT)
+    frequencies, levels = np.asarray(frequencies, dtype=float), np.asarray(levels).tolist()
+    if np.any(np.diff(frequencies) <= 0.0):
         raise InputError("response: frequencies must be positive and rise, in Hz")
-    if not levels or min(levels) <= 0.0:
-        raise InputError(f"response: found levels {list(levels)}, must be positive")
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):

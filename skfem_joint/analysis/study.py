@@ -17,7 +17,7 @@ from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.analysis.history import Errors, compare
+from skfem_joint.analysis.history import Errors, compare, difference, results
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
@@ -176,6 +176,7 @@ def run_scene(
         study.models[name] = model
         if not model.run.interrupted:
             _estimate(study, model, progress)
+            _measure(study, study.models[name])
             study.warnings += violated(study, study.models[name])
         else:
             study.interrupted = True
@@ -274,6 +275,13 @@ def _estimate(study: Study, model: Model, progress: Progress) -> None:
     took = time.perf_counter() - begin
     _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
     study.models[model.name] = replace(model, estimate=found, estimate_s=took)
+
+
+def _measure(study: Study, model: Model) -> None:
+    """Let the distance from the full model, where that was run, count among estimated errors."""
+    if model.estimate is not None and model.errors is not None:
+        apart = difference(results(study.models["full"].run), results(model.run))
+        study.models[model.name] = replace(model, estimate=model.estimate.beside(apart))
 
 
 def _reduced(study: Study, how: Mapping[str, Any]) -> Model:

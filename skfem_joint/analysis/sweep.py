@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import closing, contextmanager, nullcontext
@@ -24,8 +24,13 @@ from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
 from skfem_joint.scene import Scene
+from skfem_joint.values import COUNT, check, check_some
 
 Results = dict[str, Any]
+#: Results, failure and warnings of a scene, as a `Row` has them.
+Content = tuple[Results, str, Sequence[str]]
+#: Result that says whether a model's vibration is steady; None where its loads do not repeat.
+STEADY = "steady_state_reached"
 _KILLED = (
     "The process that ran it ended twice, the second time with this scene alone in it; it may "
     "need more memory than there is"
@@ -41,6 +46,12 @@ class Row:
     #: ``full.peak_displacement_m.free_end``, of the models that ran to their end.
     results: Results = field(default_factory=dict)
     failure: str = ""  #: why others did not; empty where all did
+    warnings: Sequence[str] = ()  #: what a run of the scene alone prints as notes
+
+    @property
+    def steady(self) -> bool:
+        """Whether no model says that it has not reached a steady state."""
+        return not any(k.endswith(f".{STEADY}") and x is False for k, x in self.results.items())
 
 
 def sweep(
@@ -80,6 +91,7 @@ def sweep(
             for row, settled in rows:
                 if settled:
                     content = {"results": row.results, "failure": row.failure}
+                    content["warnings"] = list(row.warnings)
                     kept.keep(marks[row.number], content)
                 yield row
 
@@ -124,11 +136,11 @@ def _rows(
 
 def _finished(
     pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
-) -> Iterator[tuple[int, Future[tuple[Results, str]]]]:
+) -> Iterator[tuple[int, Future[Content]]]:
     """Futures as they finish, until all are or the pool breaks: then ``broken`` has those in it."""
     # A pool of processes is given no more than it runs, so that few are in it when it breaks.
     most = getattr(pool, "_max_workers", len(scenes))
-    running: dict[Future[tuple[Results, str]], int] = {}
+    running: dict[Future[Content], int] = {}
     try:
         while running or (waiting and not broken):
             while waiting and not broken and len(running) < most:
@@ -151,8 +163,8 @@ def _finished(
             future.cancel()
 
 
-def _run(scene: Scene) -> tuple[Results, str]:
-    """Run one scene where it is sent: its numbers, and why there are not all of them."""
+def _run(scene: Scene) -> Content:
+    """Run one scene where it is sent: its numbers, why there are not all of them, its notes."""
     memory.check(scene, memory.default_limit())
     failure = ""
     try:
@@ -160,12 +172,12 @@ def _run(scene: Scene) -> tuple[Results, str]:
     except JointError as error:
         failure = str(error)
         if error.results is None:
-            return {}, failure
+            return {}, failure, []
         study = error.results
     if study.interrupted:
         raise KeyboardInterrupt
     models = {name: model_summary(study, model) for name, model in study.models.items()}
-    return dict(_flat(models)), failure
+    return dict(_flat(models)), failure, study.warnings
 
 
 def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:
@@ -183,6 +195,7 @@ def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     which has read it before. They end with this process, and leave interrupts to it. As with any
     that are spawned, a script that is run starts them below ``if __name__ == "__main__"``.
     """
+    check_some(COUNT, workers=workers)
     for name in THREADS:
         os.environ.setdefault(name, "1")
     spawned = multiprocessing.get_context("spawn")
@@ -210,8 +223,8 @@ def executors(
     this machine is made if it is not given. InputError if the options do not fit each other, or a
     library is missing.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers: found {workers}, must be >= 1")
+    if workers is not None:
+        check("--workers", workers, COUNT)
     if address is not None and (kind != "dask" or workers is not None):
         raise InputError("--address: is for --executor dask, without --workers")
     if kind == "dask":

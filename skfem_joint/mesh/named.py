@@ -108,6 +108,11 @@ def named(
         The mesh is of another kind or no proper mesh (see `load_meshes`); a vertex belongs to no
         element; a group is empty or out of range; a name stands for two things.
     """
+    if not isinstance(mesh, skfem.Mesh):
+        raise InputError(
+            f"mesh: found {type(mesh).__name__}, must be a mesh of scikit-fem, one that was read "
+            "by load_meshes or built by build_bar, build_plate or build_box, or the name of a file"
+        )
     try:
         cell, own_order = cell_of(mesh)
         straight, notes = mesh, []

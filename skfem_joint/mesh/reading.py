@@ -26,6 +26,7 @@ from skfem_joint.files import read_whole
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
     import meshio
@@ -39,7 +40,7 @@ _KINDS = {
 _CORNERS = {"line": 2, "tria": 3, "quad": 4}
 
 
-def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
+def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
     """Read one mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
@@ -57,8 +58,9 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        Mesh files, of the same kind and order of elements, with different names; see `merged`.
+    paths : str or Path, or a sequence of them
+        Mesh file, or several of the same kind and order of elements, with different names; see
+        `merged`.
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
@@ -71,9 +73,11 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
         unmerged nodes of one body; groups without elements; points on several nodes; names used
         twice.
     """
+    if isinstance(paths, str | Path):
+        paths = [paths]
     if not paths:
         raise InputError("no mesh file is given: name one, or several for several bodies")
-    if not (math.isfinite(scale) and scale > 0.0):
+    if scale not in POSITIVE:
         files = ", ".join(map(str, paths))
         raise InputError(f"scale of mesh {files} is {scale}: it must be positive and finite")
     found: list[NamedMesh] = []

@@ -29,11 +29,14 @@ from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
 from skfem_joint.stepping.steady import CHANGE, copied, periodic_state, turns_over
 from skfem_joint.system import System
+from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
 _log = logging.getLogger(__name__)
 
 #: Largest force residual of a step, relative to its largest force.
 TOLERANCE = 1e-11
+#: Range of those that may be asked for: a looser one lets loads pass as converged that do nothing.
+LOOSEST = between(0.0, 1e-3, ", relative to the largest force of a step")
 #: A step that does not converge is halved at most this often.
 HALVINGS = 8
 #: A chunk, between two chances to save and show progress, ends when so much time (s) has passed.
@@ -87,7 +90,7 @@ def integrate(
     initial : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) at the start; at rest if not given.
     tolerance : float
-        Largest force residual of a step relative to its largest force.
+        Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
         Called with (steps done, steps in all); until "steady" with (periods done, 0, a note).
     checkpoint : Checkpoint, optional
@@ -103,15 +106,20 @@ def integrate(
     ConvergenceError
         If a step does not converge, even in 256 parts, or no steady vibration is found.
     InputError
-        If the steps are not given in one of the three ways, or are too long for a load, no stepper
-        fits the system, or the checkpoint cannot be written or is not one of this run.
+        If a number is out of range, the steps are not given in one of the three ways, or are too
+        long for a load, no stepper fits the system, or the checkpoint cannot be written or is not
+        one of this run.
     """
+    check_some(POSITIVE, step=step, duration=duration)
+    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check("tolerance", tolerance, LOOSEST)
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         cycles = 1 if cycles is None and until == "steady" else cycles
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
         cycle_steps = steps_per_cycle
-    step, n_steps = _steps(step, n_steps, duration, cycle_steps)
+    step, n_steps = _steps(step, n_steps, duration)
     start = _start(system, initial)
     if until == "steady":
         _check_steady(system, step * n_steps, scheme, checkpoint)
@@ -138,9 +146,6 @@ def _by_cycles(
             "cycles: must come with steps_per_cycle, and without step, n_steps, duration and "
             "cycle_steps"
         )
-    for name, count in (("cycles", cycles), ("steps_per_cycle", steps_per_cycle)):
-        if count < 1:
-            raise InputError(f"{name}: found {count}, must be >= 1")
     period = common_period(load.amplitude for load in system.loads)
     if period is None:
         raise InputError(
@@ -150,25 +155,15 @@ def _by_cycles(
     return period / steps_per_cycle, cycles * steps_per_cycle
 
 
-def _steps(
-    step: float | None, n_steps: int | None, duration: float | None, cycle_steps: int | None
-) -> tuple[float, int]:
-    """Step and number of steps, checked."""
+def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
+    """Step and number of steps."""
     if step is None or (n_steps is None) == (duration is None):
         raise InputError(
             "integrate: needs step and n_steps, or duration and step, or cycles and steps_per_cycle"
         )
-    if not (step > 0.0 and math.isfinite(step)):
-        raise InputError(f"step: found {step}, must be > 0")
     if duration is not None:
-        if not (duration > 0.0 and math.isfinite(duration)):
-            raise InputError(f"duration: found {duration}, must be > 0")
-        n_steps = math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9))
-    if n_steps is None or n_steps < 1:
-        raise InputError(f"n_steps: found {n_steps}, must be >= 1")
-    if cycle_steps is not None and cycle_steps < 1:
-        raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
-    return float(step), int(n_steps)
+        n_steps = max(1, math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9)))
+    return float(step), int(n_steps or 1)
 
 
 def _check_steady(

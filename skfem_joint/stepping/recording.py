@@ -26,6 +26,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.friction import AT_LIMIT
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
+from skfem_joint.values import COUNT, check, check_some
 
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
@@ -43,10 +44,8 @@ class Save:
     fields_every: int | None = None  #: stride of the fields; ``every`` if not given
 
     def __post_init__(self) -> None:
-        for name in ("every", "fields_every"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"{name}: found {value}, must be >= 1")
+        check("every", self.every, COUNT)
+        check_some(COUNT, fields_every=self.fields_every)
 
     @property
     def strides(self) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.values import between, check
 
 #: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
 FOLLOWED = 0.3
@@ -97,8 +97,7 @@ def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
     InputError
         If ``rho_infinity`` is outside [0, 1].
     """
-    if not 0.0 <= rho_infinity <= 1.0:
-        raise InputError(f"rho_infinity: found {rho_infinity}, must be from 0 to 1")
+    check("rho_infinity", rho_infinity, between(0.0, 1.0))
     alpha_m = (2.0 * rho_infinity - 1.0) / (rho_infinity + 1.0)
     alpha_f = rho_infinity / (rho_infinity + 1.0)
     gamma = 0.5 - alpha_m + alpha_f

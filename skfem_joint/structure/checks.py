@@ -14,8 +14,9 @@ from skfem_joint.errors import closest, listed
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import spot
 from skfem_joint.modes import ratio_problems
-from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
+from skfem_joint.structure.patch import NORMAL_FORCES, PRELOAD, SMALL, Joint, Patch
 from skfem_joint.structure.pressure import Bolts, PressureTable
+from skfem_joint.values import BETA, FINITE, NOT_NEGATIVE, POISSON, POSITIVE, problems
 
 if TYPE_CHECKING:
     from skfem_joint.structure import AnyStructure
@@ -54,12 +55,6 @@ def problems_of(structure: Structure) -> list[str]:
     return [*found, *joint_problems(structure.mesh, structure.joints)]
 
 
-def positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
-    """What is wrong with a value that must be positive, or not negative (``">= 0"``)."""
-    if not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
-        yield f"{where}: found {value}, must be {least}"
-
-
 def _one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
     if value not in allowed:
         yield f"{where}: found {value!r}, must be one of {', '.join(allowed)}"
@@ -75,14 +70,14 @@ def _values(structure: Structure) -> Iterator[str]:
         elif value is not None and name not in needed:
             yield f"section.{name}: found {value}, but {what} has none; leave it out"
         elif value is not None:
-            yield from positive(f"section.{name}", value)
+            yield from problems(f"section.{name}", value, POSITIVE)
     material = structure.material
-    yield from positive("material.E", material.E)
-    yield from positive("material.density", material.density)
+    yield from problems("material.E", material.E, POSITIVE)
+    yield from problems("material.density", material.density, POSITIVE)
     if structure.dim > 1 and material.poisson is None:
         yield f"material.poisson: missing, {what} needs Poisson's ratio"
     if material.poisson is not None:
-        yield from _poisson("material.poisson", material.poisson)
+        yield from problems("material.poisson", material.poisson, POISSON)
     yield from _one_of("plane", structure.plane, ("stress", "strain"))
     yield from _one_of("mass", structure.mass, ("consistent", "lumped"))
     if structure.mass == "lumped" and structure.mesh.order > 1:
@@ -90,16 +85,11 @@ def _values(structure: Structure) -> Iterator[str]:
             "material.mass_matrix: found 'lumped' beside elements of second order, whose row sums "
             "are zero or negative at some nodes; use 'consistent'"
         )
-    yield from positive("damping.stiffness", structure.stiffness_damping, ">= 0")
-    yield from positive("damping.mass", structure.mass_damping, ">= 0")
+    yield from problems("damping.stiffness", structure.stiffness_damping, NOT_NEGATIVE)
+    yield from problems("damping.mass", structure.mass_damping, NOT_NEGATIVE)
     if structure.damping_ratio is not None:
         factors = {"stiffness": structure.stiffness_damping, "mass": structure.mass_damping}
         yield from ratio_problems(structure.damping_ratio, factors)
-
-
-def _poisson(where: str, value: float) -> Iterator[str]:
-    if not -1.0 < value < 0.5:
-        yield f"{where}: found {value}, must be between -1 and 0.5"
 
 
 def _overrides(structure: Structure) -> Iterator[str]:
@@ -110,8 +100,8 @@ def _overrides(structure: Structure) -> Iterator[str]:
         yield from wrong_name(structure.mesh, region, ("region",), where)
         for name, value in values.items():
             yield from _one_of(f"{where}: property", name, known)
-            check = _poisson if name == "poisson" else positive
-            yield from check(f"{where}.{name}", value)
+            kind = POISSON if name == "poisson" else POSITIVE
+            yield from problems(f"{where}.{name}", value, kind)
     for (one, first), (two, second) in combinations(structure.regions.items(), 2):
         both = sorted(set(first) & set(second))
         if both and _share(regions.get(one, ()), regions.get(two, ())):
@@ -144,12 +134,11 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
 
 def joint_value_problems(joint: Joint) -> Iterator[str]:
     """What is wrong with the numbers and words of a joint."""
-    yield from positive(f"{joint.label}: friction", joint.friction, ">= 0")
-    if not joint.beta > 0.0:
-        yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
+    yield from problems(f"{joint.label}: friction", joint.friction, NOT_NEGATIVE)
+    yield from problems(f"{joint.label}: beta", joint.beta, BETA)
     yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
-    if isinstance(joint.pressure, int | float):
-        yield from positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
+    if not isinstance(joint.pressure, PressureTable | Bolts):
+        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE, PRELOAD)
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
@@ -160,11 +149,11 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
         where = joint.label
         yield from joint_value_problems(joint)
         kind = "region" if joint.on in mesh.regions else "boundary"
-        problems = wrong_name(mesh, joint.on, _PRESSED[mesh.dim], f"{where}.on")
-        if not problems and joint.against is not None:
-            problems = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
-        if problems:
-            yield from problems
+        wrong = wrong_name(mesh, joint.on, _PRESSED[mesh.dim], f"{where}.on")
+        if not wrong and joint.against is not None:
+            wrong = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
+        if wrong:
+            yield from wrong
             continue
         table = mesh.regions if kind == "region" else mesh.boundaries
         parts = [table[name] for name in (joint.on, joint.against) if name is not None]
@@ -234,7 +223,7 @@ def problems_of_places(
                 f"e.g. {[1.0, *[0.0] * (dim - 1)]}"
             )
         elif load.direction is not None and not (
-            vector.shape == (dim,) and np.all(np.isfinite(vector)) and np.any(vector)
+            vector.shape == (dim,) and all(x in FINITE for x in vector) and np.any(vector)
         ):
             found.append(
                 f"{load.label}: direction: found {list(load.direction)}, must be {dim} "

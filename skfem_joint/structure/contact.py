@@ -13,7 +13,7 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.structure.checks import joint_problems, positive
+from skfem_joint.structure.checks import joint_problems
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import SMALL, Joint, Patch, make_patch, unit_vectors
 from skfem_joint.structure.pressure import Pressure
@@ -24,6 +24,7 @@ from skfem_joint.unknowns import (
     selection,
     stacked,
 )
+from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
@@ -181,10 +182,10 @@ def contact(
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
     joint = Joint(on, pressure, friction, against, beta, normal_force)
-    problems = [*joint_problems(grid.mesh, [joint])]
+    wrong = [*joint_problems(grid.mesh, [joint])]
     for name, extent in (("width", width), ("thickness", thickness)):
-        problems += positive(f"contact: {name}", extent)
-    refuse(problems)
+        wrong += problems(f"contact: {name}", extent, POSITIVE)
+    refuse(wrong)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
@@ -217,8 +218,8 @@ def point_friction(row: Any, limit: float, beta: float = np.inf) -> Contact:
             f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
             "and not zero"
         )
-    if not (limit >= 0.0 and np.isfinite(limit)) or not beta > 0.0:
-        raise InputError(f"point_friction: found limit {limit}, beta {beta}; must be >= 0 and > 0")
+    check("point_friction: limit", limit, NOT_NEGATIVE)
+    check("point_friction: beta", beta, BETA)
     return Contact(
         sparse.csr_array(rows),
         np.array([float(limit)]),

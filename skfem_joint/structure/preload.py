@@ -31,7 +31,6 @@ from skfem_joint.structure.checks import (
     body_label,
     body_motions,
     left_loose,
-    positive,
     wrong_name,
 )
 from skfem_joint.structure.contact import along
@@ -39,6 +38,7 @@ from skfem_joint.structure.nodes import feet, interpolation, values_in
 from skfem_joint.structure.patch import PRELOAD, Joint, Pressed, manifold_of, unit_vectors
 from skfem_joint.structure.pressure import hat_simplices, measure
 from skfem_joint.unknowns import Contact, selection, stacked
+from skfem_joint.values import POSITIVE, problems
 
 if TYPE_CHECKING:
     from skfem_joint.structure.structure import Structure
@@ -116,17 +116,17 @@ def clamp_problems(structure: Structure) -> Iterator[str]:
         yield f"bolt: found {len(bolts)}, but no joint with pressure = {PRELOAD!r}; give one"
     for number, bolt in enumerate(bolts):
         where = f"bolt[{number}]"
-        yield from positive(f"{where}.force", bolt.force)
+        yield from problems(f"{where}.force", bolt.force, POSITIVE)
         if (bolt.head is None) == (bolt.shank is None) or (bolt.shank and bolt.nut is not None):
             yield (
                 f"{where}: must have head (and nut, unless it is screwed into the rigid base), or "
                 "shank alone"
             )
             continue
-        problems = []
+        wrong = []
         for key, name in bolt.surfaces:
-            problems += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
-        yield from problems or (_off_path(structure, bolt, where, pressed) if pressed else ())
+            wrong += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
+        yield from wrong or (_off_path(structure, bolt, where, pressed) if pressed else ())
 
 
 def _off_path(

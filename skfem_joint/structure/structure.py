@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
-from skfem_joint.mesh import NamedMesh, named
+from skfem_joint.mesh import NamedMesh, load_meshes, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import checks
 from skfem_joint.structure.contact import Reactions, contact_rows, reactions
@@ -59,8 +60,9 @@ class Structure(Nodes):
 
     Attributes
     ----------
-    mesh : NamedMesh or skfem.Mesh
-        Of dimension 1, 2 or 3, with named regions, boundaries and points.
+    mesh : NamedMesh or skfem.Mesh, or str or Path
+        Of dimension 1, 2 or 3, with named regions, boundaries and points; or the file of one, see
+        `load_meshes`.
     material : Material
     width : float, optional
         Of a bar, m; it lies on its base with it.
@@ -109,7 +111,9 @@ class Structure(Nodes):
     free: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, NamedMesh):
+        if isinstance(self.mesh, str | Path):
+            object.__setattr__(self, "mesh", load_meshes(self.mesh))
+        elif not isinstance(self.mesh, NamedMesh):
             object.__setattr__(self, "mesh", named(self.mesh))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bodies import structure
 from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.response import at_frequency, linear_response
+from skfem_joint.mesh import build_bar
 
 
 def bar(tip: float = 0.0) -> sj.System:
@@ -126,3 +128,41 @@ def test_each_point_knows_the_error_of_its_step():
     true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
     assert true.min() > 0.01
     assert rough.column("step_error") == pytest.approx(true, rel=0.5)
+
+
+def test_a_bar_in_contact_throughout_has_a_stuck_limit_of_zero():
+    mesh = build_bar([("joint", 0.2, 10)], {"tip": 0.2})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("tip", sj.Harmonic(1e4, 1000.0))])
+    f = np.array([500.0, 1000.0])
+    assert not linear_response(system, f, stuck=True).any()
+    assert linear_response(system, f, stuck=False).all()
+
+
+def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
+    mesh = build_bar([("free", 0.2, 10), ("joint", 0.1, 10)], {"end": 0.3, "middle": 0.1})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
+    system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
+    assert system.B.toarray()[-1, -1] == 1.0
+    assert not linear_response(system, np.array([500.0]), stuck=True).any()
+
+
+def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
+    """Made at 500 Hz and 20 kN it has 13 % of the damping at the highest level of the curve."""
+    system = arm(sj.Harmonic(2e4, 500.0), stiffness_damping=2.5e-7)
+    small, condensed = sj.reduce(system, modes=4), sj.condense(system)
+    (curve,) = sj.backbone(condensed, levels=2)
+    calls = {
+        "response": lambda one: sj.response(one, [200.0], refined=False, estimated=False),
+        "backbone": lambda one: sj.backbone(one, levels=2),
+        "ring_down": lambda one: sj.ring_down(one, curve, 8),
+    }
+    for what, call in calls.items():
+        for same in (small, replace(small, notes=())):
+            with pytest.raises(sj.InputError, match=f"{what}: .* \\(500 Hz\\).*sj.condense"):
+                call(same)
+        assert call(condensed)
+    assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0

@@ -13,7 +13,7 @@ from contextlib import closing
 from typing import Any
 
 import pytest
-from joint_scenes import bar_scene, joint
+from joint_scenes import bar_scene, harmonic, joint
 
 from skfem_joint.analysis import sweep as module
 from skfem_joint.analysis.study import run_scene
@@ -188,3 +188,17 @@ def test_executors_that_there_cannot_be(options, words, monkeypatch):
     with pytest.raises(InputError) as caught, executors(*options):
         pass
     assert words in str(caught.value)
+
+
+def test_a_joint_that_slides_away_is_a_row_with_the_warnings_of_its_run(tmp_path):
+    slides = scene(0.001, time={"cycles": 2}, load=[harmonic(amplitude=400e3)])
+    journal = tmp_path / "rows.jsonl"
+    with ThreadPoolExecutor(1) as executor:
+        (row,) = sweep([slides], executor, journal)
+        (again,) = sweep([slides], executor, journal)
+    assert any("not reached a steady state" in text for text in row.warnings)
+    assert any(text.startswith("Every point of joint") for text in row.warnings)
+    assert list(row.warnings) == run_scene(slides).warnings
+    assert not row.steady
+    assert row.results["full.steady_state_reached"] is False
+    assert (again.results, list(again.warnings)) == (row.results, list(row.warnings))

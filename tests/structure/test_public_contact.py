@@ -169,7 +169,7 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         replace(plain, K=K[:, :3])
     with pytest.raises(InputError, match="w: friction limits"):
         replace(plain, w=-plain.w)
-    with pytest.raises(InputError, match="beta: must be positive"):
+    with pytest.raises(InputError, match="beta: found nan, must be > 0"):
         plain.with_beta(np.nan)
     with pytest.raises(InputError, match="basis: found shape"):
         plain.project(np.ones((3, 2)))
@@ -205,3 +205,13 @@ def test_fixed_may_be_numbers_in_any_form_but_no_mask():
         assert System.from_matrices(M, K, fixed=fixed).expand(np.ones(2)).tolist() == [1, 0, 1, 0]
     with pytest.raises(InputError, match="mask"):
         System.from_matrices(M, K, fixed=np.array([False, True, False, True]))
+
+
+def test_the_only_unknown_of_a_system_is_named_by_its_number():
+    system = System.from_matrices(
+        np.eye(1), np.eye(1), loads={"push": (0, np.sin)}, points={"m": 0, "twice": [2.0]}
+    )
+    assert system.P.toarray().ravel().tolist() == [1.0, 1.0, 2.0]
+    assert system.loads[0].vector.tolist() == [1.0]
+    with pytest.raises(InputError, match=r"point 'm': found 1, must be whole numbers from 0 to 0"):
+        System.from_matrices(np.eye(1), np.eye(1), points={"m": 1})
