@@ -215,7 +215,7 @@ def at_steps(
 def _run(system: System, reference: Reference, parts: int) -> Outcome:
     begin = time.perf_counter()
     run = reference.grid.integrate(system, parts)
-    wall = time.perf_counter() - begin - run.preparation_s
+    wall = time.perf_counter() - begin - run.preparation_s - run.compilation_s
     names = ("steps", "newton_iterations", "friction_evaluations")
     work = {name.replace("_", " "): getattr(run.counters, name) for name in names}
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)

@@ -169,6 +169,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         "models": {
             model.name: {
                 "offline_s": model.offline_s,
+                "compilation_s": model.compilation_s,
                 "wall_s": model.wall_s,
                 "levels": [
                     _level(curve, points, None if not model.estimates else model.estimates[k])

@@ -135,6 +135,12 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     found = [kind for kind in tables if name in tables[kind]]
     if set(found) & set(kinds):
         return []
+    if not any(tables.values()):
+        return [
+            f"{where}: found {name!r}, but nothing in the mesh has a name: name Physical Groups, "
+            f"in Gmsh such as Physical Curve({name!r}) = {{1}}, Physical Surface, Physical Volume "
+            "or Physical Point; save the mesh again"
+        ]
     has = "; ".join(f"{kind}: {listed(tables[kind])}" for kind in kinds)
     wrong = f"which is a {found[0]}" if found else "no such name in the mesh"
     hint = "" if found else closest(name, [n for kind in kinds for n in tables[kind]])
