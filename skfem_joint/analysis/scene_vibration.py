@@ -153,8 +153,8 @@ def _too_long_steps(name: str, curve: Curve, model: System, scene: Scene) -> Ite
         yield (
             f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
             f"{100 * worst:.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
-            f"{doubtful.size} frequencies from {doubtful[0]:.6g} to {doubtful[-1]:.6g} Hz, {cause}; "
-            f"see column step_error of response.csv. Set time.steps_per_cycle = {enough:.0f}."
+            f"{doubtful.size} frequencies from {doubtful[0]:.6g} to {doubtful[-1]:.6g} Hz, {cause}"
+            f"; see column step_error of response.csv. Set time.steps_per_cycle = {enough:.0f}."
         )
 
 

@@ -247,3 +247,12 @@ def test_a_sound_structure_raises_no_doubt():
 def test_what_looks_wrong_is_said(joint, changes, sentence):
     (found,) = said(joint, **changes)
     assert re.search(sentence, found)
+
+
+def test_a_mesh_without_names_asks_for_physical_groups():
+    body = replace(block("tri"), points={})
+    bare = replace(body, mesh=replace(body.mesh, _boundaries=None, _subdomains=None))
+    (problem,) = problems(bare, [], ["wall"])
+    assert "support.fixed: found 'wall', but nothing in the mesh has a name" in problem
+    assert "name Physical Groups" in problem
+    assert "region:" not in problem
