@@ -26,7 +26,7 @@ from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.structure import doubts
+from skfem_joint.structure import Structure, doubts
 from skfem_joint.system import System
 
 #: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
@@ -236,9 +236,14 @@ class ModelBackbone:
 
 @dataclass
 class SceneBackbone:
-    """Curves of the modes that a scene asks for."""
+    """Curves of the modes that a scene asks for.
+
+    ``largest`` is, of each mode, the displacement of the node that it moves most for a modal
+    amplitude of 1 m kg^1/2, kg^-1/2; none where nodes are not known.
+    """
 
     scene: Scene
+    largest: list[float] = field(default_factory=list)
     models: list[ModelBackbone] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -255,6 +260,9 @@ def scene_backbone(scene: Scene, progress: Progress = silent) -> SceneBackbone:
     curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full)
     found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
     found.warnings += [warning for curve in curves for warning in curve.warnings]
+    if isinstance(structure, Structure):
+        moved = (np.linalg.norm(structure.expand(curve.shape), axis=1) for curve in curves)
+        found.largest = [float(distance.max()) for distance in moved]
     start = _loads_end(scene, system) if asked.ring_down and asked.released == "loads" else None
     how = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
     for name in scene.models.run:
