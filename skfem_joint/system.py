@@ -299,7 +299,7 @@ class System:
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
         contact : Contact, optional
-            From `contact` or `point_friction`, or a sum of them.
+            From `contact` or `point_friction`, or a sum of them; each of their names is a joint.
         loads : mapping, optional
             By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
             :mod:`skfem_joint.loads`, or a plain function of time (s).
@@ -336,6 +336,7 @@ class System:
             AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
             for on, (vector, amplitude) in (loads or {}).items()
         )
+        joints, J = joined.joints
         rows = {load.on: load.vector for load in applied}
         rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
@@ -349,6 +350,8 @@ class System:
             P=sparse.csr_array(np.reshape(list(rows.values()), (len(rows), n))),
             points=tuple(rows),
             directions=joined.directions,
+            J=J,
+            joints=joints,
         )
         new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
         system = outer.in_unknowns(new)

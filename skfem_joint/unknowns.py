@@ -38,7 +38,8 @@ _ROUND_OFF = 1e-14
 class Contact:
     """Friction rows to be added to matrices: what `contact` and `point_friction` make.
 
-    ``a + b`` puts two contacts side by side.
+    ``a + b`` puts two contacts side by side. Results tell friction energies by the names of the
+    contact points; points of the same name are one joint.
     """
 
     B: Matrix  #: (rows, n) slip from the unknowns of the matrices; a point's rows follow each other
@@ -49,11 +50,25 @@ class Contact:
     #: (h + rows,) unknown that each row determines, ``held`` first; None: found by a matching
     pivots: IntArray | None = None
     clamped: FloatArray | None = None  #: (h,) normal force on each of ``held``, N, if known
+    names: tuple[str, ...] = ()  #: (m,) joint that each contact point is of; () if none has a name
 
     @property
     def normal_force(self) -> FloatArray:
         """``clamped``, or zeros, (h,), N."""
         return np.zeros(self.held.shape[0]) if self.clamped is None else self.clamped
+
+    @property
+    def joint_of_point(self) -> tuple[str, ...]:
+        """``names``, or "contact" for each contact point, (m,)."""
+        return self.names or ("contact",) * self.w.size
+
+    @property
+    def joints(self) -> tuple[tuple[str, ...], sparse.csr_array]:
+        """Names of the joints, and which contact points each has, (joints, m)."""
+        names = self.joint_of_point
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        joint = np.array([numbers[name] for name in names], dtype=np.intp)
+        return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
     def __add__(self, other: Contact) -> Contact:
         """Both contacts, this one first."""
@@ -74,6 +89,7 @@ class Contact:
             held=stacked([self.held, other.held], n),
             pivots=pivots,
             clamped=np.concatenate([self.normal_force, other.normal_force]),
+            names=(*self.joint_of_point, *other.joint_of_point),
         )
 
     @staticmethod
@@ -103,7 +119,10 @@ class Contact:
                 rows[-1] = sparse.csr_array(left @ selection(moved, n))
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
-        return Contact(stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held)
+        names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
+        return Contact(
+            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held, names=names
+        )
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,8 @@ def results(folder: Path) -> tuple[Mapping[str, Any], Mapping[str, bytes]]:
     """Summary without times, and the arrays of the history as bytes."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     for model in summary["models"].values():
-        del model["wall_s"], model["offline_s"], model["estimate_s"]
+        for name in ("wall_s", "offline_s", "estimate_s", "compilation_s"):
+            del model[name]
     with np.load(folder / "history.npz", allow_pickle=False) as history:
         return summary, {name: history[name].tobytes() for name in history}
 

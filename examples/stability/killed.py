@@ -99,7 +99,7 @@ def content(folder):
 def _timeless(value):
     if not isinstance(value, dict):
         return value
-    times = "wall_s", "offline_s", "estimate_s"
+    times = "wall_s", "offline_s", "estimate_s", "compilation_s"
     return {key: _timeless(part) for key, part in value.items() if not key.endswith(times)}
 
 

@@ -309,7 +309,7 @@ def _jobs(
 def _run(make: Callable[[], System], reference: Reference, parts: int) -> Outcome:
     system, begin = make(), time.perf_counter()
     run = reference.grid.integrate(system, parts)
-    wall = time.perf_counter() - begin - run.preparation_s
+    wall = time.perf_counter() - begin - run.preparation_s - run.compilation_s
     names = ("steps", "newton_iterations", "friction_evaluations")
     work = {name.replace("_", " "): getattr(run.counters, name) for name in names}
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)

@@ -47,6 +47,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "halved_steps": run.counters.halved_steps,
         "wall_s": run.wall_s,
         "offline_s": model.offline_s,
+        "compilation_s": model.compilation_s,
         "peak_displacement_m": _by_point(run, peaks(run)),
         "peak_displacement_whole_run_m": _by_point(run, run.peak),
         "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,

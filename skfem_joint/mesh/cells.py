@@ -162,24 +162,6 @@ def _det(matrices: FloatArray) -> FloatArray:
     return matrices[:, 0, 0] if matrices.shape[1] == 1 else np.linalg.det(matrices)
 
 
-def straightening(mesh: skfem.Mesh, positions: FloatArray) -> list[str]:
-    """Sentence on what is lost where second-order elements are made straight, if anything is.
-
-    ``positions`` (dim, nodes, n_elements) are those of the elements, which may have no nodes inside
-    facets and themselves; ``mesh`` is straight.
-    """
-    straight, nodes, *_ = split(mesh)
-    nodes = nodes[: positions.shape[1]]
-    off = np.linalg.norm(positions - straight[:, nodes], axis=0)
-    moved = np.unique(nodes[off > TOLERANCE * np.ptp(mesh.p, axis=1).max()]).size
-    if not moved:
-        return []
-    return [
-        f"{moved} {'node' if moved == 1 else 'nodes'} of curved edges moved to the middles of "
-        f"straight ones, by {off.max():.3g} m at most."
-    ]
-
-
 def spot(*positions: FloatArray) -> str:
     """Positions in a message."""
     words = (", ".join(f"{value:.9g}" for value in position) for position in positions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -15,6 +15,7 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
+from skfem_joint.mesh.straightening import Straightening, straightening, together
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class NamedMesh:
         Files the mesh came from, "" when built in memory.
     notes : tuple of str
         Sentences on repairs that changed the geometry and on what was left out.
+    straightened : Straightening, optional
+        Change of sizes where curved edges of second-order elements were made straight.
     """
 
     mesh: skfem.Mesh
@@ -50,6 +53,7 @@ class NamedMesh:
     body: IntArray
     path: str = ""
     notes: tuple[str, ...] = ()
+    straightened: Straightening | None = None
 
     @property
     def dim(self) -> int:
@@ -115,10 +119,9 @@ def named(
         )
     try:
         cell, own_order = cell_of(mesh)
-        straight, notes = mesh, []
+        straight = mesh
         if own_order == 2:
             straight = cell.mesh(mesh.p[:, : mesh.nvertices], mesh.t, sort_t=False)
-            notes = cells.straightening(straight, mesh.p[:, mesh.dofs.element_dofs])
         spare = np.setdiff1d(np.arange(straight.p.shape[1]), mesh.t)
         if spare.size:
             raise ValueError(
@@ -126,7 +129,7 @@ def named(
             )
         regions = _numbers("region", mesh.subdomains, mesh.nelements)
         boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
-        return make(
+        made = make(
             cell,
             straight.p,
             mesh.t,
@@ -134,9 +137,12 @@ def named(
             regions=regions,
             facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
             points={n: int(at[0]) for n, at in _numbers("point", points, mesh.nvertices).items()},
-            notes=tuple(notes),
             as_it_is=True,
         )
+        if own_order == 1:
+            return made
+        change, notes = straightening(made.mesh, mesh.p[:, mesh.dofs.element_dofs], made.boundaries)
+        return replace(made, notes=tuple(notes), straightened=change)
     except ValueError as error:
         raise InputError(f"mesh: {error}") from error
 
@@ -292,7 +298,7 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
     parts = list(zip(meshes, before, strict=True))
     try:
-        return make(
+        made = make(
             cell_of(meshes[0].mesh)[0],
             np.hstack([_measured_along(meshes[0], each) for each in meshes]),
             np.hstack([each.mesh.t.astype(np.intp) + vertices for each, (_, vertices, _) in parts]),
@@ -317,6 +323,8 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
             notes=tuple(note for each in meshes for note in each.notes),
             body=np.concatenate([each.body + bodies for each, (_, _, bodies) in parts]),
         )
+        straightened = together([(each.n_elements, each.straightened) for each in meshes])
+        return replace(made, straightened=straightened)
     except ValueError as error:
         raise InputError(f"{', '.join(called)}: {error}") from error
 
@@ -350,7 +358,11 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
     values, _, _, parts, sides = cells.split(mesh.mesh, places)
-    return make(
+    straightened, into = mesh.straightened, 2**mesh.dim
+    if straightened is not None:
+        lost = np.repeat(straightened.lost / into, into)
+        straightened = replace(straightened, lost=lost)
+    made = make(
         cell_of(mesh.mesh)[0],
         values[: mesh.dim],
         parts.transpose(1, 2, 0).reshape(parts.shape[1], -1),
@@ -364,5 +376,6 @@ def refined(mesh: NamedMesh) -> NamedMesh:
         points=mesh.points,
         path=mesh.path,
         notes=mesh.notes,
-        body=np.repeat(mesh.body, 2**mesh.dim),
+        body=np.repeat(mesh.body, into),
     )
+    return replace(made, straightened=straightened)

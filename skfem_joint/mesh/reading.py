@@ -23,9 +23,10 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
-from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
+from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+from skfem_joint.mesh.straightening import straightening
 from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
@@ -53,8 +54,8 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     Repaired: cells that a file repeats once per group are merged and belong to all their groups;
     nodes that no element uses are dropped; elements that run the wrong way are turned round; lines
     of higher order are split at their inner nodes. Other second-order elements keep their order
-    and corners, and their edges are made straight: ``notes`` say so where one was curved. Groups
-    without a name are left out.
+    and corners, and their edges are made straight: where one was curved, ``notes`` and
+    ``straightened`` say so. Groups without a name are left out.
 
     Parameters
     ----------
@@ -287,10 +288,13 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         raise ValueError(
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
+    change = None
     if order == 2:
         straight = cell.mesh(p, t, sort_t=False)
-        notes += straightening(straight, position.T[: cell.dim, nodes[:, kept]])
-    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
+        given = position.T[: cell.dim, nodes[:, kept]]
+        change, said = straightening(straight, given, mesh.boundaries)
+        notes += said
+    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes), straightened=change)
 
 
 def _plain(at: FloatArray, dim: int) -> FloatArray:

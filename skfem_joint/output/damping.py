@@ -70,7 +70,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
         "warnings": found.warnings,
     }
     picture = folder / "backbone.png"
-    return _written(picture, backbone_figure(found.models, points), content, tables)
+    return _written(picture, backbone_figure(found.models, found.largest), content, tables)
 
 
 def _active_lengths(
@@ -102,20 +102,24 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
     return told
 
 
-def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> Figure:
-    """Frequency and damping over the displacement of the point that moves most, for each mode."""
+def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = ()) -> Figure:
+    """Frequency and damping over the amplitude of each mode.
+
+    That is the modal amplitude, which grows with the load whatever the named points do; where
+    ``largest`` gives the displacement of the node that each mode moves most for a modal amplitude
+    of 1 m kg^1/2, as that displacement.
+    """
     first = models[0].curves
     figure = new_figure(7.5, 3.2 * len(first))
     panels = figure.subplots(len(first), 2, squeeze=False)
     for k, (row, one) in enumerate(zip(panels, first, strict=True)):
-        most = int(one.displacement[-1].argmax()) if points else 0
-        label, unit, scale = "modal amplitude, m·√kg", "", 1.0
-        if points:
-            unit, scale = prefixed_unit("m", [one.displacement[:, most]])
-            label = f"displacement of {points[most]}, {unit}"
+        label, scale = "modal amplitude, m·√kg", 1.0
+        if largest:
+            unit, size = prefixed_unit("m", [largest[k] * one.amplitude])
+            label, scale = f"amplitude where the mode moves most, {unit}", size / largest[k]
         for model, colour in zip(models, _COLOURS, strict=False):
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
-            x = (c.displacement[:, most] if points else c.amplitude) / scale
+            x = c.amplitude / scale
             gross = np.array([state == "gross" for state in c.state])
             for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
                 factor = 1.0 if panel is row[0] else 100.0
@@ -125,7 +129,7 @@ def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> F
                     panel.plot(x[gross], y[gross], "s", label="gross slip", **how)
                 for d in down:
                     seen = d.amplitude >= c.amplitude[0]
-                    at = np.interp(d.amplitude, c.amplitude, x)[seen]
+                    at = d.amplitude[seen] / scale
                     free = factor * getattr(d, name)[seen]
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
@@ -169,6 +173,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         "models": {
             model.name: {
                 "offline_s": model.offline_s,
+                "compilation_s": model.compilation_s,
                 "wall_s": model.wall_s,
                 "levels": [
                     _level(curve, points, None if not model.estimates else model.estimates[k])

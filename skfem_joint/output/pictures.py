@@ -170,6 +170,22 @@ def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, _Picture]
             plotter.close()
 
 
+def outline(surface: Any) -> Any:
+    """Border of a surface and edges at which it bends by more than 30 degrees, as lines.
+
+    Neighbouring facets of a mesh may be numbered in opposite directions, so that their normals are
+    opposite on an even face; they are made to agree first.
+    """
+    agreed = surface.compute_normals(
+        cell_normals=True,
+        point_normals=False,
+        split_vertices=False,
+        consistent_normals=True,
+        auto_orient_normals=False,
+    )
+    return agreed.extract_feature_edges(30.0, manifold_edges=False)
+
+
 @dataclass(frozen=True)
 class _Part:
     """A body of a model, or a face that is shown alone: turned, then moved."""
@@ -291,7 +307,7 @@ class _Picture:
     def _add_body(self, field: Field, part: _Part) -> Any:
         """Add a part, its edges and where they were; returns what gives it its colours."""
         surface = part.block.grid.extract_surface(algorithm="dataset_surface")
-        edges = surface.extract_feature_edges(30.0, manifold_edges=False)
+        edges = outline(surface)
         still_edges = edges.copy()
         still_edges.points = part.placed(np.asarray(edges.points))
         self.plotter.add_mesh(still_edges, color="#9aa0a6", line_width=1)

@@ -140,6 +140,8 @@ def summary_table(content: Mapping[str, Any]) -> str:
     add("energy balance residual", "{:.1e}", at("energy_balance_residual"))
     add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
+    if any(at("compilation_s")):
+        add("compilation, once on a machine, ms", "{:.3g}", at("compilation_s"), 1e3)
     add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
     for label, offline in (
         ("run time of the full model over this one's", False),

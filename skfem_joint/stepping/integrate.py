@@ -28,6 +28,7 @@ from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
 from skfem_joint.stepping.steady import CHANGE, copied, periodic_state, turns_over
+from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
@@ -236,7 +237,8 @@ def _run(
 class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
-    Made, it is at the start, with its first row stored; ``preparation`` is what that took, s.
+    Made, it is at the start, with its first row stored. ``preparation`` and ``compilation`` are
+    the times that took, s.
     """
 
     def __init__(
@@ -270,10 +272,10 @@ class _Driver:
         self.stepper = choose(self.to, scheme, u, v, tolerance, self.recorder)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
-        begin = time.perf_counter()
+        watch = Stopwatch()
         self.restart(0.0)
         self.stepper.prepare(step)
-        self.preparation, self.elapsed = time.perf_counter() - begin, 0.0
+        (self.preparation, self.compilation), self.elapsed = watch.read(), 0.0
         self.recorder.store(0, self.stepper.state())
         self.recorder.observe(self.stepper.state().u)
 
@@ -298,6 +300,7 @@ class _Driver:
             steps=self.done,
             wall_s=self.elapsed,
             preparation_s=self.preparation,
+            compilation_s=self.compilation,
             interrupted=interrupted,
             counts=self.stepper.counts,
         )

@@ -125,7 +125,8 @@ class Run:
     final: tuple[FloatArray, FloatArray]  #: displacement and velocity at the end
     counters: Counters
     wall_s: float  #: time of the integration, s
-    preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
+    preparation_s: float = 0.0  #: time before the first step, without compilation, s
+    compilation_s: float = 0.0  #: time that compilation took before it, once on a machine, s
     interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
     steady: Steady | None = None  #: of a run that is one period of steady vibration
 

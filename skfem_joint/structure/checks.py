@@ -39,6 +39,8 @@ _PER_WAVELENGTH = 6
 # Elements that reach from side to side are told from this share of all on; sides are opposite whose
 # normals have this cosine or more with a direction and its opposite.
 _SPANNING, _OPPOSITE = 0.05, 0.85
+# Change of an area or mass by straight edges that asks for smaller elements.
+_STRAIGHTENED = 0.01
 # A bolt's ring on fewer contact points is poorly resolved; share of it that is told as not whole.
 _FEWEST_POINTS, _WHOLE_RING = 12, 0.99
 
@@ -123,6 +125,12 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     found = [kind for kind in tables if name in tables[kind]]
     if set(found) & set(kinds):
         return []
+    if not any(tables.values()):
+        return [
+            f"{where}: found {name!r}, but nothing in the mesh has a name: name Physical Groups, "
+            f"in Gmsh such as Physical Curve({name!r}) = {{1}}, Physical Surface, Physical Volume "
+            "or Physical Point; save the mesh again"
+        ]
     has = "; ".join(f"{kind}: {listed(tables[kind])}" for kind in kinds)
     wrong = f"which is a {found[0]}" if found else "no such name in the mesh"
     hint = "" if found else closest(name, [n for kind in kinds for n in tables[kind]])
@@ -357,6 +365,47 @@ def unusual(structure: Structure) -> Iterator[str]:
         yield (
             f"The structure is {size:.4g} m long{also}: is the mesh in metres? mesh.scale = 1e-3 "
             "reads one in millimetres; sections are in metres too."
+        )
+
+
+def straightened(structure: Structure, system: System) -> Iterator[str]:
+    """Sentences about areas and mass that change because curved edges are made straight."""
+    mesh, change = structure.mesh, structure.mesh.straightened
+    if change is None:
+        return
+    straight = structure.basis.dx.sum(axis=1)
+    by_size = structure.properties["density"] * structure.across
+    mass = float(by_size @ straight)
+    changes = {"the mass": mass / (mass + float(by_size @ change.lost)) - 1.0}
+    uses = [("joint", name) for j in structure.joints for name in (j.on, j.against)]
+    uses += [(key, name) for bolt in structure.bolts for key, name in bolt.surfaces]
+    for load in system.loads:  # ".2" is a second direction
+        known = load.on in mesh.boundaries or load.on in mesh.regions
+        uses.append(("load", load.on if known else load.on.rpartition(".")[0]))
+    roles: dict[str, list[str]] = {}
+    for role, name in uses:
+        if name in mesh.boundaries or name in mesh.regions:
+            roles.setdefault(str(name), []).append(role)
+    sizes = ("length", "area", "volume")
+    for name, given in roles.items():
+        where = f"of {name!r} ({', '.join(dict.fromkeys(given))})"
+        if name in mesh.boundaries:
+            changes[f"the {sizes[mesh.dim - 2]} {where}"] = change.boundaries[name]
+        else:
+            own = mesh.regions[name]
+            size = float(straight[own].sum())
+            ratio = size / (size + float(change.lost[own].sum()))
+            changes[f"the {sizes[mesh.dim - 1]} {where}"] = ratio - 1.0
+    by_how_much = ", ".join(
+        f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9
+    )
+    yield f"Edges that were curved are straight here, which changes {by_how_much or 'no size'}."
+    much = [what for what, x in changes.items() if abs(x) > _STRAIGHTENED]
+    if much:
+        yield (
+            f"Straight edges in place of curved ones change {', '.join(much)} by more than "
+            f"{100.0 * _STRAIGHTENED:g} %: use smaller elements there (in Gmsh "
+            "Mesh.MeshSizeFromCurvature = 36, elements a turn)."
         )
 
 

@@ -146,6 +146,7 @@ def contact(
     thickness: float = 1.0,
     normal_force: str = "consistent",
     fixed: Any = (),
+    name: str | None = None,
 ) -> Contact:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -159,6 +160,9 @@ def contact(
         Extent of the contact across lines and edges, m.
     fixed : array_like of int, optional
         Supported degrees of freedom; needed for equal forces next to a support only.
+    name : str, optional
+        Joint that results tell its friction energy under, ``on`` if not given. In a sum of
+        contacts each name is a joint of its own.
 
     Returns
     -------
@@ -196,10 +200,23 @@ def contact(
     rows = contact_rows([patch], held)
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
-    return Contact(rows.B @ order, rows.w, rows.beta, rows.directions, rows.held @ order, pivots)
+    names = (_joint_name("contact", on if name is None else name),) * rows.w.size
+    held_rows = rows.held @ order
+    return Contact(
+        rows.B @ order, rows.w, rows.beta, rows.directions, held_rows, pivots, names=names
+    )
 
 
-def point_friction(row: Any, limit: float, beta: float = np.inf) -> Contact:
+def _joint_name(where: str, name: Any) -> str:
+    """Name of a joint, checked."""
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"{where}: found name {name!r}, must be a text that is not empty")
+    return name
+
+
+def point_friction(
+    row: Any, limit: float, beta: float = np.inf, *, name: str = "contact"
+) -> Contact:
     """Friction of one point whose slip is a row of one's own times the displacements.
 
     Parameters
@@ -211,6 +228,9 @@ def point_friction(row: Any, limit: float, beta: float = np.inf) -> Contact:
         Friction limit, N.
     beta : float
         Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+    name : str
+        Joint that results tell its friction energy under. In a sum of contacts each name is a joint
+        of its own.
     """
     rows = np.atleast_2d(np.asarray(row, dtype=float))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
@@ -226,4 +246,5 @@ def point_friction(row: Any, limit: float, beta: float = np.inf) -> Contact:
         np.array([float(beta)]),
         np.array([len(rows)], dtype=np.int64),
         sparse.csr_array((0, rows.shape[1])),
+        names=(_joint_name("point_friction", name),),
     )

@@ -159,7 +159,7 @@ class Structure(Nodes):
     def unusual(self, system: System) -> list[str]:
         """Sentences about its mesh, values, size and waves: what looks like a slip."""
         found = *checks.unusual(self), *checks.waves(self, system), *checks.locking(self)
-        return [*self.mesh.notes, *found]
+        return [*self.mesh.notes, *checks.straightened(self, system), *found]
 
     def spot(self, dof: int) -> str:
         """The node of a degree of freedom in a message."""

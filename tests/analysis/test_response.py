@@ -2,16 +2,19 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from bodies import structure
+from joint_scenes import bar_scene, harmonic, joint
 from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.response import at_frequency, linear_response
+from skfem_joint.analysis.scene_vibration import scene_response
 from skfem_joint.mesh import build_bar
 
 
@@ -166,3 +169,29 @@ def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
                 call(same)
         assert call(condensed)
     assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
+
+
+def test_errors_of_the_step_are_explained_by_their_cause():
+    """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
+    mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
+    pressed = joint(law="coulomb", normal_force="consistent")
+
+    def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:
+        scene = bar_scene(
+            "full",
+            bar=mesh,
+            joint=[pressed],
+            load=[harmonic(amplitude=350e3)],
+            time={"cycles": 1, "steps_per_cycle": steps},
+            response={"frequencies": {"from": low, "to": high, "points": 2}, "levels": [level]},
+            **changes,
+        )
+        return "\n".join(scene_response(scene).warnings)
+
+    light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
+    assert "where damping is light" in light
+    assert "lower the natural frequency by 0.033 %" in light  # (2 pi / 100)^2 / 12
+    assert "harmonics of friction" not in light
+    strong = said(0.3, 1785.0, 1795.0, 100, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    assert "harmonics of friction" in strong
+    assert "damping is light" not in strong

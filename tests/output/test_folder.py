@@ -51,6 +51,7 @@ def study():
 
 KEYS = {
     "dofs", "contact_points", "modes", "steps", "newton_iterations", "wall_s", "offline_s",
+    "compilation_s",
     "peak_displacement_m", "friction_energy_per_cycle_J", "loop_energy_per_cycle_J",
     "friction_energy_J", "active_length_m", "active_area_fraction", "energy_balance_residual",
 }  # fmt: skip

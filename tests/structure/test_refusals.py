@@ -273,3 +273,12 @@ def test_a_structure_takes_the_file_of_its_mesh_and_no_other_thing(tmp_path):
         sj.Structure(tmp_path / "nowhere.msh", STEEL, **section)
     with pytest.raises(sj.InputError, match="mesh: found int, must be a mesh of scikit-fem"):
         sj.Structure(3, STEEL, **section)
+
+
+def test_a_mesh_without_names_asks_for_physical_groups():
+    body = replace(block("tri"), points={})
+    bare = replace(body, mesh=replace(body.mesh, _boundaries=None, _subdomains=None))
+    (problem,) = problems(bare, [], ["wall"])
+    assert "support.fixed: found 'wall', but nothing in the mesh has a name" in problem
+    assert "name Physical Groups" in problem
+    assert "region:" not in problem
