@@ -37,14 +37,15 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{safe_name(point)}_m" for point in points),
-        "slipping_share", "friction_damping_ratio", "viscous_damping_ratio", "state",
+        "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
+        "viscous_damping_ratio", "state",
         *names,
     ]  # fmt: skip
     rows = [
         [
             model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
-            c.viscous_damping[k], c.state[k],
+            c.own_law_damping[k], c.viscous_damping[k], c.state[k],
         ]
         for model in found.models
         for c in model.curves
