@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import multiprocessing
 import os
 import signal
@@ -10,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,10 +25,12 @@ from skfem_joint.analysis.study import origin_of, run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
+from skfem_joint.processes import SAFE_PATH, Spawn, interrupts_blocked, safe_path
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
 
 Results = dict[str, Any]
+_ROW = b'{"scene": "'  # what each row of a journal begins with
 _KILLED = (
     "The process that ran it ended twice, the second time with this scene alone in it; it may "
     "need more memory than there is"
@@ -177,15 +180,17 @@ def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, An
 
 
 def _read(journal: Path) -> dict[str, tuple[Results, str]]:
-    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off."""
+    """Rows of a journal by the fingerprints of their scenes; a row that was torn is cut off.
+
+    InputError if anything else is in the file, which is then left as it is.
+    """
     if not journal.exists():
         return {}
     text = journal.read_bytes()
     whole = text.rfind(b"\n") + 1
-    if whole < len(text):
-        os.truncate(journal, whole)
-    rows = {}
-    for number, line in enumerate(text[:whole].splitlines(), 1):
+    rest, rows = text[whole:], {}
+    torn = rest.startswith(_ROW) or _ROW.startswith(rest)
+    for number, line in enumerate(text[: whole if torn else None].splitlines(), 1):
         try:
             row = json.loads(line)
             rows[str(row["scene"])] = dict(row["results"]), str(row["failure"])
@@ -194,6 +199,8 @@ def _read(journal: Path) -> dict[str, tuple[Results, str]]:
                 f"{journal}: line {number}: is not a row of a sweep; move the file away, or choose "
                 "another folder"
             ) from error
+    if whole < len(text):
+        os.truncate(journal, whole)
     return rows
 
 
@@ -215,8 +222,8 @@ def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     """
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    spawned = multiprocessing.get_context("spawn")
-    return futures.ProcessPoolExecutor(workers, spawned, initializer=_begin)
+    with safe_path():  # of a process that counts what they share
+        return futures.ProcessPoolExecutor(workers, Spawn(), initializer=_begin)
 
 
 def _begin() -> None:
@@ -247,10 +254,18 @@ def executors(
     if kind == "dask":
         distributed = needed("distributed", "dask")
         local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        with distributed.Client(address, **({} if address else local)) as client:
+        # What goes wrong with a scene is in its row; that workers are cut off is meant at the end.
+        local["silence_logs"] = logging.CRITICAL
+        with ExitStack() as stack:
+            stack.enter_context(safe_path())  # until the last: dead workers are started again
+            with nullcontext() if address else interrupts_blocked():
+                client = distributed.Client(address, **({} if address else local))
+                stack.enter_context(client)
             yield client.get_executor
     elif kind == "mpi":
-        yield partial(needed("mpi4py.futures", "mpi").MPIPoolExecutor, workers)
+        library = needed("mpi4py.futures", "mpi")
+        with safe_path():
+            yield partial(library.MPIPoolExecutor, workers, python_args=[SAFE_PATH])
     else:
         try:
             yield partial(processes, workers)
