@@ -22,7 +22,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TextIO
 
 from skfem_joint import __version__
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import recording
 from skfem_joint.output.report import write_json
 
@@ -229,13 +229,24 @@ class _Record:
         self.lines.flush()
         os.fsync(self.lines.fileno())
 
+    def is_right(self) -> bool:
+        """Whether every file is there as it was noted."""
+        known = {name: {digest} for name, digest in self.files.items()}
+        return all(_is_ours(self.folder, name, known) for name in known)
+
+    def finish(self, content: Mapping[str, Any]) -> None:
+        """Write the summary with all digests, which makes the list needless."""
+        write_json(self.folder / SUMMARY, _marked(content, self.files))
+        (self.folder / LIST).unlink(missing_ok=True)
+
 
 @contextmanager
 def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
     """Write results in place of old ones; yields the path of the ``summary.json`` of ``content``.
 
     Every file that `replacing` writes below the folder while the block runs is listed there with
-    its digest. The summary is written first, without them, and again when all is written.
+    its digest. The summary is written first, without them, and again when all is written or an
+    error ends the block.
 
     Raises
     ------
@@ -252,7 +263,12 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         lines.write(_first_line())
         record = _Record(folder, lines)
         write_json(summary, _marked(content, {}))
-        with recording(record.take):
-            yield summary
-    write_json(summary, _marked(content, record.files))
-    hidden.unlink(missing_ok=True)
+        try:
+            with recording(record.take):
+                yield summary
+        except BaseException:
+            with suppress(JointError, OSError):  # the list tells it too
+                if record.is_right():
+                    record.finish(content)
+            raise
+    record.finish(content)

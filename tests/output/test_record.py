@@ -167,6 +167,19 @@ def test_a_list_of_another_program_is_refused(out):
         assert_refused(out, LIST)
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("the disk is full")])
+def test_what_was_written_before_an_error_is_listed_in_the_summary(error, out):
+    def interrupted() -> None:
+        with writing(out, {}):
+            write(out, {"joint.png": "ours"})
+            raise error
+
+    with pytest.raises(type(error)):
+        interrupted()
+    assert json.loads((out / "summary.json").read_text())["files"].keys() == {"joint.png"}
+    assert set(tree(out)) == {"summary.json", "joint.png"}
+
+
 KILLED = """
 import os, sys
 from pathlib import Path
