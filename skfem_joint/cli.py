@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import needed
+from skfem_joint.processes import SAFE_PATH
 from skfem_joint.progress import Progress, progress_bar
+from skfem_joint.terminal import plain_streams, unfiltered
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -36,10 +38,15 @@ BROKEN_PIPE = 141
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    for stream in (sys.stdout, sys.stderr):
-        # What a terminal cannot show is replaced.
-        with suppress(AttributeError):  # a stream that is not a terminal's may have no encoding
-            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    with plain_streams():
+        try:
+            return _main(arguments)
+        except OSError:  # the error stream, on which the reason was to be told, is broken too
+            _drop_output()
+            return BROKEN_PIPE
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     options.given = sys.argv[1:] if arguments is None else arguments
@@ -87,8 +94,10 @@ def _stoppable() -> Iterator[None]:
 
 def _drop_output() -> None:
     """Let what is still to be printed go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     with suppress(OSError):  # a stream without a file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 @contextmanager
@@ -202,7 +211,7 @@ def _keys(options: argparse.Namespace) -> int:
     if sys.stdout.isatty():
         from rich.console import Console
 
-        keys.show(tables, Console())
+        keys.show(tables, Console(file=unfiltered(sys.stdout)))
     else:
         print(keys.markdown(tables), end="")
     return 0
@@ -219,18 +228,20 @@ def _check(options: argparse.Namespace) -> int:
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
         check_resolution(system, scene.time_step, scene.n_steps)
+    # All of it is checked before it is called valid.
+    swept = None if scene.sweep is None else load_sweep(options.scene)
+    found = describe(scene)
+    notes = *doubts(scene.structure(), system), *found.doubts
+    need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
-    found = describe(scene)
     print("\n".join(found.facts))
-    notes = *doubts(scene.structure(), system), *found.doubts
     for note in dict.fromkeys(notes):
         print(f"Note: {note}")
-    if scene.sweep is not None:
-        print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
-    need = sum(memory.needed(scene).values())
+    if swept is not None:
+        print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
@@ -269,7 +280,7 @@ def _run(options: argparse.Namespace) -> int:
         study.warnings += notes
         files = output.write(study, out, progress)
         if checkpoints is not None and not study.interrupted and failure is None:
-            checkpoints.remove()
+            checkpoints.remove(study.models)
     if scene.title:
         print(f"{scene.title}\n")
     print("\n".join(study.description.facts), end="\n\n")
@@ -329,7 +340,7 @@ def _error_time(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if not comparison.threads_pinned(os.environ):
         # Read when numpy starts, so that it takes another process.
-        again = [sys.executable, "-m", "skfem_joint", *options.given]
+        again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
     with folder.kept(options.out) as notes, _rows(options, comparison.ROWS) as rows:

@@ -76,7 +76,8 @@ def scene_text(kind):
 
 def launch(scene, out, *more, command="run"):
     """A command of `skfem-joint` in a process of its own."""
-    words = [sys.executable, "-m", "skfem_joint", command, str(scene), "--out", str(out), *more]
+    started = [sys.executable, "-P", "-m", "skfem_joint"]  # -P: not from the current folder
+    words = [*started, command, str(scene), "--out", str(out), *more]
     pipe, environment = subprocess.PIPE, os.environ | THREADS
     return subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, env=environment)
 
@@ -99,7 +100,8 @@ def content(folder):
 def _timeless(value):
     if not isinstance(value, dict):
         return value
-    times = "wall_s", "offline_s", "estimate_s", "compilation_s"
+    # The mark has a digest of the summary with its times.
+    times = "wall_s", "offline_s", "estimate_s", "compilation_s", "written_by"
     return {key: _timeless(part) for key, part in value.items() if not key.endswith(times)}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -9,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from skfem_joint.analysis.study import origin_of, run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
+from skfem_joint.processes import SAFE_PATH, Spawn, interrupts_blocked, safe_path
 from skfem_joint.scene import Scene
 from skfem_joint.values import COUNT, check, check_some
 
@@ -198,8 +200,8 @@ def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     check_some(COUNT, workers=workers)
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    spawned = multiprocessing.get_context("spawn")
-    return futures.ProcessPoolExecutor(workers, spawned, initializer=_begin)
+    with safe_path():  # of a process that counts what they share
+        return futures.ProcessPoolExecutor(workers, Spawn(), initializer=_begin)
 
 
 def _begin() -> None:
@@ -230,10 +232,18 @@ def executors(
     if kind == "dask":
         distributed = needed("distributed", "dask")
         local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        with distributed.Client(address, **({} if address else local)) as client:
+        # What goes wrong with a scene is in its row; that workers are cut off is meant at the end.
+        local["silence_logs"] = logging.CRITICAL
+        with ExitStack() as stack:
+            stack.enter_context(safe_path())  # until the last: dead workers are started again
+            with nullcontext() if address else interrupts_blocked():
+                client = distributed.Client(address, **({} if address else local))
+                stack.enter_context(client)
             yield client.get_executor
     elif kind == "mpi":
-        yield partial(needed("mpi4py.futures", "mpi").MPIPoolExecutor, workers)
+        library = needed("mpi4py.futures", "mpi")
+        with safe_path():
+            yield partial(library.MPIPoolExecutor, workers, python_args=[SAFE_PATH])
     else:
         try:
             yield partial(processes, workers)

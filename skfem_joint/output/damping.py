@@ -13,8 +13,8 @@ from skfem_joint.analysis.response import HARMONICS, Curve
 from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
-from skfem_joint.output.folder import write_summary
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
+from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
 from skfem_joint.reduction.zones import measured_lengths
 from skfem_joint.structure import AnyStructure
@@ -255,7 +255,8 @@ def _written(
 ) -> list[Path]:
     """Write a summary, tables whose first rows are their headings, and a picture."""
     folder = picture.parent
-    summary = write_summary(folder, content, [*tables, picture.name])
-    for name, rows in tables.items():
-        write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
-    return [*(folder / name for name in tables), save_figure(picture, figure), summary]
+    with writing(folder, content) as summary:
+        for name, rows in tables.items():
+            write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
+        save_figure(picture, figure)
+    return [*(folder / name for name in tables), picture, summary]

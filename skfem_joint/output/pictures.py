@@ -24,6 +24,7 @@ from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.plots import envelope, prefixed_unit
 from skfem_joint.output.series import Block, blocks_of, faces_of
+from skfem_joint.processes import SAFE_PATH
 from skfem_joint.structure import Structure
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
@@ -99,9 +100,8 @@ def _draws(window: str) -> bool:
     if not window:
         del environment[_VARIABLE]
     try:
-        ended = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60.0
-        )
+        command = [sys.executable, SAFE_PATH, "-c", _PROBE]
+        ended = subprocess.run(command, env=environment, capture_output=True, timeout=60.0)
     except (subprocess.TimeoutExpired, OSError):
         return False
     return ended.returncode == 0 and b"drawn" in ended.stdout

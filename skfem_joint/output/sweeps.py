@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint.analysis.sweep import STEADY, Row
 from skfem_joint.files import holding, replacing, safe_name
 from skfem_joint.output import plots
-from skfem_joint.output.folder import write_summary
+from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
@@ -77,8 +77,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
     warnings = {str(row.number): list(row.warnings) for row in rows if row.warnings}
     content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
     content |= {**doubtful(rows), "warnings": warnings}
-    with holding(folder):
-        summary = write_summary(folder, content, [file.name for file in files])
+    with holding(folder), writing(folder, content) as summary:
         write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
         for path in parquet:
             from pyarrow import parquet as library, table as arrow  # isort: skip

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, PrivateAttr, Tag
+from pydantic import AfterValidator, Field, PrivateAttr, Tag
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
-from skfem_joint.scene.messages import LIST, NUMBER, WORD
+from skfem_joint.mesh.named import name_problems
+from skfem_joint.scene.messages import LIST, NUMBER, WORD, mistake
 from skfem_joint.scene.values import FileName, SceneTable, key, one_of
 from skfem_joint.structure import MatrixModel
 from skfem_joint.system import vector_of
@@ -32,6 +33,15 @@ _WITH_VARIABLE = re.compile(r"(.+\.(?:mat|npz)):(\w+)", re.IGNORECASE)
 _Dof = Annotated[int, Field(ge=0)]
 
 
+def _is_name(name: str) -> str:
+    if problems := name_problems(name=[name]):
+        raise mistake(problems[0])
+    return name
+
+
+_Name = Annotated[str, AfterValidator(_is_name)]
+
+
 class Matrices(SceneTable):
     """``[matrices]``: the structure as matrices, such as another program exports them."""
 
@@ -41,7 +51,7 @@ class Matrices(SceneTable):
     )
     M: FileName = key("mass matrix, kg; a file as for K")
     C: FileName | None = key("damping matrix, N s/m; a file as for K", None)
-    contact: dict[str, FileName] = key(
+    contact: dict[_Name, FileName] = key(
         "pairs of nodes by the name of the contact: CSV or a file as for K, a row each of x, y, z "
         "degrees of freedom of the first node, of the second (none: a rigid base), normal x, y, z "
         "and area in m²; empty, or a number below first, where there is no degree of freedom",
@@ -53,7 +63,7 @@ class Matrices(SceneTable):
         one_of(WORD, otherwise=LIST),
     ] = key("degrees of freedom that are held: a list, or CSV or a file as for K", ())
     points: dict[
-        str,
+        _Name,
         Annotated[
             Annotated[FileName, Tag(WORD)] | Annotated[_Dof, Tag(NUMBER)],
             one_of(WORD),

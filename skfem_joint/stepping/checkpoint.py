@@ -11,7 +11,7 @@ import json
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -171,7 +171,7 @@ class Checkpoints:
         path = self.folder / f"checkpoint_{model}.npz"
         return Checkpoint(path, origin, self.every, self.resume)
 
-    def remove(self) -> None:
-        """Remove them, when the results are written."""
-        for path in self.files():
-            path.unlink(missing_ok=True)
+    def remove(self, models: Iterable[str]) -> None:
+        """Remove those of some models, when their results are written."""
+        for model in models:
+            self.of(model, "").path.unlink(missing_ok=True)

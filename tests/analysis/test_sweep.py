@@ -130,9 +130,11 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
     assert {row.number: row.failure for row in found}[1] == "step 3"
     marks = [json.loads(line)["row"] for line in journal.read_text().splitlines()[1:]]
     assert len(marks) == len(set(marks)) == 6
-    journal.write_text("{}\n")
-    with pytest.raises(InputError, match="line 1: is not that"):
-        next(sweep(scenes, executor, journal))
+    for others in ("{}\n", "notes of the user", "{}\n{"):
+        journal.write_text(others)
+        with pytest.raises(InputError, match="line 1: is not that"):
+            next(sweep(scenes, executor, journal))
+        assert journal.read_text() == others
 
 
 @pytest.mark.parametrize("given", [True, False])
