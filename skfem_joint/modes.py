@@ -11,7 +11,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import factorised, pivots
 from skfem_joint.loads import Amplitude
 from skfem_joint.values import Kind, problems
 
@@ -20,6 +20,8 @@ from skfem_joint.values import Kind, problems
 LOOKED_AT, _RIGID = 12, 1e-12
 #: Ratios of damping that are allowed.
 RATIO = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
+#: Pivots below this share of the largest are zero.
+_SINGULAR = 1e-11
 #: Frequencies that differ by less than this share are the same.
 _SAME = 0.1
 
@@ -69,6 +71,15 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
     """Motions (n, k) that strain nothing, at ``most`` so many of them, of unit mass."""
     squares, modes = _lowest(sparse.csr_array(K), sparse.csr_array(M), most)
     return modes[:, squares == 0.0]
+
+
+def is_singular(K: Matrix) -> bool:
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
+    try:
+        found = pivots(K)
+    except RuntimeError:  # exactly singular
+        return True
+    return bool(np.min(found) <= _SINGULAR * np.max(found))
 
 
 def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:

@@ -30,7 +30,7 @@ from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save, Steady
+from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
@@ -347,15 +347,14 @@ def steady_point(
             frequency, nothing, nothing, harmonics, nothing, np.nan, np.nan, slip, np.nan, 0,
             np.nan, failure=str(error),
         )  # fmt: skip
-    found = run.steady or Steady(0, np.nan)
-    high, low = run.point_u.max(axis=0), run.point_u.min(axis=0)
+    found = run.vibration
     harmonics = _harmonics(run.point_u[:-1])
     slip, limit = run.slip_peak.max(initial=0.0), float(system.w.sum())
     first = _harmonics(loaded.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
         frequency=frequency,
-        amplitude=0.5 * (high - low),
-        offset=0.5 * (high + low),
+        amplitude=found.amplitude,
+        offset=found.offset,
         harmonics=harmonics,
         phase=np.angle(harmonics[:, 0] / first) if first else np.angle(harmonics[:, 0]),
         friction_energy=float(run.friction_work.sum()),

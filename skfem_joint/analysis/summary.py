@@ -25,6 +25,10 @@ LARGE = 0.1
 OPEN = 1e-8
 #: Estimated errors above this are told; a distance from the full model below this never is.
 DOUBTFUL, UNSEEN = 0.05, 1e-3
+#: Estimated errors above this are told.
+DOUBTFUL = 0.05
+#: A drift in a period above this share of the amplitude is told.
+DRIFTS = 1e-3
 #: Joints that creep by more than this share of their slip are told: half of the limit makes them
 #: creep by 1 / beta a second. A law is recommended that lets them creep by the second share.
 CREEP, STEEP = 0.05, 0.01
@@ -50,6 +54,9 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "compilation_s": model.compilation_s,
         "peak_displacement_m": _by_point(run, peaks(run)),
         "peak_displacement_whole_run_m": _by_point(run, run.peak),
+        "amplitude_m": run.steady and _by_point(run, run.steady.amplitude),
+        "offset_m": run.steady and _by_point(run, run.steady.offset),
+        "drift_per_period_m": run.steady and _by_point(run, run.steady.drift),
         "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,
         "loop_energy_per_cycle_J": float(cycles.input[-1].sum()) if has_cycles else None,
         "friction_energy_J": run.friction_energy,
@@ -137,6 +144,7 @@ def violated(study: Study, model: Model) -> list[str]:
             f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
             "hold no longer. Are loads, stiffness and supports right?"
         )
+    found += _free_offsets(model)
     state = steady_state(run)
     if state is not None and not state.reached:
         found.append(
@@ -180,6 +188,29 @@ def _differs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
             f"{'; '.join(beyond)}. The larger error counts as its total. Use the full model's "
             "results, or more modes and friction points."
         )
+
+
+def _free_offsets(model: Model) -> Iterator[str]:
+    """Sentences about steady vibration whose place nothing but its past determines."""
+    run, steady = model.run, model.run.steady
+    if steady is None or not steady.unstrained:
+        return
+    size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
+    if size.size and size[most] > DRIFTS * steady.amplitude.max():
+        yield (
+            f"The {model.name} model drifts: '{run.system.points[most]}' goes on by "
+            f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
+            "friction holds it. It has a steady velocity and no steady displacement: amplitudes "
+            "are those about its drift, offsets and peaks those of one period."
+        )
+        return
+    yield (
+        f"In the {model.name} model friction alone holds what no support does: amplitudes (half of "
+        "peak to peak) are those of its steady vibration, but its offset depends on how that "
+        "began. The offsets and peaks given are those of vibration about the place without strain "
+        "under loads that change their sign every half period, else from the place of the start; "
+        "to follow the transient to its own offset give cycles in place of until = 'steady'."
+    )
 
 
 def _creeping(study: Study, model: Model) -> Iterator[str]:

@@ -87,7 +87,8 @@ def integrate(
         says, if that is given.
     until : {"end", "steady"}
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
-        steady, see :mod:`skfem_joint.stepping.steady`.
+        steady, see :mod:`skfem_joint.stepping.steady`; its amplitudes and offsets are in
+        `Run.steady`.
     initial : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) at the start; at rest if not given.
     tolerance : float
@@ -315,7 +316,7 @@ class _Driver:
         parts = 2 if odd else 1  # of a period
         changes: list[float] = []
 
-        def period(start: State, save: Save | None = None) -> tuple[State, float, float]:
+        def period(start: State, save: Save | None = None) -> tuple[State, float, float, float]:
             """Go through one period, or half of one whose other half is its mirror image."""
             self.done, energy, stepper = 0, 0.0, self.stepper
             steps = self.n_steps // 2 if odd and save is None else self.n_steps
@@ -336,18 +337,34 @@ class _Driver:
                 energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
             if steps < self.n_steps:
                 stepper.now = State(*(-part for part in stepper.now))
-            return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
+            work = float(np.abs(self.recorder.input_work).sum())
+            return stepper.now, energy, work, float(self.recorder.friction_work.sum())
 
-        start = periodic_state(self.system, self.stepper.now, period, changes, parts)
-        start, periods = copied(start), -(-len(changes) // parts)
-        period(copied(start), save)
+        steady = periodic_state(self.system, self.stepper.now, period, changes, parts)
+        start, periods = copied(steady.state), -(-len(changes) // parts)
+        period(copied(start), Save())
+        drift = self.system.P @ steady.drift
+        ahead = np.linspace(0.0, 1.0, self.n_steps + 1)[:, np.newaxis] * drift
+        vibration = self.recorder.stored.point_u - ahead
+        high, low = vibration.max(axis=0), vibration.min(axis=0)
+        if save != Save():
+            period(copied(start), save)
+            periods += 1
         if cycle_steps is not None:
             self.recorder.end_cycle()
         self.elapsed = time.perf_counter() - begin
         energy = self.system.stored_energy(*start[:2])
         run = self.finish(energy)
         counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
-        return replace(run, steady=Steady(periods, changes[-1]), counters=counters)
+        found = Steady(
+            periods=periods,
+            change=changes[-1],
+            amplitude=0.5 * (high - low),
+            offset=0.5 * (high + low),
+            drift=drift,
+            unstrained=steady.unstrained,
+        )
+        return replace(run, steady=found, counters=counters)
 
     def _lay(self, t: float, jump: bool) -> None:
         """Cut the step in which a load jumps or kinks."""

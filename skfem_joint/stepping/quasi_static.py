@@ -29,7 +29,8 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, factorised, pivots
+from skfem_joint.factors import Uncondensed, factorised
+from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
@@ -46,10 +47,9 @@ HELD = 0.98
 HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-12
-#: Pivots below this share of the largest are zero; iterations for the friction limit; stiffness of
-#: motions without strain, as a share of the mean square frequency, and most of them; share of their
-#: displacement that is no slip.
-_SINGULAR, _ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 1e-11, 20, 1e-9, 12, 1e-6
+#: Iterations for the friction limit; stiffness of motions without strain, as a share of the mean
+#: square frequency, and most of them; share of their displacement that is no slip.
+_ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 20, 1e-9, 12, 1e-6
 #: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
 #: their stiffness, over the least of all, beyond which round-off hides that one.
 _STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
@@ -385,12 +385,3 @@ class _Fronts:
             return None
         counts = {"newton_iterations": int(count)}
         return Solution(memory.velocity.copy(), memory.force.copy(), True, counts, 0.0, 0)
-
-
-def is_singular(K: sparse.csr_array) -> bool:
-    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
-    try:
-        found = pivots(K)
-    except RuntimeError:  # exactly singular
-        return True
-    return bool(np.min(found) <= _SINGULAR * np.max(found))

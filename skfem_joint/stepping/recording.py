@@ -86,10 +86,23 @@ class Cycles:
 
 @dataclass(frozen=True)
 class Steady:
-    """How steady vibration was found."""
+    """Steady vibration of the named points, and how it was found.
+
+    Displacements are of every step of the period, whatever rows are stored. Those of a point that
+    drifts are counted from where it would be had it gone there evenly.
+    """
 
     periods: int  #: that were gone through
     change: float  #: of the state over the last one, relative, in the norm of energy
+    amplitude: FloatArray  #: (points,) half of peak to peak, m
+    #: (points,) mean of the highest and the lowest displacement, m. Where joints come to rest
+    #: depends on how the vibration began; of bodies that friction alone holds (``unstrained`` above
+    #: zero) nothing else determines it. Under loads that change their sign every half period the
+    #: search gives the vibration without an offset, under others the one that begins with the rigid
+    #: displacement of the run's start.
+    offset: FloatArray
+    drift: FloatArray  #: (points,) displacement in a period of bodies that go on and on, m
+    unstrained: int  #: number of rigid motions that friction alone holds, or nothing
 
 
 @dataclass(frozen=True)
@@ -158,6 +171,21 @@ class Run:
     def peak_of(self, name: str) -> float:
         """Largest displacement of a named point over every step of the run, m."""
         return float(self.peak[self._number(name)])
+
+    def amplitude_of(self, name: str) -> float:
+        """Half of peak to peak of a named point in steady vibration, m; see `vibration`."""
+        return float(self.vibration.amplitude[self._number(name)])
+
+    def offset_of(self, name: str) -> float:
+        """Mean of both peaks of a named point in steady vibration, m; see `vibration`."""
+        return float(self.vibration.offset[self._number(name)])
+
+    @property
+    def vibration(self) -> Steady:
+        """Steady vibration; InputError if the run is not one until "steady"."""
+        if self.steady is None:
+            raise InputError("run: is not one of steady vibration; integrate with until='steady'")
+        return self.steady
 
     @property
     def friction_energy(self) -> dict[str, float]:

@@ -29,6 +29,7 @@ from skfem_joint.analysis.study import Study, friction_work
 from skfem_joint.analysis.summary import violated
 from skfem_joint.friction import AT_LIMIT
 from skfem_joint.output import report
+from skfem_joint.output.report import summary
 
 GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
 MULTI_HARMONIC = {
@@ -201,6 +202,33 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
     unsteady = " ".join(run_bar(time={"cycles": 2}).warnings)
     assert len(re.findall("has not reached a steady state", unsteady)) == 2
     assert any("reduction.active_length has no effect" in one for one in results.warnings)
+
+
+def test_steady_vibration_is_told_apart_from_an_offset_that_depends_on_its_past():
+    upper = {"on": "upper_joint", "against": "joint", "pressure": 1e6, "friction": MU}
+    loads = [
+        harmonic("upper_right", 7e3, 1500.0) | {"direction": [1.0, 0.0]},
+        harmonic("upper_right", 4e3, 3000.0) | {"direction": [1.0, 0.0], "phase": 1.0},
+    ]
+    for count, says in ((1, "its offset depends on how that began"), (2, "model drifts")):
+        scene = two_plates(
+            "full",
+            joint=[upper | {"law": "coulomb"}],
+            load=loads[:count],
+            time={"until": "steady", "steps_per_cycle": 60},
+            damping={"ratio": 5e-3},
+            output={"points": ["upper_right"]},
+        )
+        results = sj.run_scene(scene)
+        assert sum(says in one for one in results.warnings) == 1
+        model = summary(results)["models"]["full"]
+        for values in (model["amplitude_m"], model["offset_m"], model["drift_per_period_m"]):
+            assert "upper_right" in values
+        half = 0.5 * np.ptp(results.models["full"].run.point("upper_right"))
+        if count == 1:
+            assert model["amplitude_m"]["upper_right"] == pytest.approx(half, rel=1e-9)
+            assert abs(model["offset_m"]["upper_right"]) < 1e-3 * half
+    assert summary(run_bar("full"))["models"]["full"]["amplitude_m"] is None
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Scenes drawn at random, damaged files, runs that are killed: a little of each script."""
 
 import pytest
-from stability import checks, killed, mutated
+from stability import checks, killed, mutated, pairs
 
 
 def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
@@ -30,3 +30,14 @@ def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, 
     said = capsys.readouterr().out
     assert said.count("the same to the bit") == 2
     assert "every file right" in said
+
+
+def test_steady_vibration_of_pairs_of_plates_is_that_of_marching(capsys):
+    assert pairs.main(["--count", "4"]) == 0
+    assert "4 of 4 amplitudes" in capsys.readouterr().out
+
+
+def test_an_amplitude_that_is_not_that_of_marching_is_told(capsys, monkeypatch):
+    monkeypatch.setattr(pairs, "ALLOWED", 0.0)
+    assert pairs.main(["--count", "1"]) == 1
+    assert "WRONG" in capsys.readouterr().out
