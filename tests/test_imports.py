@@ -97,17 +97,3 @@ def test_the_public_names_are_there_and_cost_nothing_until_they_are_used():
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numpy", "scipy", "skfem", "numba", "pydantic"} & set(ended.stdout.split())
     assert (PACKAGE / "py.typed").is_file()
-
-
-def test_sizes_stay_readable():
-    """No module beyond 500 lines, no function beyond 90 but compiled ones."""
-    for module in MODULES:
-        text = path_of(module).read_text(encoding="utf-8")
-        assert len(text.splitlines()) <= 500, module
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef) and not any(
-                "compiled" in ast.unparse(one) or "njit" in ast.unparse(one)
-                for one in node.decorator_list
-            ):
-                length = (node.end_lineno or 0) - node.lineno + 1
-                assert length <= 90, f"{module}.{node.name}: {length} lines"

@@ -139,12 +139,11 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     values["frequencies_loose_Hz"] = loose[:SHOWN].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose)}"
     if held.size:
-        number, share = alike(system.M, stuck[1][:, :SHOWN], loose_shapes)
+        number, likeness = alike(system.M, stuck[1][:, :SHOWN], loose_shapes)
         values["stuck_modes_like_loose"] = (number + 1).tolist()
-        values["stuck_modes_like_loose_share"] = share.tolist()
-        text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck" + _compared(
-            number, share
-        )
+        values["stuck_modes_like_loose_share"] = likeness.tolist()
+        text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck"
+        text += _compared(number, likeness)
     facts.append(f"{text}.")
     looked_at = min(LOOKED_AT, system.n), min(LOOKED_AT, system.n - held.size)
     rigid = [most - some.size for most, some in zip(looked_at, (loose, stuck[0]), strict=True)]

@@ -197,7 +197,9 @@ def half_power_widths(curve: Curve, model: System) -> FloatArray:
     stored = [np.nan if p.state is None else model.stored_energy(*p.state) for p in curve.points]
     energy = 2.0 * np.pi * np.array(stored)
     lost = np.abs(curve.column("input_energy"))
-    return np.divide(lost, energy, out=np.full(energy.shape, np.inf), where=energy > 0.0)
+    width = np.full(energy.shape, np.inf)
+    np.divide(lost, energy, out=width, where=energy > 0.0)
+    return width
 
 
 def _by_shift(curve: Curve, shift: float, width: FloatArray) -> FloatArray:
@@ -209,7 +211,7 @@ def _by_shift(curve: Curve, shift: float, width: FloatArray) -> FloatArray:
     f, (known, A) = curve.column("frequency"), curve.known
     tops = known[np.flatnonzero(np.diff(np.sign(np.diff(np.pad(A, 1)))) < 0)]
     distance = np.abs(f[:, np.newaxis] / tops - 1.0).min(axis=1)
-    return shift / np.maximum(width, distance)
+    return np.asarray(shift / np.maximum(width, distance))
 
 
 def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
