@@ -52,8 +52,8 @@ from skfem_joint.values import COUNT, POSITIVE, at_least, check, check_each
 LOWEST = 0.05
 #: Increments of each half of a loop, and levels that are gone round to check.
 INCREMENTS, CHECKED = 4, 3
-#: Increments of each half of a cycle under the system's own law, and the difference of its damping
-#: from Coulomb's, relative, from which on it is told.
+#: Increments of each half of a cycle under the system's own law, and what its damping exceeds
+#: Coulomb's by, as a share of it, from which on that is told.
 OWN_INCREMENTS, DIFFERS = 16, 0.1
 #: Cycles at the end of a ring-down that are left out.
 ENDS = 2
@@ -377,7 +377,9 @@ def _law_differs(
     number: int, system: System, q: FloatArray, coulomb: FloatArray, own: FloatArray
 ) -> list[str]:
     """Sentence about the damping by the system's own law where it is not Coulomb's."""
-    if np.all(np.abs(own - coulomb) <= DIFFERS * own):
+    # Less than the curve's is no matter of the law: loops of slips that turn are rough with few
+    # increments (7 to 10 % too much for a bolted plate at the highest level).
+    if np.all(own - coulomb <= DIFFERS * own):
         return []
     beta = system.beta[(system.w > 0.0) & np.isfinite(system.beta)]
     shown = [
