@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_text
 
@@ -102,10 +102,11 @@ def _check(amplitude: Any, positive: str) -> None:
     problems = []
     for name in (field.name for field in fields(amplitude)):
         value = getattr(amplitude, name)
-        finite = math.isfinite(value)
+        finite = np.isrealobj(value) and math.isfinite(value)
         right = finite and (name != positive or value > 0) and (name != "start" or value >= 0)
         if not right:
-            allowed = "finite" if not finite else "> 0" if name == positive else ">= 0"
+            allowed = "> 0" if name == positive else ">= 0"
+            allowed = allowed if finite else "a finite real number"
             problems.append(f"{name}: found {value!r}, must be {allowed} ({_MEANING[name]})")
     refuse(problems)
 
@@ -298,7 +299,7 @@ class Table(Amplitude):
 
     def __post_init__(self) -> None:
         for name in ("times", "forces"):
-            values = np.array(getattr(self, name), dtype=float)
+            values = np.array(as_real(getattr(self, name), name))
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.times.ndim != 1 or self.times.shape != self.forces.shape or self.times.size < 2:

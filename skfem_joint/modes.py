@@ -78,7 +78,7 @@ def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
     """What is wrong with a damping ratio beside other ways to give damping, by their names."""
-    if not 0.0 < ratio < 1.0:
+    if np.iscomplexobj(ratio) or not 0.0 < ratio < 1.0:
         yield f"damping.ratio: found {ratio}, must be above 0 and below 1"
     if given := [name for name, value in others.items() if value]:
         yield (

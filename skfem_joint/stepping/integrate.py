@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.arrangement import arranged, choose
@@ -197,7 +197,7 @@ def _start(
     """Displacement and velocity at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
-    u, v = (np.array(x, dtype=float) for x in initial)
+    u, v = (np.array(as_real(x, "initial")) for x in initial)
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
         raise InputError("initial: must be finite")
     if u.shape != (system.n,) or v.shape != (system.n,):

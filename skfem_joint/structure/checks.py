@@ -56,7 +56,9 @@ def problems_of(structure: Structure) -> list[str]:
 
 def positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
     """What is wrong with a value that must be positive, or not negative (``">= 0"``)."""
-    if not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
+    if np.iscomplexobj(value):
+        yield f"{where}: found {value}, must be a real number"
+    elif not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
         yield f"{where}: found {value}, must be {least}"
 
 
@@ -145,10 +147,10 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
 def joint_value_problems(joint: Joint) -> Iterator[str]:
     """What is wrong with the numbers and words of a joint."""
     yield from positive(f"{joint.label}: friction", joint.friction, ">= 0")
-    if not joint.beta > 0.0:
+    if np.iscomplexobj(joint.beta) or not joint.beta > 0.0:
         yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
     yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
-    if isinstance(joint.pressure, int | float):
+    if isinstance(joint.pressure, int | float | complex):
         yield from positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
 
 

@@ -338,6 +338,9 @@ def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
             "the first node, of the second, normal x, y, z, area"
         )
         return
+    if rows.dtype.kind not in "iuf":
+        yield f"found {rows.dtype} values, must be real numbers"
+        return
     dofs, absent = rows[:, :6], ~(rows[:, :6] >= 0.0)
     ordered = np.sort(np.where(absent, -1.0 - np.arange(6), dofs), axis=1)
     last = f"must be a whole number from {first} to {n - 1 + first}, or nothing"
