@@ -18,7 +18,7 @@ import zlib
 from array import array
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,26 +163,26 @@ def check_indices(A: Any) -> None:
 # .npz
 
 
-def npz_arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """All arrays of an .npz file, by name.
+def npz_arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
+    """All arrays of an open .npz file, by name.
 
     Raises
     ------
     ValueError, zipfile.BadZipFile and others of `DAMAGE`
         For what is damaged, needs more memory than it has bytes, or would run code.
     """
-    names, read, _ = _npz_members(content)
+    names, read, _ = _npz_members(file)
     return {name: read(name) for name in names}
 
 
-def _npz_members(content: bytes) -> _Stored:
-    archive = zipfile.ZipFile(io.BytesIO(content))
+def _npz_members(file: BinaryIO) -> _Stored:
+    archive = zipfile.ZipFile(file)
     members = archive.infolist()
     by_name = {member.filename.removesuffix(".npy"): member for member in members}
     if len(by_name) < len(members):
         raise ValueError("two of its arrays have the same name")
     size = sum(member.file_size for member in members)
-    _check_unpacked(size, len(content))
+    _check_unpacked(size, file.seek(0, io.SEEK_END))
     return _Stored(tuple(by_name), lambda name: _npy(archive, by_name[name]), size)
 
 
@@ -222,7 +222,7 @@ def _npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 def _npz(content: bytes) -> _Stored:
-    members = _npz_members(content)
+    members = _npz_members(io.BytesIO(content))
     if "format" not in members.names:
         return members
     return _Stored((), lambda _: _sparse(members.read), members.size)
