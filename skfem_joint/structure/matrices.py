@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError, listed, refuse
+from skfem_joint.mesh.named import name_problems
 from skfem_joint.modes import rigid_motions
 from skfem_joint.structure.checks import joint_value_problems
 from skfem_joint.structure.contact import Reactions, along, reactions
@@ -87,6 +88,8 @@ class MatrixModel:
     dim = 3
 
     def __post_init__(self) -> None:
+        for named in (self.contacts, self.points):
+            refuse(name_problems(matrices=named))
         _ = self.unloaded  # refuses what is wrong
 
     @property
