@@ -43,6 +43,8 @@ DAMAGE = (
 _WITH_VARIABLE = re.compile(r"(.+\.(?:mat|npz)):(\w+)", re.IGNORECASE)
 _NUMBERS_OF_MATLAB = ("sparse", "double", "single", *(f"int{k}" for k in (8, 16, 32, 64)))
 _NUMBERS_OF_MATLAB += tuple(f"uint{k}" for k in (8, 16, 32, 64))
+_WHOLE_NUMBER = rb"[+-]?\d+"
+_NUMBER = rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|(?i:nan|inf))"
 _COMPRESSED = 15  # kind of an element of a MATLAB file
 _HEADER = 128  # bytes of a MATLAB file
 
@@ -260,7 +262,7 @@ _PARTS: Mapping[str, tuple[str, ...]] = {
 def _mtx(content: bytes) -> _Stored:
     from scipy.io import mminfo, mmread
 
-    rows, columns, entries, _, field, _ = mminfo(io.BytesIO(content))
+    rows, columns, entries, form, field, _ = mminfo(io.BytesIO(content))
     if field not in ("real", "double", "integer", "unsigned-integer"):
         raise _NotRealError(f"found {field} values, must be real numbers")
     if max(entries, 0) > len(content):
@@ -270,6 +272,17 @@ def _mtx(content: bytes) -> _Stored:
         )
     if not content.endswith(b"\n"):
         raise ValueError(UNFINISHED_LINE)
+    # scipy passes over what follows a number, such as the decimals after a comma.
+    places = rb"\d+[ \t]+\d+[ \t]+" if form == "coordinate" else b""
+    number = _WHOLE_NUMBER if "integer" in field else _NUMBER
+    right = rb"[ \t]*(?:" + places + number + rb"[ \t]*)?\r?$|%"
+    sizes = re.search(rb"^[ \t]*\d[\d \t\r]*\n", content, re.M)
+    start = sizes.end() if sizes else 0
+    if wrong := re.compile(rb"^(?!" + right + rb").*", re.M).search(content, start):
+        line = content.count(b"\n", 0, wrong.start()) + 1
+        if wrong.start() < len(content):  # what follows the last line end is no line
+            text = wrong[0][:60].decode(errors="replace")
+            raise ValueError(f"line {line}: found {text!r}, must be an entry of {field} numbers")
     return _Stored((), lambda _: mmread(io.BytesIO(content)), len(content))
 
 

@@ -7,6 +7,7 @@ stated are refused by name with an `InputError`.
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +22,9 @@ from scipy.optimize import minimize_scalar
 
 from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import read_text
+from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+
+_log = logging.getLogger(__name__)
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
 # the common period holds at most this many periods of the fastest: beyond that no run reaches it.
@@ -459,10 +462,15 @@ def read_table(path: str | Path) -> Table:
         above the time before it; the message names file and line.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    content = read_text(path, LARGEST_TABLE)
+    if not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+    lines = content.splitlines()
     rows: list[list[float]] = []
     problems: list[str] = []
     for number, line in enumerate(lines, start=1):
+        if len(problems) > _MOST_PROBLEMS_LISTED:
+            break
         text = line.split("#", 1)[0].strip()
         values = [_number(column) for column in text.split(",")]
         is_header = values == [None, None] and not rows and not problems
@@ -484,8 +492,7 @@ def read_table(path: str | Path) -> Table:
     if not problems and len(rows) < 2:
         problems = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
     if len(problems) > _MOST_PROBLEMS_LISTED:
-        more = len(problems) - _MOST_PROBLEMS_LISTED
-        problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
+        problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and more lines like these"]
     refuse(problems)
     return Table(*np.array(rows).T)
 

@@ -136,6 +136,22 @@ def test_sparse_matrices_that_say_they_are_huge_are_refused(tmp_path, shape):
 
 
 @pytest.mark.parametrize(
+    "entry", ["1 1 2,5", "1 1 2.5 7", "1 1 2.5x", "1 1 0x10", "1.5 1 2", "1 1"]
+)
+def test_what_follows_a_number_of_matrixmarket_is_not_passed_over(tmp_path, entry):
+    """Decimals after a comma would be lost."""
+    (tmp_path / "K.mtx").write_text(
+        f"%%MatrixMarket matrix coordinate real general\n2 2 2\n2 2 1\n{entry}\n"
+    )
+    refused(tmp_path, "K.mtx", "line 4: found '1.* must be an entry of real numbers")
+
+
+def test_numbers_with_decimals_are_no_integers_of_matrixmarket(tmp_path):
+    (tmp_path / "K.mtx").write_text("%%MatrixMarket matrix array integer general\n1 1\n2.5\n")
+    refused(tmp_path, "K.mtx", "line 3: found '2.5', must be an entry of integer numbers")
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "coordinate real general\n3 3 1000000000000\n1 1 1.0\n",
