@@ -27,6 +27,12 @@ _recorder: ContextVar[Callable[[Path, Path], None]] = ContextVar(
 
 #: Largest file that is read as input, bytes: a bar of a few million elements.
 LARGEST = 2**29
+#: Largest table of text, bytes: some hundred thousand rows, which are read in seconds.
+LARGEST_TABLE = 2**25
+#: What is said of a text file that may be cut inside its last number.
+UNFINISHED_LINE = (
+    "the last line does not end, so that the file may be cut; add a line end if it is whole"
+)
 
 
 def safe_name(name: str) -> str:

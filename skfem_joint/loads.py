@@ -7,6 +7,7 @@ stated are refused by name with an `InputError`.
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -19,10 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import read_text
+from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 from skfem_joint.values import FINITE, NOT_NEGATIVE, POSITIVE, problems
+
+_log = logging.getLogger(__name__)
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
 # the common period holds at most this many periods of the fastest: beyond that no run reaches it.
@@ -298,10 +301,7 @@ class Table(Amplitude):
 
     def __post_init__(self) -> None:
         for name in ("times", "forces"):
-            given = np.asarray(getattr(self, name))
-            if given.dtype.kind not in "iuf":
-                raise InputError(f"{name}: found {given.dtype} values, must be real numbers")
-            values = given.astype(float)
+            values = np.array(as_real(getattr(self, name), name))
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.times.ndim != 1 or self.times.shape != self.forces.shape or self.times.size < 2:
@@ -461,10 +461,15 @@ def read_table(path: str | Path) -> Table:
         above the time before it; the message names file and line.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    content = read_text(path, LARGEST_TABLE)
+    if not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+    lines = content.splitlines()
     rows: list[list[float]] = []
     mistakes: list[str] = []
     for number, line in enumerate(lines, start=1):
+        if len(mistakes) > _MOST_PROBLEMS_LISTED:
+            break
         text = line.split("#", 1)[0].strip()
         values = [_number(column) for column in text.split(",")]
         is_header = values == [None, None] and not rows and not mistakes
@@ -486,8 +491,7 @@ def read_table(path: str | Path) -> Table:
     if not mistakes and len(rows) < 2:
         mistakes = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
     if len(mistakes) > _MOST_PROBLEMS_LISTED:
-        more = len(mistakes) - _MOST_PROBLEMS_LISTED
-        mistakes = [*mistakes[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
+        mistakes = [*mistakes[:_MOST_PROBLEMS_LISTED], f"{path}: and more lines like these"]
     refuse(mistakes)
     return Table(*np.array(rows).T)
 

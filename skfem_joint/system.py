@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.factors import pivots
 from skfem_joint.friction import norms
@@ -34,6 +34,9 @@ from skfem_joint.values import BETA, NOT_NEGATIVE, check, check_some
 
 #: Share of a matrix's norm by which it may differ from its transpose.
 _UNSYMMETRIC = 1e-10
+#: Share of a damping's largest entry, and of each entry, that counts as round-off where it must
+#: not be negative.
+_ROUND_OFF, _SMALL_SHARE = 1e-12, 1e-9
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,8 @@ class AppliedLoad:
     on: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vector", np.asarray(self.vector, dtype=float))
+        vector = np.asarray(as_real(self.vector, f"load on {self.on!r}"))
+        object.__setattr__(self, "vector", vector)
         object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
 
 
@@ -95,8 +99,8 @@ class System:
     Raises
     ------
     InputError
-        For shapes that do not fit, matrices that are not symmetric or not finite, limits below
-        zero and beta not above it.
+        For shapes that do not fit, matrices that are complex, not symmetric or not finite, limits
+        below zero and beta not above it.
     """
 
     M: Matrix
@@ -116,6 +120,9 @@ class System:
     made_for: str = ""
 
     def __post_init__(self) -> None:
+        for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_real(value, name))
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
@@ -293,7 +300,8 @@ class System:
         Parameters
         ----------
         M, K, C : ndarray or sparse array, shape (N, N)
-            Mass (kg), positive definite, stiffness (N/m), not negative, and damping (N s/m),
+            Mass (kg), positive definite, stiffness (N/m), positive semidefinite, and damping
+            (N s/m), positive semidefinite too, so that it takes energy and never gives any;
             ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given, or that of the
             ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
@@ -315,47 +323,46 @@ class System:
         Raises
         ------
         InputError
-            For shapes that do not fit, matrices that are not symmetric or indefinite, degrees of
-            freedom that are not there, and slip rows that depend on each other.
+            For shapes that do not fit, matrices that are complex, not symmetric or indefinite, such
+            as gyroscopic ones, degrees of freedom that are not there, and slip rows that depend on
+            each other.
         """
-        M, K = sparse.csr_array(M), sparse.csr_array(K)
-        n = M.shape[0]
-        fixed = dof_numbers(fixed, n)
         factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
         check_some(NOT_NEGATIVE, **factors)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             refuse(ratio_problems(damping_ratio, others))
-        joined = Contact.none(n) if contact is None else contact
-        for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
-            right = (A.shape[0], n) if A is joined.B else (n, n)
-            if A.shape != right:
-                raise InputError(f"{name}: found shape {A.shape}, must be {right}")
+        square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
+        n = square["M"].shape[0]
+        fixed = dof_numbers(fixed, n)
+        joined = _joined(Contact.none(n) if contact is None else contact, n)
+        _check_enough_mass(square["M"], n - fixed.size - joined.held.shape[0])
         joined = joined.without(fixed)
+        M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
         applied = tuple(
             AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
             for on, (vector, amplitude) in (loads or {}).items()
         )
         joints, J = joined.joints
-        rows = {load.on: load.vector for load in applied}
-        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        seen = {load.on: load.vector for load in applied}
+        seen |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
-            C=sparse.csr_array(stiffness_damping * K + mass_damping * M if C is None else C),
+            C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),
             K=K,
             B=joined.B,
             w=joined.w,
             beta=joined.beta,
             loads=applied,
-            P=sparse.csr_array(np.reshape(list(rows.values()), (len(rows), n))),
-            points=tuple(rows),
+            P=sparse.csr_array(np.reshape(list(seen.values()), (len(seen), n))),
+            points=tuple(seen),
             directions=joined.directions,
             J=J,
             joints=joints,
         )
         new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
         system = outer.in_unknowns(new)
-        _check_definite(system)
+        _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
     def with_damping_ratio(self, ratio: float) -> System:
@@ -408,15 +415,49 @@ class System:
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
     """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
     array = np.asarray(value)
+    real = as_real(array, what)
     # A list of one whole number is a vector where there is one unknown.
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
-    if array.shape != (n,) or not np.isfinite(array).all():
+    if real.shape != (n,) or not np.isfinite(real).all():
         raise InputError(
             f"{what}: found shape {array.shape}, must be ({n},), finite, or one number of an "
             "unknown"
         )
-    return array.astype(float)
+    return np.array(real)
+
+
+def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
+    """Real matrices by name, all of the shape of the first, which must be square."""
+    found = {name: as_real(A, name) for name, A in given.items()}
+    first = next(iter(found.values())).shape
+    n = first[0] if len(first) == 2 else "N"
+    refuse(
+        f"{name}: found shape {A.shape}, must be ({n}, {n})"
+        for name, A in found.items()
+        if A.shape != (n, n)
+    )
+    return found
+
+
+def _joined(contact: Contact, n: int) -> Contact:
+    """Contact with real rows, which must be of ``n`` unknowns."""
+    rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "held")}
+    refuse(
+        f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
+        for name, A in rows.items()
+        if A.shape != (A.shape[0], n)
+    )
+    return replace(contact, **rows)
+
+
+def _check_enough_mass(M: Matrix, unknowns: int) -> None:
+    """Refuse a sparse mass of fewer entries than unknowns, before memory is taken for each."""
+    if sparse.issparse(M) and M.nnz < unknowns:
+        raise InputError(
+            f"M: is not positive definite: found {M.nnz} entries, for {unknowns} unknowns that "
+            "each need some mass"
+        )
 
 
 def _unsymmetric(name: str, A: Matrix) -> list[str]:
@@ -428,21 +469,52 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
     difference = abs(float(x @ (A @ y) - y @ (A @ x)))
     if difference <= _UNSYMMETRIC * float(np.linalg.norm(values)):
         return []
+    gyroscopic = ""
+    if name == "C":
+        gyroscopic = ", which leaves out gyroscopic forces (what this package cannot compute yet)"
     return [
         f"{name}: is not symmetric; friction and reduction need symmetric matrices: assemble "
-        f"it symmetrically, or give 0.5 * ({name} + {name}.T) if that is what is meant"
+        f"it symmetrically, or give 0.5 * ({name} + {name}.T) if that is what is meant{gyroscopic}"
     ]
 
 
-def _check_definite(system: System) -> None:
-    """Refuse a mass that is not positive definite and a stiffness that is negative somewhere."""
+def _check_definite(system: System, damped: bool) -> None:
+    """Refuse a mass that is not positive definite, and what is negative somewhere.
+
+    That is a stiffness, or, if it is ``damped`` by a matrix of its own, a damping.
+    """
     mass = float(system.M.diagonal().sum())
     small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
     checks: Sequence[tuple[str, Matrix, str]] = (
         ("M", system.M, "is not positive definite: does every unknown have mass?"),
         ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
     )
-    refuse(f"{name}: {why}" for name, A, why in checks if not _is_definite(A))
+    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
+    if damped and not _takes_energy(system.C):
+        problems.append(
+            "C: is negative somewhere, so that it would create energy: v^T C v must not be below 0 "
+            "for any velocity v; is a sign wrong? Negative damping, such as that of flow, "
+            "cannot be computed"
+        )
+    refuse(problems)
+
+
+def _takes_energy(C: Matrix) -> bool:
+    """Whether a symmetric matrix is positive semidefinite, but for round-off.
+
+    It is divided by the roots of its diagonal on both sides, so that the units of its unknowns do
+    not count, and the pivots are those of its sum with a small multiple of the unit matrix.
+    """
+    C = sparse.csr_array(C)
+    C.eliminate_zeros()
+    if not C.nnz:
+        return True
+    diagonal = C.diagonal()
+    least = _ROUND_OFF * float(np.abs(diagonal).max())
+    if least == 0.0 or diagonal.min() < -least:
+        return False
+    divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
+    return _is_definite(divided @ C @ divided + _SMALL_SHARE * sparse.eye_array(C.shape[0]))
 
 
 def _is_definite(A: Matrix) -> bool:

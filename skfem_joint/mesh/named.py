@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -16,6 +17,9 @@ from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 from skfem_joint.mesh.straightening import Straightening, straightening, together
+
+#: Named groups of a mesh, and characters of a name: as many as Gmsh writes.
+MOST_NAMES, LONGEST_NAME = 10_000, 127
 
 
 @dataclass(frozen=True)
@@ -65,12 +69,12 @@ class NamedMesh:
         """Kind of the elements: line, triangle, quadrilateral, tetrahedron or hexahedron."""
         return cell_of(self.mesh)[0].name
 
-    @property
+    @cached_property
     def regions(self) -> dict[str, IntArray]:
         """Sorted element numbers by region name; regions may overlap."""
         return dict(self.mesh.subdomains or {})
 
-    @property
+    @cached_property
     def boundaries(self) -> dict[str, IntArray]:
         """Sorted facet numbers (columns of ``mesh.facets``) by boundary name."""
         known = (self.mesh.boundaries or {}).items()
@@ -182,6 +186,7 @@ def make(
     (corners, n) the vertices of the facets by boundary name. ``body`` is given where elements are
     known to join as they should. ``as_it_is``: elements are not turned round nor bars renumbered.
     """
+    check_count(len(regions) + len(facets) + len(points))
     if order not in ((1, 2) if cell.dim > 1 else (1,)):
         raise ValueError(f"order of the elements is {order}: allowed are 1 and 2, for lines 1")
     p, t = np.ascontiguousarray(p, dtype=np.float64), np.ascontiguousarray(t, dtype=np.intp)
@@ -204,11 +209,12 @@ def make(
             rank = np.argsort(along)
             by_place = np.argsort(rank[t[0]])
             p, at, t, body = p[:, along], at[along], rank[t[:, by_place]], body[by_place]
-            regions = {name: np.argsort(by_place)[chosen] for name, chosen in regions.items()}
+            place = np.argsort(by_place)
+            regions = {name: place[chosen] for name, chosen in regions.items()}
             facets = {name: rank[ends] for name, ends in facets.items()}
             points = {name: int(rank[vertex]) for name, vertex in points.items()}
-    groups = {name: np.flatnonzero(np.bincount(chosen)) for name, chosen in regions.items()}
-    boundaries = {name: _facets(vertices, ends, name, at) for name, ends in facets.items()}
+    groups = {name: np.unique(chosen) for name, chosen in regions.items()}
+    boundaries = _facets(vertices, facets, at)
     problems = name_problems(region=groups, boundary=boundaries, point=points)
     if problems:
         raise ValueError("\n".join(problems))
@@ -229,14 +235,31 @@ def check_finite(at: FloatArray) -> None:
         )
 
 
-def _facets(facets: IntArray, ends: IntArray, name: str, at: FloatArray) -> IntArray:
-    """Sorted numbers of the facets with the given vertices (corners, n)."""
+def _facets(
+    facets: IntArray, groups: Mapping[str, IntArray], at: FloatArray
+) -> dict[str, IntArray]:
+    """Sorted numbers of the facets with the given vertices (corners, n), by name of the group."""
+    if not groups:
+        return {}
     n_facets = facets.shape[1]
-    first, member = cells.same_columns(np.sort(np.hstack([facets, ends]), axis=0))
-    found = first[member[n_facets:]]
-    if found.max(initial=0) >= n_facets:
-        raise ValueError(not_a_side(name, at[ends[:, np.argmax(found >= n_facets)]]))
-    return np.unique(found)
+    ends = [np.reshape(group, (len(facets), -1)) for group in groups.values()]
+    first, member = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
+    sizes = np.cumsum([group.shape[1] for group in ends])[:-1]
+    found = np.split(first[member[n_facets:]], sizes)
+    for name, own, group in zip(groups, found, ends, strict=True):
+        # A side that no element has is first where it stands in a group.
+        if own.max(initial=0) >= n_facets:
+            raise ValueError(not_a_side(name, at[group[:, np.argmax(own >= n_facets)]]))
+    return {name: np.unique(own) for name, own in zip(groups, found, strict=True)}
+
+
+def check_count(names: int) -> None:
+    """Refuse a mesh of so many groups that no one has named them; ValueError."""
+    if names > MOST_NAMES:
+        raise ValueError(
+            f"it has {names} named groups, must be at most {MOST_NAMES}: name only what is loaded, "
+            "held, joined, observed or of other properties"
+        )
 
 
 def not_a_side(name: str, corners: FloatArray) -> str:
@@ -257,6 +280,11 @@ def name_problems(**names: Iterable[str]) -> list[str]:
         f"name {name!r}: names may not be empty nor hold quotes, backslashes or control characters"
         for name in sorted(kinds)
         if not name.strip() or re.search(r'["\\\x00-\x1f\x7f]', name)
+    ]
+    problems += [
+        f"name {name[:40]!r}...: found {len(name)} characters, must be at most {LONGEST_NAME}"
+        for name in sorted(kinds)
+        if len(name) > LONGEST_NAME
     ]
     return problems + [
         f"name {name!r} is both a {' and a '.join(kinds[name])}: give each its own"

@@ -152,18 +152,26 @@ def _read(file: Path) -> meshio.Mesh:
     return raw
 
 
-def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, list[IntArray]]:
-    """Numbers of the cells of each named physical group in each block of a Gmsh file."""
-    members: dict[str, list[IntArray]] = {name: [] for name in raw.field_data}
+def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
+    """Numbers of the cells of each named physical group, by the number of their block."""
+    members: dict[str, dict[int, IntArray]] = {name: {} for name in raw.field_data}
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, (tag, dim) in raw.field_data.items():
+        names.setdefault((int(dim), int(tag)), []).append(name)
     for number, block in enumerate(raw.cells):
-        for name, (tag, dim) in raw.field_data.items():
-            inside = np.zeros(len(block.data), dtype=np.bool_)
-            if block.dim == dim and entities is not None and inside.size:
-                entity = int(raw.cell_data["gmsh:geometrical"][number][0])
-                inside[:] = int(tag) in entities[int(dim), entity]
-            elif block.dim == dim and "gmsh:physical" in raw.cell_data:
-                inside[:] = np.abs(raw.cell_data["gmsh:physical"][number]) == tag
-            members[name].append(np.flatnonzero(inside))
+        inside: dict[int, IntArray] = {}  # by tag
+        if entities is not None and len(block.data):
+            entity = int(raw.cell_data["gmsh:geometrical"][number][0])
+            inside = dict.fromkeys(entities[block.dim, entity], np.arange(len(block.data)))
+        elif "gmsh:physical" in raw.cell_data:
+            tags = np.abs(raw.cell_data["gmsh:physical"][number])
+            order = np.argsort(tags, kind="stable")
+            values, first = np.unique(tags[order], return_index=True)
+            parts = np.split(order, first[1:])
+            inside = dict(zip(values.tolist(), parts, strict=True)) if values.size else {}
+        for tag, cells in inside.items():
+            for name in names.get((block.dim, tag), ()):
+                members[name][number] = cells
     return members
 
 
@@ -220,7 +228,8 @@ def _groups(
     others = {name: np.reshape(at, (-1, 1)) for name, at in raw.point_sets.items()}
     left_out, lost = [], []
     for name, blocks in raw.cell_sets.items():
-        inside = [i for i, members in enumerate(blocks) if members is not None and len(members)]
+        blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
+        inside = [i for i, members in blocks.items() if members is not None and len(members)]
         dim = raw.cells[inside[0]].dim if inside else -1
         if dim == cell.dim:
             regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])

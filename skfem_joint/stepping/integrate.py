@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.arrangement import arranged, choose
@@ -131,7 +131,11 @@ def integrate(
     identity = fingerprint(*asked) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
     driver = _Driver(system, save, step, n_steps, scheme, start, float(tolerance))
-    if saved is not None:
+    if saved is not None and checkpoint is not None:
+        try:
+            driver.check(saved[0], saved[1], cycle_steps)
+        except ValueError as error:
+            raise checkpoint.unreadable(str(error)) from error
         driver.take_up(*saved)
     if until == "steady":
         return driver.steady(cycle_steps, progress)
@@ -194,7 +198,7 @@ def _start(
     """Displacement and velocity at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
-    u, v = (np.array(x, dtype=float) for x in initial)
+    u, v = (np.array(as_real(x, "initial")) for x in initial)
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
         raise InputError("initial: must be finite")
     if u.shape != (system.n,) or v.shape != (system.n,):
@@ -279,6 +283,16 @@ class _Driver:
         (self.preparation, self.compilation), self.elapsed = watch.read(), 0.0
         self.recorder.store(0, self.stepper.state())
         self.recorder.observe(self.stepper.state().u)
+
+    def check(self, parts: Mapping[str, Arrays], done: int, cycle_steps: int | None) -> None:
+        """See that a checkpoint is one of this run after ``done`` steps; ValueError."""
+        if done > self.n_steps:
+            raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
+        if parts.keys() != {"recorder", "stepper"}:
+            raise ValueError("it holds other parts than a run")
+        cycles = 0 if cycle_steps is None else done // cycle_steps
+        self.recorder.check(parts["recorder"], done, cycles)
+        self.stepper.check(parts["stepper"])
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
         """Go on from a checkpoint, or from a `mark`, wherever a chunk has stopped."""

@@ -24,6 +24,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.friction import AT_LIMIT
+from skfem_joint.stepping.checkpoint import check_like
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
@@ -500,6 +501,32 @@ class Recorder:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
         arrays = {name: np.array(getattr(self, name)) for name in (*_SUMS, *_NUMBERS)}
         return arrays | {"cycles": np.array(len(self.boundaries))}
+
+    def check(self, saved: Mapping[str, NDArray[Any]], done: int, cycles: int) -> None:
+        """See that arrays are those that :meth:`saved` gives after steps and complete cycles.
+
+        Raises
+        ------
+        ValueError
+            Naming what is not so.
+        """
+        strides = 4 * [self.save.strides[1]] + 5 * [self.save.strides[0]]
+        stored = self.stored._asdict().items()
+        planned = {
+            name: rows[: done // every + 1]
+            for (name, rows), every in zip(stored, strides, strict=True)
+        }
+        planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
+        check_like(saved, planned, "recorder")
+        counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
+        for name, count in (counts | {"cycles": cycles + 1}).items():
+            if saved[name] != count:
+                raise ValueError(f"recorder/{name} is {saved[name]}, must be {count}")
+        if not 0 <= saved["halved_steps"] <= done:
+            raise ValueError(f"recorder/halved_steps is {saved['halved_steps']} of {done} steps")
+        for name in ("peak", "run_peak", "slip_peak"):
+            if np.any(saved[name] < 0.0):
+                raise ValueError(f"recorder/{name} is negative")
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""

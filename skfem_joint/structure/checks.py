@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations, islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from skfem_joint.system import System
 
 _QUANTITIES = ("force", "traction", "pressure")
+#: Unknown names of observed points that are told by themselves.
+_MOST_TOLD = 20
 _KINDS = ("region", "boundary", "point")
 # Sizes across a mesh of each dimension, and what may be pressed in it.
 _SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
@@ -211,7 +213,8 @@ def problems_of_places(
 ) -> list[str]:
     """Mistakes in the names of loads and observed points, and in the loads' directions."""
     dim = structure.dim
-    found = [p for on in points or () for p in wrong_name(structure.mesh, on, _KINDS, "points")]
+    wrong = (p for on in points or () for p in wrong_name(structure.mesh, on, _KINDS, "points"))
+    found = [*islice(wrong, _MOST_TOLD)]
     for load in loads:
         found += _one_of(f"{load.label}: quantity", load.quantity, _QUANTITIES)
         if load.base is not None or load.on is None:

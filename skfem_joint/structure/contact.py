@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
@@ -232,7 +232,11 @@ def point_friction(
         Joint that results tell its friction energy under. In a sum of contacts each name is a joint
         of its own.
     """
-    rows = np.atleast_2d(np.asarray(row, dtype=float))
+    rows = np.atleast_2d(as_real(row, "point_friction: row"))
+    limit, beta = (
+        as_real(value, f"point_friction: {name}").item()
+        for name, value in (("limit", limit), ("beta", beta))
+    )
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
         raise InputError(
             f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
