@@ -14,7 +14,7 @@ from skfem_joint.errors import closest, listed
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import spot
 from skfem_joint.modes import ratio_problems
-from skfem_joint.structure.patch import NORMAL_FORCES, PRELOAD, SMALL, Joint, Patch
+from skfem_joint.structure.patch import NORMAL_FORCES, SMALL, Joint, Patch
 from skfem_joint.structure.pressure import Bolts, PressureTable
 from skfem_joint.values import BETA, FINITE, NOT_NEGATIVE, POISSON, POSITIVE, problems
 
@@ -147,8 +147,8 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
     yield from problems(f"{joint.label}: friction", joint.friction, NOT_NEGATIVE)
     yield from problems(f"{joint.label}: beta", joint.beta, BETA)
     yield from _one_of(f"{joint.label}: normal_force", joint.normal_force, NORMAL_FORCES)
-    if not isinstance(joint.pressure, PressureTable | Bolts):
-        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE, PRELOAD)
+    if not isinstance(joint.pressure, PressureTable | Bolts | str):  # words are told by patches
+        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
