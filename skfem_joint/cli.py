@@ -380,10 +380,10 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
     try:
         yield rows
     except BaseException as error:
-        if rows.kept:
+        if kept := Rows(rows.path).known:  # the last one may have been written in that moment
             print(
-                f"{rows.kept} of {max(rows.asked, rows.kept)} rows, as far as they are known, are "
-                f"finished and kept in {rows.path}."
+                f"{kept} of {max(rows.asked, kept)} rows, as far as they are known, are finished "
+                f"and kept in {rows.path}."
             )
         if isinstance(error, KeyboardInterrupt):
             print("The same command goes on.")

@@ -46,12 +46,11 @@ EVERY = {"plate": 4, "two plates": 4}
 COMMANDS = {"response": [], "backbone": [], "error-time": ["--quick"]}
 STEADY = """
 [backbone]
-modes = [1, 2]
-levels = 12
-ring_down = 20
+levels = 10
+ring_down = 12
 
 [response]
-frequencies = { from = 2200.0, to = 2500.0, points = 7 }
+frequencies = { from = 2200.0, to = 2500.0, points = 3 }
 levels = [0.1, 0.3]
 """
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -79,7 +78,11 @@ def launch(scene, out, *more, command="run"):
     started = [sys.executable, "-P", "-m", "skfem_joint"]  # -P: not from the current folder
     words = [*started, command, str(scene), "--out", str(out), *more]
     pipe, environment = subprocess.PIPE, os.environ | THREADS
-    return subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, env=environment)
+    return subprocess.Popen(
+        words, stdout=pipe, stderr=pipe, text=True, env=environment,
+        # A job of a shell's background ignores interrupts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
 
 
 def content(folder):
@@ -247,7 +250,9 @@ def row_kills(command, folder, count, rng):
     expected, happened = tables(whole), {"stopped": 0, "ended": 0, "rows": 0}
     rmtree(out, ignore_errors=True)
     while happened["stopped"] < count or out.exists():
-        how, known = SIGNALS[happened["stopped"] % len(SIGNALS)], rows_in(out, command)
+        how = SIGNALS[(happened["stopped"] + happened["ended"]) % len(SIGNALS)]
+        known, lock = rows_in(out, command), out / ".skfem-joint-running"
+        stale = lock.exists()  # of one that was killed
         after = rng.uniform(0.2, 1.0) * seconds if happened["stopped"] < count else PATIENCE
         process = launch(scene, out, *COMMANDS[command], command=command)
         status, said = stop(process, after, how)
@@ -269,9 +274,10 @@ def row_kills(command, folder, count, rng):
         if (out / "summary.json").exists() and not now:  # its rows were just removed
             rmtree(out)
             continue
-        right = status == (-signal.SIGKILL if how == signal.SIGKILL else 130)
+        # An interrupt in the midst of an import ends Python by SIGINT itself; shells say 130 too.
+        right = status in ((-how,) if how == signal.SIGKILL else (130, -signal.SIGINT))
         told = how == signal.SIGKILL or now == known or f"{now} of " in said
-        locked = how != signal.SIGKILL and (out / ".skfem-joint-running").exists()
+        locked = how != signal.SIGKILL and lock.exists() and not stale
         if not right or not told or locked or now < known:
             return happened, f"{how.name}: status {status}, {known} to {now} rows: {said}"
     return happened, ""

@@ -451,7 +451,8 @@ def error_time(
 
     The longest run of the reference takes about ``bound`` s. There are ``repeats`` timed rounds,
     one in a ``quick`` report of few points; ``wanted`` replaces some of `RANGE` or `QUICK`.
-    ``rows``, which may hold `ROWS`, keeps what is finished, times included, and is gone on from.
+    ``rows``, which may hold `ROWS`, keeps what is finished and is gone on from, times included
+    where the machine is the same.
     Raises as `make_reference`, and InputError for options that are not positive.
     """
     given = {"--bound": bound, "--repeats": repeats}
@@ -466,7 +467,7 @@ def error_time(
     reference = make_reference(scene, quick, bound, progress, rows)
     full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
     jobs = [*full, *reduced, *more(reference)]
-    of = rows.mark("run", origin_of(scene), reference.parts, what)
+    of = rows.mark("run", origin_of(scene), reference.parts, what, machine())  # times are its own
     rounds = 1 if quick else repeats
     points = measure(jobs, reference, repeats=rounds, progress=progress, rows=rows, of=of)
     return Report(scene.title, reference, points)

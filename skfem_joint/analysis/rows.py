@@ -101,17 +101,13 @@ class Rows:
                 else:
                     self.damaged += 1
                 place += len(line)
-        os.truncate(path, place)
+        if place < path.stat().st_size:
+            os.truncate(path, place)
 
     @property
     def done(self) -> int:
         """Rows taken up and computed so far."""
         return self.taken + self.made
-
-    @property
-    def kept(self) -> int:
-        """Rows in the file."""
-        return len(self._places)
 
     def mark(self, *parts: Any) -> str:
         """Name of a row: a digest of what its content is computed from; empty without a file.

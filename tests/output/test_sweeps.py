@@ -138,7 +138,7 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         file.write(kept[0][:50])
     assert cli.main(arguments) == 0
     assert f"{count} of {count} scenes have ended, 0 of them failed" in capsys.readouterr().out
-    marks = [json.loads(line)["scene"] for line in lines()]
+    marks = [json.loads(line)["row"] for line in lines()[1:]]
     assert len(marks) == len(set(marks)) == count
     assert lines()[: len(kept)] == kept
     with (out / sweeps.TABLE).open() as file:
