@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import sparse
@@ -192,16 +193,19 @@ class _Path(QuasiStatic):
         held: float = HELD,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """As `QuasiStatic.follow`, level by level, without times."""
+        """As `QuasiStatic.follow`; level by level, each a row, where times do not matter."""
         if times is not None:
-            raise InputError("backbone: levels are followed without times")
-        states = []
+            self.forget()
+            states = super().follow(forces, times, held, start)
+            self.forget()
+            return states
+        levels = []
         u, before = np.zeros((2, forces.shape[1])) if start is None else start
         for force in forces:
             u = self._level(force, held, u, before)
-            states.append(u)
+            levels.append(u)
             before = force
-        return np.array(states)
+        return np.array(levels)
 
     def _level(
         self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
@@ -319,7 +323,7 @@ def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray
 
 
 def _own_law(
-    path: QuasiStatic, level: FloatArray, force: FloatArray, states: FloatArray, omega: FloatArray
+    path: _Path, level: FloatArray, force: FloatArray, states: FloatArray, omega: FloatArray
 ) -> tuple[IntArray, FloatArray] | None:
     """Some of the levels, and the damping ratio of friction there by the system's own law.
 
@@ -332,23 +336,27 @@ def _own_law(
         return None
     at = np.unique(np.linspace(0, level.size - 1, CHECKED).round().astype(int))
     path.tally.asked += 2 * n * at.size
+    path.rows.asked += at.size
     turn = np.pi * np.arange(1, 2 * n + 1) / n
-    damping = []
-    for k in at:
-        top = level[k] * force
-        course = path.follow(
-            np.outer(np.cos(turn), top), times=turn / omega[k], held=np.inf, start=(states[k], top)
-        )
+
+    def damping(k: int) -> float:
+        """Damping ratio at one level."""
+        top, start = level[k] * force, (states[k], level[k] * force)
+        course = path.follow(np.outer(np.cos(turn), top), turn / omega[k], np.inf, start)
         half = course[n - 1 :]
         slip = system.slip_norm((system.B @ np.diff(half, axis=0).T).T).T
         limits = friction.force(slip * (n * omega[k] / np.pi), beta) * system.w[:, np.newaxis]
         q = 0.5 * float(np.ptp(half @ force))
-        damping.append(2.0 * float(np.vdot(limits, slip)) / (2.0 * np.pi * level[k] * q))
-    return at, np.array(damping)
+        return 2.0 * float(np.vdot(limits, slip)) / (2.0 * np.pi * level[k] * q)
+
+    marks = [path.rows.mark(path.of, "own law", level[k], force, states[k], omega[k]) for k in at]
+    return at, np.array(
+        [path.rows.row(mark, partial(damping, k)) for mark, k in zip(marks, at, strict=True)]
+    )
 
 
 def _by_own_law(
-    path: QuasiStatic,
+    path: _Path,
     number: int,
     level: FloatArray,
     force: FloatArray,
