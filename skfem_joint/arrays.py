@@ -40,7 +40,7 @@ def as_real(value: Any, what: str) -> Matrix:
             "eta K / omega as part of C, which has the same loss at the angular frequency omega; "
             "the phase of a load goes into its force over time"
         )
-    if given.dtype.kind not in "biuf":
+    if given.dtype.kind not in "iuf":
         raise InputError(f"{what}: found {given.dtype} values, must be real numbers")
     return given.astype(float, copy=False)
 

@@ -152,7 +152,7 @@ def test_numbers_of_numpy_do_as_well_as_others():
 
 def test_tables_and_lists_hold_real_numbers():
     for wrong in (["a", "b"], [1j, 2j], [True, False]):
-        with pytest.raises(sj.InputError, match=r"times: found .* real numbers"):
+        with pytest.raises(sj.InputError, match=r"times: found .* must be real"):
             Table(wrong, [1.0, 2.0])
     for wrong in (3.0, "abc", [], None):
         with pytest.raises(sj.InputError, match="levels: found"):

@@ -187,8 +187,8 @@ def contact(
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
     joint = Joint(on, pressure, friction, against, beta, normal_force)
     wrong = [*joint_problems(grid.mesh, [joint])]
-    for name, extent in (("width", width), ("thickness", thickness)):
-        wrong += problems(f"contact: {name}", extent, POSITIVE)
+    for key, extent in (("width", width), ("thickness", thickness)):
+        wrong += problems(f"contact: {key}", extent, POSITIVE)
     refuse(wrong)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
@@ -233,10 +233,6 @@ def point_friction(
         of its own.
     """
     rows = np.atleast_2d(as_real(row, "point_friction: row"))
-    limit, beta = (
-        as_real(value, f"point_friction: {name}").item()
-        for name, value in (("limit", limit), ("beta", beta))
-    )
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
         raise InputError(
             f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
