@@ -32,7 +32,7 @@ from skfem_joint.analysis.response import (
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, make_basis, stuck_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
@@ -147,7 +147,14 @@ def scene_response(
                 V = None if basis is None else basis.V
                 of = origin_of(scene), model, V, unit, curve.peak[0], curve.level
                 errors = partial(_errors, scene, curve, basis, model, unit, report)
-                parts = rows.row(rows.mark("errors", *of), errors)
+                try:
+                    parts = rows.row(rows.mark("errors", *of), errors)
+                except ConvergenceError as error:  # which does not cost the curve
+                    parts = {}
+                    found.warnings.append(
+                        f"The errors of the {name} model at the peak of level {curve.level:g} are "
+                        f"not estimated: {error}"
+                    )
                 found.models[-1].estimates.append(Estimate(parts))
                 found.warnings += _too_long_steps(name, curve, model, scene)
     return found
