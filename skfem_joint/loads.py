@@ -468,9 +468,11 @@ def read_table(path: str | Path) -> Table:
     lines = content.splitlines()
     rows: list[list[float]] = []
     problems: list[str] = []
+    more = 0
     for number, line in enumerate(lines, start=1):
-        if len(problems) > _MOST_PROBLEMS_LISTED:
-            break
+        if len(problems) > _MOST_PROBLEMS_LISTED:  # counted, not kept
+            more += len(problems) - _MOST_PROBLEMS_LISTED
+            del problems[_MOST_PROBLEMS_LISTED:]
         text = line.split("#", 1)[0].strip()
         values = [_number(column) for column in text.split(",")]
         is_header = values == [None, None] and not rows and not problems
@@ -491,8 +493,10 @@ def read_table(path: str | Path) -> Table:
                 )
     if not problems and len(rows) < 2:
         problems = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
-    if len(problems) > _MOST_PROBLEMS_LISTED:
-        problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and more lines like these"]
+    more += len(problems[_MOST_PROBLEMS_LISTED:])
+    if more:
+        problems = problems[:_MOST_PROBLEMS_LISTED]
+        problems.append(f"{path}: and {more} more lines like these")
     refuse(problems)
     return Table(*np.array(rows).T)
 
