@@ -1,8 +1,11 @@
-"""The one system type: full, coarse, reduced and hyper-reduced models are all of it.
+"""The one type of all models, full, condensed, reduced and hyper-reduced.
+
+It is a system of equations
 
     M a + C v + K u + B^T (w * sigma(B v)) = sum_k load_k amplitude_k(t)        (Eq. (1))
 
-Every map between models takes a system and returns a system.
+with displacements u, velocities v, accelerations a and friction sigma at slip rows B. Every map
+between models takes a system and returns a system.
 """
 
 from __future__ import annotations
@@ -21,9 +24,9 @@ from skfem_joint.factors import pivots
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
-    Arrangement,
-    Contact,
+    ChangeOfUnknowns,
     change_of_unknowns,
     congruent,
     dof_numbers,
@@ -31,17 +34,19 @@ from skfem_joint.unknowns import (
     selection,
 )
 
-#: Share of a matrix's norm by which it may differ from its transpose.
-_UNSYMMETRIC = 1e-10
-
 
 @dataclass(frozen=True)
 class AppliedLoad:
     """A spatial load vector times a scalar amplitude of time.
 
-    ``vector`` (n,) is dimensionless for a point load (1 at the loaded unknown), ``amplitude`` the
-    force (N) as a function of time (s), see :mod:`skfem_joint.loads`, or a plain function, and
-    ``on`` the name of the loaded place.
+    Attributes
+    ----------
+    vector : ndarray, shape (n,)
+        Dimensionless; for a point load 1 at the loaded unknown.
+    amplitude : Amplitude
+        Force (N) as a function of time (s): one of :mod:`skfem_joint.loads`, or a plain function.
+    on : str
+        Name of the loaded place.
     """
 
     vector: FloatArray
@@ -77,14 +82,14 @@ class System:
         Directions in which each contact point can slip, 1 or 2; all 1 if not given. The friction
         force of a point with two is opposite to its slip vector and depends on the norm of it.
     T : ndarray or sparse array, shape (N, n), or None
-        Displacement of all that the structure has, supports included, from the unknowns; None
-        where the unknowns are all there is. See :meth:`expand`.
+        Displacement of all degrees of freedom, supported ones included, from the unknowns; None
+        where both are the same. See :meth:`expand`.
     J : ndarray or sparse array, shape (joints, m)
-        Part of the friction of each contact point that each named joint has.
+        Share of each named joint in the friction of each contact point.
     joints : tuple of str
         Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
-        Sentences about what it was made with.
+        Sentences that users should read about how the system was made.
 
     ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
 
@@ -114,7 +119,7 @@ class System:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
-        given = {
+        completed = {
             "w": w,
             "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
             "C": 0.0 * self.K if self.C is None else self.C,
@@ -123,20 +128,20 @@ class System:
             "J": sparse.csr_array(np.ones((min(m, 1), m))) if self.J is None else self.J,
             "joints": ("contact",) * min(m, 1) if self.J is None else self.joints,
         }
-        for name, value in given.items():
+        for name, value in completed.items():
             object.__setattr__(self, name, value)
         if self.directions.shape != (m,) or not np.isin(self.directions, (1, 2)).all():
             raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
         square = dict.fromkeys(("M", "C", "K"), (n, n))
         shapes = square | {"B": (int(self.directions.sum()), n), "P": (len(self.points), n)}
         shapes |= {"w": (m,), "beta": (m,), "J": (len(self.joints), m)}
-        found = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
-        found += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
+        compared = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
+        compared += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
         if self.T is not None:
-            found.append(("T", self.T.shape, (self.T.shape[0], n)))
+            compared.append(("T", self.T.shape, (self.T.shape[0], n)))
         problems = [
             f"{name}: found shape {shape}, must be {right}"
-            for name, shape, right in found
+            for name, shape, right in compared
             if shape != right
         ]
         if not problems:
@@ -149,7 +154,7 @@ class System:
 
     @property
     def joint_points(self) -> list[IntArray]:
-        """Contact points with friction of each joint that has any."""
+        """Numbers of the contact points with friction, for each joint that has any."""
         parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
         return [np.flatnonzero(part) for part in parts if part.any()]
 
@@ -165,7 +170,7 @@ class System:
 
     @property
     def first_row(self) -> NDArray[np.int64]:
-        """Row of ``B`` at which each contact point starts, and the number of rows, (m + 1,)."""
+        """First row of ``B`` of each contact point, and the number of rows at the end, (m + 1,)."""
         return np.concatenate([[0], np.cumsum(self.directions)])
 
     def on_rows(self, values: FloatArray) -> FloatArray:
@@ -184,7 +189,7 @@ class System:
 
     @property
     def mean_square_frequency(self) -> float:
-        """Trace of the stiffness over that of the mass, 1/s²: a scale for small shares."""
+        """Trace of the stiffness over trace of the mass, 1/s²: a scale for small shifts of K."""
         return float(self.K.diagonal().sum() / self.M.diagonal().sum())
 
     @property
@@ -193,10 +198,22 @@ class System:
         return isinstance(self.M, np.ndarray)
 
     def project(self, V: FloatArray) -> System:
-        """Galerkin projection on the columns of ``V``, Eqs. (4)-(9).
+        """Galerkin projection on the columns of ``V``, u = V q, Eqs. (4)-(9).
 
-        ``V`` is a basis of shape (n, j), u = V q. Gives a dense system of size j with the same
-        contact points and named points.
+        Parameters
+        ----------
+        V : ndarray, shape (n, j)
+            Basis.
+
+        Returns
+        -------
+        System
+            Dense, of size j, with the same contact points and named points.
+
+        Raises
+        ------
+        InputError
+            If the basis has another number of rows, or entries that are not finite.
         """
         if V.ndim != 2 or V.shape[0] != self.n or not np.all(np.isfinite(V)):
             raise InputError(
@@ -205,14 +222,17 @@ class System:
         return self._with(V, self.B @ V)
 
     def widened(self, small: System, V: FloatArray, W: FloatArray) -> System:
-        """Projection on the columns of both, from the one on those of ``V``, which is ``small``."""
+        """Projection on [V W] that reuses the projection ``small`` on V.
 
-        def wide(A: Matrix, part: FloatArray) -> FloatArray:
+        ``V`` has shape (n, j) and ``W`` shape (n, k).
+        """
+
+        def bordered(A: Matrix, projected: FloatArray) -> FloatArray:
             AW = A @ W
-            return np.block([[part, V.T @ AW], [AW.T @ V, 0.5 * (W.T @ AW + AW.T @ W)]])
+            return np.block([[projected, V.T @ AW], [AW.T @ V, 0.5 * (W.T @ AW + AW.T @ W)]])
 
-        def beside(part: Matrix, more: Matrix) -> Matrix:
-            return np.hstack([as_dense(part), as_dense(more)])
+        def side_by_side(left: Matrix, right: Matrix) -> Matrix:
+            return np.hstack([as_dense(left), as_dense(right)])
 
         vectors = (
             np.append(a.vector, W.T @ b.vector)
@@ -220,25 +240,39 @@ class System:
         )
         return replace(
             small,
-            M=wide(self.M, small.M),
-            C=wide(self.C, small.C),
-            K=wide(self.K, small.K),
-            B=beside(small.B, self.B @ W),
+            M=bordered(self.M, small.M),
+            C=bordered(self.C, small.C),
+            K=bordered(self.K, small.K),
+            B=side_by_side(small.B, self.B @ W),
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
-            P=beside(small.P, self.P @ W),
-            T=beside(small.T, W if self.T is None else self.T @ W),
+            P=side_by_side(small.P, self.P @ W),
+            T=side_by_side(small.T, W if self.T is None else self.T @ W),
         )
 
-    def in_unknowns(self, new: Arrangement) -> System:
-        """Same system in other unknowns, for which every slip row picks one of them.
+    def in_unknowns(self, new: ChangeOfUnknowns) -> System:
+        """Same system in other unknowns, one of which each slip row picks.
 
-        ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; this system's unknowns are
-        its outer ones.
+        ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; its outer unknowns are
+        those of this system.
         """
         return self._with(new.forward, selection(new.slips, new.forward.shape[1]))
 
+    def with_slips_as_unknowns(self) -> tuple[System, ChangeOfUnknowns]:
+        """Same system whose unknowns are the slips and the displacements that slips leave.
+
+        Each slip row then picks an unknown of its own. Second comes the change of unknowns.
+
+        Raises
+        ------
+        InputError
+            If slip rows depend on each other.
+        """
+        nothing = np.zeros(0, dtype=np.intp), sparse.csr_array((0, self.n))
+        new = change_of_unknowns(self.n, *nothing, self.B)
+        return self.in_unknowns(new), new
+
     def _with(self, T: Matrix, B: Matrix) -> System:
-        """System in the unknowns q, u = T q."""
+        """System in the unknowns q, u = T q, with the slip operator ``B`` in these."""
         return replace(
             self,
             M=congruent(self.M, T),
@@ -257,24 +291,24 @@ class System:
         C: Matrix = None,
         *,
         fixed: ArrayLike = (),
-        contact: Contact | None = None,
+        contact: SlipRows | None = None,
         loads: Mapping[str, tuple[ArrayLike, Callable[..., Any]]] | None = None,
         points: Mapping[str, ArrayLike] | None = None,
         stiffness_damping: float = 0.0,
         mass_damping: float = 0.0,
         damping_ratio: float | None = None,
     ) -> System:
-        """System of matrices of one's own, from scikit-fem or from anywhere.
+        """System from given matrices, assembled by scikit-fem or by any other program.
 
         Parameters
         ----------
         M, K, C : ndarray or sparse array, shape (N, N)
-            Mass (kg), positive definite, stiffness (N/m), not negative, and damping (N s/m),
-            ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given, or that of the
-            ``damping_ratio``, see `with_damping_ratio`.
+            Mass (kg), positive definite; stiffness (N/m), positive semidefinite; and damping
+            (N s/m). If not given, C is ``stiffness_damping * K + mass_damping * M`` (s, 1/s), or
+            follows from the ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
-        contact : Contact, optional
+        contact : SlipRows, optional
             From `contact` or `point_friction`, or a sum of them.
         loads : mapping, optional
             By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
@@ -291,8 +325,8 @@ class System:
         Raises
         ------
         InputError
-            For shapes that do not fit, matrices that are not symmetric or indefinite, degrees of
-            freedom that are not there, and slip rows that depend on each other.
+            For shapes that do not fit, matrices that are not symmetric or are indefinite, numbers
+            that are no degrees of freedom, and slip rows that depend on each other.
         """
         M, K = sparse.csr_array(M), sparse.csr_array(K)
         n = M.shape[0]
@@ -300,7 +334,7 @@ class System:
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             refuse(ratio_problems(damping_ratio, others))
-        joined = Contact.none(n) if contact is None else contact
+        joined = SlipRows.none(n) if contact is None else contact
         for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
             right = (A.shape[0], n) if A is joined.B else (n, n)
             if A.shape != right:
@@ -330,12 +364,13 @@ class System:
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
     def with_damping_ratio(self, ratio: float) -> System:
-        """Damping C = a M + b K with this ratio of the critical one at two frequencies.
+        """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
-        They are the first natural frequency with all joints stuck (loose, where that leaves nothing
-        to vibrate) and the highest of the harmonic loads; the third natural frequency where there
-        is none or it is within a tenth of the first. Between the two the ratio is less, beyond them
-        more; ``notes`` say how much. The system is sparse, each of its slip rows picks an unknown.
+        The ratio is met at two frequencies: the first natural frequency with all joints stuck (or
+        loose, where nothing vibrates otherwise), and the highest frequency of the harmonic loads.
+        The third natural frequency takes the latter's place if there is none, or if it is within a
+        tenth of the first. Between the two frequencies damping is lower, beyond them higher;
+        ``notes`` say by how much. The system must be sparse, with slip rows that pick unknowns.
 
         Raises
         ------
@@ -348,11 +383,11 @@ class System:
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
-        """Displacement of all that the structure has, (..., N), from unknowns (..., n)."""
+        """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
         return u if self.T is None else expanded(self.T, u)
 
     def with_beta(self, beta: float) -> System:
-        """Give every contact point the scaling constant ``beta`` (s/m)."""
+        """System whose contact points all have the scaling constant ``beta`` (s/m)."""
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
     def frequency_of(self, u: FloatArray) -> float:
@@ -376,7 +411,7 @@ class System:
 
 
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
-    """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
+    """Vector of shape (n,), given as such or by the number of one unknown, from ``first`` on."""
     array = np.asarray(value)
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
@@ -389,13 +424,16 @@ def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray
 
 
 def _unsymmetric(name: str, A: Matrix) -> list[str]:
-    """What is wrong with a matrix that must be symmetric; two random vectors tell."""
+    """What is wrong with a matrix A that must be symmetric.
+
+    For two random vectors x and y, x^T A y and y^T A x must agree to 1e-10 of the norm of A.
+    """
     values = A if isinstance(A, np.ndarray) else sparse.csr_array(A).data
     if not np.all(np.isfinite(values)):
         return [f"{name}: must be finite"]
     x, y = np.random.default_rng(0).normal(size=(2, A.shape[0]))
     difference = abs(float(x @ (A @ y) - y @ (A @ x)))
-    if difference <= _UNSYMMETRIC * float(np.linalg.norm(values)):
+    if difference <= 1e-10 * float(np.linalg.norm(values)):
         return []
     return [
         f"{name}: is not symmetric; friction and reduction need symmetric matrices: assemble "
@@ -404,7 +442,10 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
 
 
 def _check_definite(system: System) -> None:
-    """Refuse a mass that is not positive definite and a stiffness that is negative somewhere."""
+    """Refuse a mass that is not positive definite, and a stiffness that is indefinite.
+
+    The stiffness is shifted by 1e-9 of its size, so that it may be singular.
+    """
     mass = float(system.M.diagonal().sum())
     small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
     checks: Sequence[tuple[str, Matrix, str]] = (
@@ -415,8 +456,8 @@ def _check_definite(system: System) -> None:
 
 
 def _is_definite(A: Matrix) -> bool:
-    """Whether a symmetric matrix is positive definite, by the signs of its pivots."""
+    """Whether a symmetric matrix is positive definite: all pivots of its factors are positive."""
     try:
         return bool(np.all(pivots(A) > 0.0))
-    except RuntimeError:  # exactly singular
+    except RuntimeError:  # the factorisation stops at a pivot that is exactly zero
         return False

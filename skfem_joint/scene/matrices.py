@@ -32,7 +32,7 @@ _WITH_VARIABLE = re.compile(r"(.+\.(?:mat|npz)):(\w+)", re.IGNORECASE)
 _Dof = Annotated[int, Field(ge=0)]
 
 
-class Matrices(SceneTable):
+class MatricesTable(SceneTable):
     """``[matrices]``: the structure as matrices, such as another program exports them."""
 
     K: FileName = key(

@@ -54,17 +54,17 @@ def measure(body: NamedMesh) -> float:
 
 def inner_dofs(some: Structure) -> tuple[np.ndarray, np.ndarray]:
     border = np.zeros((some.n_nodes, some.dim), dtype=bool)
-    border[some.basis.get_dofs(some.mesh.mesh.boundary_facets()).flatten()] = True
+    border[some.body.basis.get_dofs(some.mesh.mesh.boundary_facets()).flatten()] = True
     return np.flatnonzero(~border.ravel()), np.flatnonzero(border.ravel())
 
 
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)
 def test_nodes_are_those_of_the_basis_and_sub_cells_lie_in_their_elements(shape, order):
     some = structure(any_body(shape, order))
-    np.testing.assert_allclose(some.nodes, some.basis.doflocs.T, atol=1e-15)
-    for cell, element in zip(some.cells, some.cell_element, strict=True):
-        assert set(cell) <= set(some.of_element[:, element])
-    parts = np.bincount(some.cell_element)
+    np.testing.assert_allclose(some.nodes, some.body.basis.doflocs.T, atol=1e-15)
+    for cell, element in zip(some.body.cells, some.body.cell_element, strict=True):
+        assert set(cell) <= set(some.body.of_element[:, element])
+    parts = np.bincount(some.body.cell_element)
     np.testing.assert_array_equal(parts, parts[0])
 
 
@@ -122,7 +122,7 @@ def test_displacement_converges_at_the_order_of_the_element(shape, order):
         solution[inner] = sparse.linalg.spsolve(
             K[inner][:, inner].tocsc(), -K[inner][:, outer] @ solution[outer]
         )
-        basis = some.basis
+        basis = some.body.basis
         exact = gradient_of_harmonic(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
         squared = sum(
             np.sum((np.asarray(basis.interpolate(solution[c :: some.dim])) - exact[..., c]) ** 2
@@ -216,7 +216,7 @@ def test_an_inclined_bar_has_the_same_system_and_its_vectors_lie_along_it():
     one, two = straight.system(), inclined.system()
     for name in ("M", "K", "w"):
         assert abs(getattr(one, name) - getattr(two, name)).max() == 0.0
-    np.testing.assert_allclose(inclined.in_space(np.array([[2.0]])), [2.0 * along], rtol=1e-12)
+    np.testing.assert_allclose(inclined.body.in_space(np.array([[2.0]])), [2.0 * along], rtol=1e-12)
     np.testing.assert_array_equal(inclined.positions, coordinates)
 
 
@@ -234,6 +234,6 @@ def test_loads_on_regions_and_points_and_names_of_rows():
     # The row of a load is what it works on.
     works = free.P.toarray()[:3] @ free.load_vectors()
     np.testing.assert_allclose(works, free.load_vectors()[:, :3].T @ free.load_vectors())
-    shares = some.even_shares("rest")
+    shares = some.body.even_shares("rest")
     assert shares.sum() == pytest.approx(1.0, rel=1e-14)
     np.testing.assert_allclose(shares @ some.nodes, [0.75, 0.5], rtol=1e-12)
