@@ -121,13 +121,21 @@ def scene_from(
     lines = [f"{path}: {problem}" for problem in found]
     known = right.keys() >= OF_STRUCTURE and (mesh is not None or scene.matrices is not None)
     if known:
-        try:
-            _ = scene.system() if right.keys() >= OF_SYSTEM else scene.structure()
-        except InputError as error:
-            lines += error.problems
+        lines += _misfits(scene, with_loads=right.keys() >= OF_SYSTEM)
     if lines:
         raise InputError(list(dict.fromkeys(lines)))
     return scene
+
+
+def _misfits(scene: Scene, with_loads: bool) -> list[str]:
+    """What in a scene does not fit its mesh or matrices: its structure or system is built."""
+    try:
+        scene.structure()
+        if with_loads:
+            scene.system()
+    except InputError as error:
+        return error.problems
+    return []
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from bodies import (
 )
 from scipy import sparse
 from scipy.linalg import eigh
+from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import NamedMesh, build_bar
@@ -97,6 +98,22 @@ def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_bo
     np.testing.assert_allclose(solved, u[inner], rtol=0, atol=1e-11 * np.abs(u).max())
     shifts, mass = np.tile(np.eye(d), some.n_nodes), DENSITY * volume
     np.testing.assert_allclose(shifts @ (M @ shifts.T), mass * np.eye(d), atol=1e-12 * mass)
+
+
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_stiffness_is_that_of_scikit_fems_own_vector_element(shape, order):
+    """Scalar blocks make what the elasticity of scikit-fem does on displacement vectors."""
+    body = structure(any_body(shape, order), plane="strain").body
+    vectors = skfem.ElementVector(body.element)
+    basis = skfem.Basis(body.mesh.mesh, vectors, intorder=body.quadrature)
+    form = linear_elasticity(*lame_parameters(E, NU))
+    expected = skfem.asm(form, basis) * (THICKNESS if body.dim == 2 else 1.0)
+    dofs = np.empty(body.dim * body.n_nodes, dtype=int)
+    for k, row in enumerate(basis.element_dofs):
+        dofs[body.dim * body.of_element[k // body.dim] + k % body.dim] = row
+    _, K = body.matrices()
+    assert abs(K - K.T).max() == 0.0
+    assert abs(K - expected[dofs][:, dofs]).max() < 1e-14 * abs(K).max()
 
 
 def gradient_of_harmonic(x: np.ndarray) -> np.ndarray:
