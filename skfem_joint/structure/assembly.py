@@ -62,7 +62,7 @@ def stiffness(basis: Any, first: FloatArray, second: FloatArray) -> sparse.csr_a
         )
         products, lam, mu = gradient_products(elements), first[element], second[element]
         for (i, j), product in products.items():
-            block = lam * product + mu * product.T
+            block = lam * product if mu == 0.0 else lam * product + mu * product.T
             if i == j and mu != 0.0:
                 block += mu * sum((products[k, k] for k in axes if k != i), product)
             sums[i, j] = sums[i, j] + block if part else block

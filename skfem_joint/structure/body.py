@@ -146,9 +146,10 @@ class Body(Nodes):
     def _strain_basis(self) -> skfem.Basis:
         """Basis whose quadrature is exact for products of gradients of the shape functions.
 
-        Gradients on simplices are polynomials of one order less: fewer points do.
+        Gradients on simplices are polynomials of one order less: fewer points do. In bars that
+        saves less than making another basis costs.
         """
-        if not self.is_simplex:
+        if not self.is_simplex or self.dim == 1:
             return self.basis
         order = 2 * (self.mesh.order - 1)
         return skfem.Basis(self.mesh.mesh, self.element, intorder=order)
