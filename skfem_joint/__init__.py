@@ -3,8 +3,8 @@
 The house, room by room; a room uses only those above it:
 
 ===========  =====================================================================================
-(here)       errors, files, progress, friction law, loads (force over time), modes, unknowns, slips,
-             and `System`, the one type of all models:
+(here)       errors, files, arrays in files, checks of numbers, progress, friction law, loads (force
+             over time), modes, unknowns, slips, and `System`, the one type of all models:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written

@@ -6,9 +6,11 @@ import argparse
 import io
 import logging
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -17,11 +19,14 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import needed
+from skfem_joint.processes import SAFE_PATH
 from skfem_joint.progress import Progress, progress_bar
+from skfem_joint.terminal import plain_streams, unfiltered
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from skfem_joint.analysis.rows import Rows
     from skfem_joint.analysis.study import Study
 
 _log = logging.getLogger(__name__)
@@ -33,10 +38,15 @@ BROKEN_PIPE = 141
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    for stream in (sys.stdout, sys.stderr):
-        # What a terminal cannot show is replaced.
-        with suppress(AttributeError):  # a stream that is not a terminal's may have no encoding
-            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    with plain_streams():
+        try:
+            return _main(arguments)
+        except OSError:  # the error stream, on which the reason was to be told, is broken too
+            _drop_output()
+            return BROKEN_PIPE
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     options.given = sys.argv[1:] if arguments is None else arguments
@@ -47,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.command is None:
             parser.print_help()
             return 0
-        with _words(options):
+        with _words(options), _stoppable():
             status: int = options.command(options)
         sys.stdout.flush()
         return status
@@ -69,10 +79,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let SIGTERM end a command as an interrupt does: what is finished is kept, locks are freed."""
+    if threading.current_thread() is not threading.main_thread():  # which alone takes signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
+
+
 def _drop_output() -> None:
     """Let what is still to be printed go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     with suppress(OSError):  # a stream without a file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 @contextmanager
@@ -142,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
         ("sweep", _sweep, (given, written, shared), "run the scenes of a [sweep] or go on"),
     ):
         made[name] = commands.add_parser(name, parents=[said, *parents], help=text)
-        made[name].set_defaults(command=command)
+        made[name].set_defaults(command=command, name=name)
     made["keys"].add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
     made["error-time"].add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
@@ -186,7 +211,7 @@ def _keys(options: argparse.Namespace) -> int:
     if sys.stdout.isatty():
         from rich.console import Console
 
-        keys.show(tables, Console())
+        keys.show(tables, Console(file=unfiltered(sys.stdout)))
     else:
         print(keys.markdown(tables), end="")
     return 0
@@ -203,18 +228,20 @@ def _check(options: argparse.Namespace) -> int:
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
         check_resolution(system, scene.time_step, scene.n_steps)
+    # All of it is checked before it is called valid.
+    swept = None if scene.sweep is None else load_sweep(options.scene)
+    found = describe(scene)
+    notes = *doubts(scene.structure(), system), *found.doubts
+    need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
     )
-    found = describe(scene)
     print("\n".join(found.facts))
-    notes = *doubts(scene.structure(), system), *found.doubts
     for note in dict.fromkeys(notes):
         print(f"Note: {note}")
-    if scene.sweep is not None:
-        print(f"The sweep has {len(load_sweep(options.scene).scenes)} scenes, each valid.")
-    need = sum(memory.needed(scene).values())
+    if swept is not None:
+        print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
@@ -253,7 +280,7 @@ def _run(options: argparse.Namespace) -> int:
         study.warnings += notes
         files = output.write(study, out, progress)
         if checkpoints is not None and not study.interrupted and failure is None:
-            checkpoints.remove()
+            checkpoints.remove(study.models)
     if scene.title:
         print(f"{scene.title}\n")
     print("\n".join(study.description.facts), end="\n\n")
@@ -279,8 +306,13 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
         if options.executor == "processes" and options.workers in (None, 1):
             yield None
         else:
-            with make() as executor:
+            executor = make()
+            try:
                 yield executor
+            except BaseException:  # what still runs is not waited for
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
+            executor.shutdown()
 
 
 def _certify(study: Study, progress: Progress, executor: Executor | None) -> JointError | None:
@@ -308,30 +340,69 @@ def _error_time(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if not comparison.threads_pinned(os.environ):
         # Read when numpy starts, so that it takes another process.
-        again = [sys.executable, "-m", "skfem_joint", *options.given]
+        again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
-        return subprocess.run(again, env=pinned, check=False).returncode
-    with folder.kept(options.out) as notes:
+        return _status_of(again, pinned)
+    with folder.kept(options.out) as notes, _rows(options, comparison.ROWS) as rows:
         with _progress(options) as progress:
-            found = comparison.error_time(
-                scene, repeats=options.repeats, quick=options.quick, progress=progress
-            )
+            how = {"repeats": options.repeats, "quick": options.quick}
+            found = comparison.error_time(scene, **how, progress=progress, rows=rows)
         files = folder.write_error_time(options.out, found, notes)
     for level in comparison.LEVELS:
         print(comparison.advice(found.points, level), end="\n\n")
     return _told(notes, options.out, files)
 
 
+def _status_of(command: Sequence[str], environment: Mapping[str, str]) -> int:
+    """Exit status of a process that is told to end, once, when this one is."""
+    # In a group of its own, lest a terminal tell it too.
+    with subprocess.Popen(command, env=environment, process_group=0) as process:
+        while process.returncode is None:
+            try:
+                process.wait()
+            except KeyboardInterrupt:
+                process.terminate()
+    status = process.returncode
+    return status if status >= 0 else 128 - status
+
+
+@contextmanager
+def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
+    """Rows of finished work of a command in its folder, removed when its results are written.
+
+    If the block ends early it is said how many are kept. They are used by the same command alone.
+    """
+    from skfem_joint.analysis.rows import Rows
+
+    rows = Rows(options.out / f"{options.name}_rows.jsonl", kinds)
+    if rows.known:
+        _log.warning("%s: %d finished rows are taken up where they fit.", rows.path, rows.known)
+    try:
+        yield rows
+    except BaseException as error:
+        if kept := Rows(rows.path).known:  # the last one may have been written in that moment
+            print(
+                f"{kept} of {max(rows.asked, kept)} rows, as far as they are known, are finished "
+                f"and kept in {rows.path}."
+            )
+        if isinstance(error, KeyboardInterrupt):
+            print("The same command goes on.")
+        raise
+    rows.remove()
+    for note in rows.notes():
+        print(f"Note: {note}")
+
+
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import scene_backbone
+    from skfem_joint.analysis.scene_vibration import BACKBONE_ROWS, scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    with kept(options.out) as notes:
+    with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
-            found = scene_backbone(scene, progress)
+            found = scene_backbone(scene, progress, rows)
         found.warnings += notes
         files = damping.write_backbone(options.out, found)
     for model in found.models:
@@ -352,15 +423,15 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import scene_response
+    from skfem_joint.analysis.scene_vibration import RESPONSE_ROWS, scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    with kept(options.out) as notes:
+    with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
-            found = scene_response(scene, executor, progress)
+            found = scene_response(scene, executor, progress, rows)
         found.warnings += notes
         files = damping.write_response(options.out, found)
     for model in found.models:
@@ -404,6 +475,12 @@ def _sweep(options: argparse.Namespace) -> int:
     for row in failed:
         print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
     print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
+    doubts = sweeps.doubtful(rows)
+    if any(doubts.values()):
+        print(
+            f"{doubts['scenes_with_warnings']} have warnings, {doubts['scenes_not_steady']} are "
+            f"not steady: see the columns of {sweeps.TABLE}."
+        )
     _told(notes, out, files)
     if interrupted:
         print("The same command goes on.")

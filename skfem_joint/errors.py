@@ -6,6 +6,9 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+#: Names that a sentence lists or compares another one with.
+MOST_LISTED = 200
+
 
 class JointError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -48,12 +51,16 @@ class ConvergenceError(JointError):
 
 
 def listed(names: Any) -> str:
-    """Names in quotes, in order."""
-    return ", ".join(f"'{name}'" for name in sorted(names)) or "none"
+    """Names in quotes, in order; the first of very many."""
+    shown, more = sorted(names)[:MOST_LISTED], len(names) - MOST_LISTED
+    text = ", ".join(f"'{name}'" for name in shown) or "none"
+    return text + (f" and {more} more" if more > 0 else "")
 
 
 def closest(word: str, words: Any) -> str:
     """Ask whether another word was meant, if one is close enough."""
     lower = {other.lower(): other for other in words}
+    if len(lower) > MOST_LISTED:  # takes time with their number
+        return ""
     match = difflib.get_close_matches(word.lower(), lower, n=1)
     return f"; did you mean '{lower[match[0]]}'?" if match else ""

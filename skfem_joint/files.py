@@ -8,8 +8,9 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,19 @@ from skfem_joint.errors import InputError
 # A file that is not whole yet is called ".unfinished-TOKEN", with the ending of the whole one.
 _UNFINISHED = re.compile(r"\.unfinished-[0-9a-f]{16}(?![0-9a-f]).*")
 _LOCK = ".skfem-joint-running"
+# Called with a whole file and the path that it is about to take.
+_recorder: ContextVar[Callable[[Path, Path], None]] = ContextVar(
+    "recorder", default=lambda temporary, path: None
+)
 
 #: Largest file that is read as input, bytes: a bar of a few million elements.
 LARGEST = 2**29
+#: Largest table of text, bytes: some hundred thousand rows, which are read in seconds.
+LARGEST_TABLE = 2**25
+#: What is said of a text file that may be cut inside its last number.
+UNFINISHED_LINE = (
+    "the last line does not end, so that the file may be cut; add a line end if it is whole"
+)
 
 
 def safe_name(name: str) -> str:
@@ -61,10 +72,24 @@ def read_text(path: Path, most: int = LARGEST) -> str:
 def _remove_unfinished(folder: Path) -> None:
     """Remove what dead processes left of files in a folder held by this one, or right below it."""
     for path in [*folder.glob(".unfinished-*"), *folder.glob("*/.unfinished-*")]:
-        others = path.parent != folder and (path.parent / _LOCK).exists()
+        below = path.parent
+        others = below != folder and (below.is_symlink() or (below / _LOCK).exists())
         if _UNFINISHED.fullmatch(path.name) and not others:
             with suppress(OSError):
                 path.unlink()
+
+
+@contextmanager
+def recording(take: Callable[[Path, Path], None]) -> Iterator[None]:
+    """Call ``take`` with each file that `replacing` writes in the block, before it takes its place.
+
+    It is given the whole file and the path that it takes; if it raises, that path stays as it is.
+    """
+    before = _recorder.set(take)
+    try:
+        yield
+    finally:
+        _recorder.reset(before)
 
 
 @contextmanager
@@ -79,6 +104,7 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.write_bytes(b"")
         yield temporary
         _flush(temporary, os.O_RDWR)
+        _recorder.get()(temporary, path)
         os.replace(temporary, path)
         if sys.platform != "win32":  # which opens no folders
             _flush(path.parent, os.O_RDONLY)
@@ -138,7 +164,9 @@ def holding(folder: Path) -> Iterator[None]:
 def _locked(path: Path) -> int:
     """Descriptor of a file that this process has locked."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        # A link is not followed: what it leads to would be emptied.
+        how = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(path, how, 0o644)
         try:
             _take(descriptor)
         except OSError as error:

@@ -7,6 +7,7 @@ stated are refused by name with an `InputError`.
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -19,9 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import read_text
+from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+from skfem_joint.values import FINITE, NOT_NEGATIVE, POSITIVE, problems
+
+_log = logging.getLogger(__name__)
 
 # Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
 # the common period holds at most this many periods of the fastest: beyond that no run reaches it.
@@ -99,15 +103,14 @@ class Amplitude(ABC):
 
 def _check(amplitude: Any, positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
-    problems = []
-    for name in (field.name for field in fields(amplitude)):
-        value = getattr(amplitude, name)
-        finite = math.isfinite(value)
-        right = finite and (name != positive or value > 0) and (name != "start" or value >= 0)
-        if not right:
-            allowed = "finite" if not finite else "> 0" if name == positive else ">= 0"
-            problems.append(f"{name}: found {value!r}, must be {allowed} ({_MEANING[name]})")
-    refuse(problems)
+    kinds = {positive: POSITIVE, "start": NOT_NEGATIVE}
+    refuse(
+        f"{problem} ({_MEANING[field.name]})"
+        for field in fields(amplitude)
+        for problem in problems(
+            field.name, getattr(amplitude, field.name), kinds.get(field.name, FINITE)
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -298,7 +301,7 @@ class Table(Amplitude):
 
     def __post_init__(self) -> None:
         for name in ("times", "forces"):
-            values = np.array(getattr(self, name), dtype=float)
+            values = np.array(as_real(getattr(self, name), name))
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.times.ndim != 1 or self.times.shape != self.forces.shape or self.times.size < 2:
@@ -306,16 +309,16 @@ class Table(Amplitude):
                 f"times, forces: found shapes {self.times.shape} and {self.forces.shape}, "
                 "must be two lists of one length, at least 2"
             )
-        problems = [
+        wrong = [
             f"{name}[{i}]: found {values[i]}, must be finite"
             for name, values in (("times", self.times), ("forces", self.forces))
             for i in np.flatnonzero(~np.isfinite(values))
         ]
-        problems += [
+        wrong += [
             f"times[{i + 1}]: found {self.times[i + 1]}, must be > {self.times[i]}, the time before"
             for i in np.flatnonzero(np.diff(self.times) <= 0)
         ]
-        refuse(problems)
+        refuse(wrong)
 
     def _force(self, t: FloatArray) -> Any:
         return np.interp(t, self.times, self.forces, left=0.0, right=0.0)
@@ -458,34 +461,38 @@ def read_table(path: str | Path) -> Table:
         above the time before it; the message names file and line.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    content = read_text(path, LARGEST_TABLE)
+    if not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+    lines = content.splitlines()
     rows: list[list[float]] = []
-    problems: list[str] = []
+    mistakes: list[str] = []
     for number, line in enumerate(lines, start=1):
+        if len(mistakes) > _MOST_PROBLEMS_LISTED:
+            break
         text = line.split("#", 1)[0].strip()
         values = [_number(column) for column in text.split(",")]
-        is_header = values == [None, None] and not rows and not problems
+        is_header = values == [None, None] and not rows and not mistakes
         if not text or is_header:
             continue
         match values:
             case [float(time), float(force)] if abs(time) <= _LARGEST and abs(force) <= _LARGEST:
                 if rows and not time - rows[-1][0] >= 1.0 / _LARGEST:
-                    problems.append(
+                    mistakes.append(
                         f"{path}: line {number}: found time {time:g}, "
                         f"must be > {rows[-1][0]:g}, the time before it"
                     )
                 rows.append([time, force])
             case _:
-                problems.append(
+                mistakes.append(
                     f"{path}: line {number}: found {text[:60]!r}, must be two finite numbers "
                     f"separated by a comma: time in s, force in N; none larger than {_LARGEST:g}"
                 )
-    if not problems and len(rows) < 2:
-        problems = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
-    if len(problems) > _MOST_PROBLEMS_LISTED:
-        more = len(problems) - _MOST_PROBLEMS_LISTED
-        problems = [*problems[:_MOST_PROBLEMS_LISTED], f"{path}: and {more} more lines like these"]
-    refuse(problems)
+    if not mistakes and len(rows) < 2:
+        mistakes = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
+    if len(mistakes) > _MOST_PROBLEMS_LISTED:
+        mistakes = [*mistakes[:_MOST_PROBLEMS_LISTED], f"{path}: and more lines like these"]
+    refuse(mistakes)
     return Table(*np.array(rows).T)
 
 

@@ -11,12 +11,17 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.factors import factorised, pivots
 from skfem_joint.loads import Amplitude
+from skfem_joint.values import Kind, problems
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that
 #: those have at least.
 LOOKED_AT, _RIGID = 12, 1e-12
+#: Ratios of damping that are allowed.
+RATIO = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
+#: Pivots below this share of the largest are zero.
+_SINGULAR = 1e-11
 #: Frequencies that differ by less than this share are the same.
 _SAME = 0.1
 
@@ -68,6 +73,15 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
     return modes[:, squares == 0.0]
 
 
+def is_singular(K: Matrix) -> bool:
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
+    try:
+        found = pivots(K)
+    except RuntimeError:  # exactly singular
+        return True
+    return bool(np.min(found) <= _SINGULAR * np.max(found))
+
+
 def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
     """Squares of the lowest natural frequencies (1/s2), zero of rigid motions, and modes."""
     small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
@@ -78,8 +92,7 @@ def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
     """What is wrong with a damping ratio beside other ways to give damping, by their names."""
-    if not 0.0 < ratio < 1.0:
-        yield f"damping.ratio: found {ratio}, must be above 0 and below 1"
+    yield from problems("damping.ratio", ratio, RATIO)
     if given := [name for name, value in others.items() if value]:
         yield (
             f"damping.ratio: found beside {' and '.join(given)}, must be given alone: it makes "

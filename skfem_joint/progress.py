@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
+from skfem_joint.terminal import printable, unfiltered
+
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
@@ -51,7 +53,8 @@ def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]
     from rich.console import Console
     from rich.progress import Progress as Bar
 
-    bar = Bar(console=Console(stderr=True), transient=True, speed_estimate_period=PACE_S)
+    console = Console(file=unfiltered(sys.stderr))
+    bar = Bar(console=console, transient=True, speed_estimate_period=PACE_S)
     if quiet:
         yield silent
     elif lines or not sys.stderr.isatty():
@@ -63,18 +66,21 @@ def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]
 
 def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
     """What tells a bar of progress and, if there is ``say``, that of it in lines."""
+    from rich.markup import escape
+
     tasks: dict[str, TaskID] = {}
     begin = last = bar.get_time()
 
     def progress(label: str, done: int, total: int, note: str = "") -> None:
         nonlocal last
         if label not in tasks:
-            tasks[label] = bar.add_task(label, total=None)
+            tasks[label] = bar.add_task("", total=None)
         (task,) = (one for one in bar.tasks if one.id == tasks[label])
         if done < task.completed:  # another run of the same name
             bar.reset(task.id)
         shown = f"{label}: {note}" if note else label
-        bar.update(task.id, completed=done, total=total or None, description=shown)
+        description = escape(printable(shown))  # names of a scene are shown as they are
+        bar.update(task.id, completed=done, total=total or None, description=description)
         now = bar.get_time()
         if say is not None and now - last >= max(LINE_S, LINE_SHARE * (now - begin)):
             last, left = now, task.time_remaining

@@ -22,6 +22,8 @@ class SlipRows:
     """Slip rows and closed contact on the N degrees of freedom of some matrices.
 
     They are made by `contact` and `point_friction`. ``a + b`` puts the rows of both together.
+    Results state friction energies by the names of the contact points; points of the same name are
+    one joint.
 
     Attributes
     ----------
@@ -40,6 +42,8 @@ class SlipRows:
         matching of large coefficients chooses them.
     clamped : ndarray, shape (h,), optional
         Normal force on each row of ``held``, N, if known.
+    names : tuple of str, length m or 0
+        Joint that each contact point belongs to; empty if none has a name.
     """
 
     B: Matrix
@@ -49,11 +53,25 @@ class SlipRows:
     held: Matrix
     pivots: IntArray | None = None
     clamped: FloatArray | None = None
+    names: tuple[str, ...] = ()
 
     @property
     def normal_force(self) -> FloatArray:
         """Normal force on each row of ``held``, (h,), N; zeros where it is not known."""
         return np.zeros(self.held.shape[0]) if self.clamped is None else self.clamped
+
+    @property
+    def joint_of_point(self) -> tuple[str, ...]:
+        """Joint of each contact point, (m,): ``names``, or "contact" where none has a name."""
+        return self.names or ("contact",) * self.w.size
+
+    @property
+    def joints(self) -> tuple[tuple[str, ...], sparse.csr_array]:
+        """Names of the joints, and 1 for each contact point that a joint has, (joints, m)."""
+        names = self.joint_of_point
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        joint = np.array([numbers[name] for name in names], dtype=np.intp)
+        return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
     def __add__(self, other: SlipRows) -> SlipRows:
         """Rows of both, those of this one first."""
@@ -74,6 +92,7 @@ class SlipRows:
             held=stacked([self.held, other.held], n),
             pivots=pivots,
             clamped=np.concatenate([self.normal_force, other.normal_force]),
+            names=(*self.joint_of_point, *other.joint_of_point),
         )
 
     @staticmethod
@@ -108,7 +127,10 @@ class SlipRows:
                 rows[-1] = sparse.csr_array(left @ selection(moved, n))
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
-        return SlipRows(stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held)
+        names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
+        return SlipRows(
+            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held, names=names
+        )
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:

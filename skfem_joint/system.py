@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.factors import pivots
 from skfem_joint.friction import norms
@@ -33,6 +33,7 @@ from skfem_joint.unknowns import (
     expanded,
     selection,
 )
+from skfem_joint.values import BETA, NOT_NEGATIVE, check, check_some
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class AppliedLoad:
     on: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vector", np.asarray(self.vector, dtype=float))
+        vector = np.asarray(as_real(self.vector, f"load on {self.on!r}"))
+        object.__setattr__(self, "vector", vector)
         object.__setattr__(self, "amplitude", as_amplitude(self.amplitude))
 
 
@@ -90,14 +92,17 @@ class System:
         Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
         Sentences that users should read about how the system was made.
+    made_for : str
+        What a reduced model was made for, in words, where it is good for nothing else; empty for a
+        system that may be loaded in any way.
 
     ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
 
     Raises
     ------
     InputError
-        For shapes that do not fit, matrices that are not symmetric or not finite, limits below
-        zero and beta not above it.
+        For shapes that do not fit, matrices that are complex, not symmetric or not finite, limits
+        below zero and beta not above it.
     """
 
     M: Matrix
@@ -114,8 +119,12 @@ class System:
     J: Matrix = field(default=None)
     joints: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    made_for: str = ""
 
     def __post_init__(self) -> None:
+        for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_real(value, name))
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
@@ -151,6 +160,25 @@ class System:
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
         refuse(problems)
+
+    def check_any_load(self, what: str) -> None:
+        """Refuse a reduced model that was made for one load, for an analysis of others (`what`).
+
+        Its modes, friction points and law suit the slip under that load: elsewhere it may err by
+        any amount, and nothing tells how much.
+
+        Raises
+        ------
+        InputError
+            Saying what it was made for, and what to give instead.
+        """
+        if self.made_for:
+            raise InputError(
+                f"{what}: found a reduced model made for {self.made_for}, must be a system that "
+                "serves other frequencies and levels too; give the full system, or "
+                "sj.condense(system), which keeps all of the contact; the commands backbone and "
+                "response make reduced models of their own from a scene"
+            )
 
     @property
     def joint_points(self) -> list[IntArray]:
@@ -304,12 +332,13 @@ class System:
         ----------
         M, K, C : ndarray or sparse array, shape (N, N)
             Mass (kg), positive definite; stiffness (N/m), positive semidefinite; and damping
-            (N s/m). If not given, C is ``stiffness_damping * K + mass_damping * M`` (s, 1/s), or
-            follows from the ``damping_ratio``, see `with_damping_ratio`.
+            (N s/m), positive semidefinite too, so that it never creates energy. If not given, C is
+            ``stiffness_damping * K + mass_damping * M`` (s, 1/s), or follows from the
+            ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
         contact : SlipRows, optional
-            From `contact` or `point_friction`, or a sum of them.
+            From `contact` or `point_friction`, or a sum of them; each of their names is a joint.
         loads : mapping, optional
             By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
             :mod:`skfem_joint.loads`, or a plain function of time (s).
@@ -325,42 +354,46 @@ class System:
         Raises
         ------
         InputError
-            For shapes that do not fit, matrices that are not symmetric or are indefinite, numbers
-            that are no degrees of freedom, and slip rows that depend on each other.
+            For shapes that do not fit, matrices that are complex, not symmetric or indefinite, such
+            as gyroscopic ones, numbers that are no degrees of freedom, and slip rows that depend on
+            each other.
         """
-        M, K = sparse.csr_array(M), sparse.csr_array(K)
-        n = M.shape[0]
-        fixed = dof_numbers(fixed, n)
+        factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
+        check_some(NOT_NEGATIVE, **factors)
         if damping_ratio is not None:
             others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
             refuse(ratio_problems(damping_ratio, others))
-        joined = SlipRows.none(n) if contact is None else contact
-        for name, A in (("M", M), ("K", K), ("contact: B", joined.B)):
-            right = (A.shape[0], n) if A is joined.B else (n, n)
-            if A.shape != right:
-                raise InputError(f"{name}: found shape {A.shape}, must be {right}")
+        square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
+        n = square["M"].shape[0]
+        fixed = dof_numbers(fixed, n)
+        joined = _joined(SlipRows.none(n) if contact is None else contact, n)
+        _check_enough_mass(square["M"], n - fixed.size - joined.held.shape[0])
         joined = joined.without(fixed)
+        M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
         applied = tuple(
             AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
             for on, (vector, amplitude) in (loads or {}).items()
         )
-        rows = {load.on: load.vector for load in applied}
-        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        joints, J = joined.joints
+        seen = {load.on: load.vector for load in applied}
+        seen |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
-            C=sparse.csr_array(stiffness_damping * K + mass_damping * M if C is None else C),
+            C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),
             K=K,
             B=joined.B,
             w=joined.w,
             beta=joined.beta,
             loads=applied,
-            P=sparse.csr_array(np.reshape(list(rows.values()), (len(rows), n))),
-            points=tuple(rows),
+            P=sparse.csr_array(np.reshape(list(seen.values()), (len(seen), n))),
+            points=tuple(seen),
             directions=joined.directions,
+            J=J,
+            joints=joints,
         )
         new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
         system = outer.in_unknowns(new)
-        _check_definite(system)
+        _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
     def with_damping_ratio(self, ratio: float) -> System:
@@ -388,6 +421,7 @@ class System:
 
     def with_beta(self, beta: float) -> System:
         """System whose contact points all have the scaling constant ``beta`` (s/m)."""
+        check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
     def frequency_of(self, u: FloatArray) -> float:
@@ -413,14 +447,49 @@ class System:
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
     """Vector of shape (n,), given as such or by the number of one unknown, from ``first`` on."""
     array = np.asarray(value)
-    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and n > 1:
+    real = as_real(array, what)
+    # A list of one whole number is a vector where there is one unknown.
+    if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
-    if array.shape != (n,) or not np.isfinite(array).all():
+    if real.shape != (n,) or not np.isfinite(real).all():
         raise InputError(
             f"{what}: found shape {array.shape}, must be ({n},), finite, or one number of an "
             "unknown"
         )
-    return array.astype(float)
+    return np.array(real)
+
+
+def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
+    """Real matrices by name, all of the shape of the first, which must be square."""
+    real = {name: as_real(A, name) for name, A in given.items()}
+    first = next(iter(real.values())).shape
+    n = first[0] if len(first) == 2 else "N"
+    refuse(
+        f"{name}: found shape {A.shape}, must be ({n}, {n})"
+        for name, A in real.items()
+        if A.shape != (n, n)
+    )
+    return real
+
+
+def _joined(contact: SlipRows, n: int) -> SlipRows:
+    """Slip rows with real entries, which must be of ``n`` unknowns."""
+    rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "held")}
+    refuse(
+        f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
+        for name, A in rows.items()
+        if A.shape != (A.shape[0], n)
+    )
+    return replace(contact, **rows)
+
+
+def _check_enough_mass(M: Matrix, unknowns: int) -> None:
+    """Refuse a sparse mass of fewer entries than unknowns, before memory is taken for each."""
+    if sparse.issparse(M) and M.nnz < unknowns:
+        raise InputError(
+            f"M: is not positive definite: found {M.nnz} entries, for {unknowns} unknowns that "
+            "each need some mass"
+        )
 
 
 def _unsymmetric(name: str, A: Matrix) -> list[str]:
@@ -435,16 +504,20 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
     difference = abs(float(x @ (A @ y) - y @ (A @ x)))
     if difference <= 1e-10 * float(np.linalg.norm(values)):
         return []
+    gyroscopic = ""
+    if name == "C":
+        gyroscopic = ", which leaves out gyroscopic forces (what this package cannot compute yet)"
     return [
         f"{name}: is not symmetric; friction and reduction need symmetric matrices: assemble "
-        f"it symmetrically, or give 0.5 * ({name} + {name}.T) if that is what is meant"
+        f"it symmetrically, or give 0.5 * ({name} + {name}.T) if that is what is meant{gyroscopic}"
     ]
 
 
-def _check_definite(system: System) -> None:
-    """Refuse a mass that is not positive definite, and a stiffness that is indefinite.
+def _check_definite(system: System, damped: bool) -> None:
+    """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
-    The stiffness is shifted by 1e-9 of its size, so that it may be singular.
+    The stiffness is shifted by 1e-9 of its size, so that it may be singular. The damping is checked
+    only if it is ``damped`` by a matrix of its own.
     """
     mass = float(system.M.diagonal().sum())
     small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
@@ -452,7 +525,33 @@ def _check_definite(system: System) -> None:
         ("M", system.M, "is not positive definite: does every unknown have mass?"),
         ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
     )
-    refuse(f"{name}: {why}" for name, A, why in checks if not _is_definite(A))
+    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
+    if damped and not _takes_energy(system.C):
+        problems.append(
+            "C: is negative somewhere, so that it would create energy: v^T C v must not be below 0 "
+            "for any velocity v; is a sign wrong? Negative damping, such as that of flow, "
+            "cannot be computed"
+        )
+    refuse(problems)
+
+
+def _takes_energy(C: Matrix) -> bool:
+    """Whether a symmetric matrix is positive semidefinite, but for round-off.
+
+    It is divided by the roots of its diagonal on both sides, so that the units of its unknowns do
+    not count. The pivots are those of its sum with 1e-9 of the unit matrix. Diagonal entries below
+    1e-12 of the largest are round-off.
+    """
+    C = sparse.csr_array(C)
+    C.eliminate_zeros()
+    if not C.nnz:
+        return True
+    diagonal = C.diagonal()
+    least = 1e-12 * float(np.abs(diagonal).max())
+    if least == 0.0 or diagonal.min() < -least:
+        return False
+    divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
+    return _is_definite(divided @ C @ divided + 1e-9 * sparse.eye_array(C.shape[0]))
 
 
 def _is_definite(A: Matrix) -> bool:

@@ -16,7 +16,8 @@ from scene_texts import written
 from skfem_joint import __version__, cli
 from skfem_joint.analysis import error_time, study
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.output import folder
+from skfem_joint.files import replacing
+from skfem_joint.output.record import writing
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parent.parent
@@ -159,6 +160,49 @@ def test_files_are_whole_when_nobody_reads_the_table(scene, tmp_path):
     assert (tmp_path / "text").read_bytes().startswith(b"Ring \\xd8 5 \\xe9 ")
 
 
+@pytest.mark.parametrize("closed", [(1,), (2,), (1, 2), (0, 1, 2)])
+def test_closed_streams_lose_no_result_and_get_into_no_file(closed, scene, tmp_path):
+    path, out = scene(FULL_ONLY, ONE_CYCLE), tmp_path / "out"
+    for run, status in ((command("run", path, "--out", out), 0), (command("check", out), 2)):
+        ended = subprocess.run(
+            run, timeout=120, preexec_fn=lambda: [os.close(number) for number in closed],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert ended.returncode == status
+    assert files_below(out) == ["history.npz", "summary.json"]
+    json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    with np.load(out / "history.npz", allow_pickle=False) as history:
+        assert all(history[name].size for name in history)
+
+
+def test_broken_streams_end_without_a_traceback(tmp_path):
+    read, write = os.pipe()
+    os.close(read)
+    run = command("check", tmp_path / "none.toml")
+    ended = subprocess.run(run, stdout=write, stderr=write, timeout=120)
+    os.close(write)
+    assert ended.returncode == 141
+
+
+def test_what_a_terminal_would_obey_is_shown_as_escapes(scene, tmp_path, capsys):
+    """A title, a name, a key, in what is said, refused and told of progress."""
+    wild = "\\u001B]0;mine\\u0007\\u009B31m\\u202Ered"
+    path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', f'title = "{wild}'))
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "out"), "-v"]) == 0
+    refused = scene(("[output]\n", f'[output]\n"{wild}" = 1\n'))
+    assert cli.main(["check", str(refused)]) == 2
+    shown = capsys.readouterr()
+    for text in shown:
+        assert text.replace("\n", "").isprintable()
+        assert "]0;mine" in text
+    assert r"\x1b]0;mine\x07\x9b31m\u202ered" in shown.out
+
+
+def test_check_calls_nothing_valid_before_a_sweep_is(scene, capsys):
+    path = scene(more='\n[sweep]\n"joint[7].friction" = [0.5, 0.7]\n')
+    refused(["check", str(path)], capsys, "joint[7].friction")
+
+
 @pytest.mark.parametrize(
     ("error", "status"),
     [(ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],
@@ -261,11 +305,12 @@ levels = [0.1, 0.3]
 
 def earlier(out: Path) -> Path:
     """Folder with results of another command, and a file of somebody else."""
-    out.mkdir()
-    folder.write_summary(out, {}, ["joint.png", "fields/joint_0.vtu"])
-    (out / "fields").mkdir()
-    for name in ("joint.png", "fields/joint_0.vtu", "notes.txt"):
-        (out / name).write_text("old")
+    (out / "fields").mkdir(parents=True)
+    (out / "notes.txt").write_text("old")
+    with writing(out, {}):
+        for name in ("joint.png", "fields/joint_0.vtu"):
+            with replacing(out / name) as temporary:
+                temporary.write_text("old")
     return out
 
 

@@ -143,6 +143,15 @@ def test_a_line_holds_the_note_of_what_cannot_be_counted():
     assert [line for _, line in clock.said] == lines
 
 
+def test_a_bar_shows_names_as_they_are():
+    screen = io.StringIO()
+    bar = Bar(console=Console(file=screen, force_terminal=True, width=200, color_system=None))
+    with bar:
+        telling(bar)("[red]\x1b]0;mine\x07", 1, 2, "\x9b31m")
+    assert "[red]\\x1b]0;mine\\x07: \\x9b31m" in screen.getvalue()
+    assert "\x1b]" not in screen.getvalue()
+
+
 def interrupted(pattern: bytes, *arguments: str | Path) -> tuple[int, bytes, float]:
     """Status of a command whose terminal gets Ctrl-C once it shows a pattern, all, and seconds."""
     master, terminal = pty.openpty()

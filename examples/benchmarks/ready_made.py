@@ -27,8 +27,7 @@ from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import PER_CYCLE
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome
 from skfem_joint.analysis.history import Results, results
-from skfem_joint.files import holding
-from skfem_joint.output.folder import write_error_time
+from skfem_joint.output.folder import kept, write_error_time
 from skfem_joint.scene import load_scene
 from skfem_joint.stepping.recording import Save
 
@@ -225,7 +224,7 @@ def main(arguments=None):
         yield from explicit_jobs(reference)
         yield from made(reference)
 
-    with holding(options.out):
+    with kept(options.out):
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = write_error_time(options.out, report)

@@ -102,8 +102,8 @@ def backbones(quick):
 def periods(systems, memory):
     """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
     halves = stepping.turns_over if memory else lambda loads: False
-    mixed = patch.object(steady, "MEMORY", memory and steady.MEMORY)
-    with mixed, patch.object(stepping, "turns_over", halves):
+    kept = {name: memory and getattr(steady, name) for name in ("MEMORY", "LINEAR_MEMORY")}
+    with patch.multiple(steady, **kept), patch.object(stepping, "turns_over", halves):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     return sum(run.steady.periods for run in runs)
 

@@ -25,6 +25,11 @@ HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "differen
 #: Printed values by item, some with rounding and name; pictures by item.
 PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
 PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
+#: Names of files that the page consists of, which are not to be those of files of other origin.
+_DRAWN = "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
+USED_NAMES = re.compile(
+    rf"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/({_DRAWN})\.png)?"
+)
 #: Title and blocks of ``page.md`` by the name in the heading.
 TEMPLATES = {}
 for section in re.split(r"(?m)^## ", (HERE / "page.md").read_text("utf-8"))[1:]:

@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # this folder is t
 from paper import active, harmonic, impulse, joint, page, reduction, structure
 
 from skfem_joint.errors import InputError, JointError
-from skfem_joint.files import holding
+from skfem_joint.output.folder import kept
+from skfem_joint.output.record import writing
 
 #: Items in the paper's order, and what else each of them covers.
 ITEMS = {
@@ -64,7 +65,11 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     try:
         keys, items = chosen(options.items), []
-        with holding(options.out):
+        # Files of other origin under names of this page are not overwritten.
+        with (
+            kept(options.out, used=page.USED_NAMES),
+            writing(options.out, {"title": "Reproduction of the paper", "items": keys}),
+        ):
             for key in keys:
                 items.append(made(key, options.quick))
                 print(*items[-1].markdown()[:2], sep="\n\n", end="\n\n", flush=True)

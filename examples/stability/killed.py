@@ -1,17 +1,25 @@
 """Runs that are killed at random moments and resumed, and runs that share a folder.
 
-    python examples/stability/killed.py --out DIR [--kills 100] [--pairs 20] [--seed 0]
+    python examples/stability/killed.py --out DIR [--kills 100] [--pairs 20] [--rows 30] [--seed 0]
 
 Six kinds of scenes are run by the command line. Killed with SIGKILL at any moment, a third of them
 while they write their results, and resumed, they must leave every file as an uninterrupted run
 does, bit for bit but for times. Of two runs of the first kind into one folder that start at about
-the same moment one is refused in a sentence, or they follow each other. The exit status is 1 if a
-file differs.
+the same moment one is refused in a sentence, or they follow each other.
+
+The commands response, backbone and error-time are killed, terminated and interrupted in turn, each
+so many times as ``--rows`` says, and started again with the same words. What was terminated or
+interrupted must end with status 130, a sentence that says how many rows are kept, and no lock; no
+row may be computed twice, and tables and summary must be those of an uninterrupted command, but for
+times. The exit status is 1 if anything differs.
 """
 
 import argparse
+import csv
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -34,6 +42,22 @@ KINDS = {
 OUTPUT = "[output]\nvtk = true\nplots = false\nframes = 60\n"
 #: Steps between checkpoints by kind; long enough for several of them in a run.
 EVERY = {"plate": 4, "two plates": 4}
+#: Commands that go on from rows, with what they are told beside scene and folder.
+COMMANDS = {"response": [], "backbone": [], "error-time": ["--quick"]}
+STEADY = """
+[backbone]
+levels = 10
+ring_down = 12
+
+[response]
+frequencies = { from = 2200.0, to = 2500.0, points = 3 }
+levels = [0.1, 0.3]
+"""
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+#: One thread: else error-time starts itself anew, and a kill would end the wrong process.
+THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+#: Columns of error-time.csv that hold times, or follow from them.
+TIMES = {"front", "run time (s)", "off-line (s)"}
 #: Seconds that a run may take beyond any doubt.
 PATIENCE = 300.0
 
@@ -49,11 +73,16 @@ def scene_text(kind):
     return "".join(kept) + own + OUTPUT
 
 
-def launch(scene, out, *more):
-    """The command `skfem-joint run` in a process of its own."""
-    command = [sys.executable, "-m", "skfem_joint", "run", str(scene), "--out", str(out), *more]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
+def launch(scene, out, *more, command="run"):
+    """A command of `skfem-joint` in a process of its own."""
+    started = [sys.executable, "-P", "-m", "skfem_joint"]  # -P: not from the current folder
+    words = [*started, command, str(scene), "--out", str(out), *more]
+    pipe, environment = subprocess.PIPE, os.environ | THREADS
+    return subprocess.Popen(
+        words, stdout=pipe, stderr=pipe, text=True, env=environment,
+        # A job of a shell's background ignores interrupts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
 
 
 def content(folder):
@@ -74,7 +103,8 @@ def content(folder):
 def _timeless(value):
     if not isinstance(value, dict):
         return value
-    times = "wall_s", "offline_s", "estimate_s"
+    # The mark has a digest of the summary with its times.
+    times = "wall_s", "offline_s", "estimate_s", "compilation_s", "written_by"
     return {key: _timeless(part) for key, part in value.items() if not key.endswith(times)}
 
 
@@ -174,13 +204,93 @@ def pairs(whole, count, rng):
     return refused, ""
 
 
+def tables(folder):
+    """Tables and summary of a command by their names, without times."""
+    found = {}
+    for path in folder.glob("*.csv"):
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [
+                {name: value for name, value in row.items() if name not in TIMES}
+                for row in csv.DictReader(file)
+            ]
+        found[path.name] = rows
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    models = summary.get("models", {})
+    return found | {"summary": summary | {"models": {k: _timeless(models[k]) for k in models}}}
+
+
+def stop(process, seconds, how):
+    """Send a signal to a process after some time; its exit status, and what it has said."""
+    try:
+        said = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.send_signal(how)
+        said = process.communicate(timeout=PATIENCE)
+    return process.returncode, " ".join(said)
+
+
+def rows_in(folder, command):
+    """Rows that are whole in the file of a command."""
+    path = folder / f"{command}_rows.jsonl"
+    return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
+
+
+def row_kills(command, folder, count, rng):
+    """Stop a command at random moments until it ends; what happened, and what is wrong."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scene, whole, out = folder / "scene.toml", folder / "whole", folder / "out"
+    scene.write_text(scene_text("reduced") + STEADY, encoding="utf-8")
+    for _ in range(2):  # the first one compiles
+        rmtree(whole, ignore_errors=True)
+        begin = time.perf_counter()
+        process = launch(scene, whole, *COMMANDS[command], command=command)
+        if process.wait(PATIENCE) != 0:
+            return {}, process.stderr.read()
+        seconds = time.perf_counter() - begin
+    expected, happened = tables(whole), {"stopped": 0, "ended": 0, "rows": 0}
+    rmtree(out, ignore_errors=True)
+    while happened["stopped"] < count or out.exists():
+        how = SIGNALS[(happened["stopped"] + happened["ended"]) % len(SIGNALS)]
+        known, lock = rows_in(out, command), out / ".skfem-joint-running"
+        stale = lock.exists()  # of one that was killed
+        after = rng.uniform(0.2, 1.0) * seconds if happened["stopped"] < count else PATIENCE
+        process = launch(scene, out, *COMMANDS[command], command=command)
+        status, said = stop(process, after, how)
+        begun = known == 0 or f"{known} finished rows are taken up" in said
+        if status == 0:
+            taken = re.search(r"Note: (\d+) finished parts were taken up", said)
+            if not begun or known != (int(taken[1]) if taken else 0):
+                return happened, f"{known} rows were there: {said}"
+            if (found := tables(out)) != expected:
+                return happened, f"differ: {[k for k in expected if found.get(k) != expected[k]]}"
+            if left := [file.name for file in out.iterdir() if "rows" in file.name]:
+                return happened, f"{left} is left"
+            happened["ended"] += 1
+            rmtree(out)
+            continue
+        happened["stopped"] += 1
+        now = rows_in(out, command)
+        happened["rows"] += now - known
+        if (out / "summary.json").exists() and not now:  # its rows were just removed
+            rmtree(out)
+            continue
+        # An interrupt in the midst of an import ends Python by SIGINT itself; shells say 130 too.
+        right = status in ((-how,) if how == signal.SIGKILL else (130, -signal.SIGINT))
+        told = how == signal.SIGKILL or now == known or f"{now} of " in said
+        locked = how != signal.SIGKILL and lock.exists() and not stale
+        if not right or not told or locked or now < known:
+            return happened, f"{how.name}: status {status}, {known} to {now} rows: {said}"
+    return happened, ""
+
+
 def main(arguments=None):
     """Kill and pair runs; 1 if anything differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
-    for name, default in {"kills": 100, "pairs": 20, "seed": 0}.items():
+    for name, default in {"kills": 100, "pairs": 20, "rows": 30, "seed": 0}.items():
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--commands", nargs="*", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args(arguments)
     rng, wrong, wholes = np.random.default_rng(options.seed), [], []
     print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
@@ -194,6 +304,14 @@ def main(arguments=None):
         refused, what = pairs(wholes[0], options.pairs, rng)
         print(f"\n{options.pairs} pairs of runs, {refused} refused: {what or 'every file right'}")
         wrong.append(what)
+    if options.rows and options.commands:
+        print("\n| command | stopped | rows computed by then | ended | after resuming |")
+        print("| --- | --- | --- | --- | --- |")
+        for name in options.commands:
+            happened, what = row_kills(name, options.out / name, options.rows, rng)
+            counts = " | ".join(str(happened.get(key)) for key in ("stopped", "rows", "ended"))
+            print(f"| {name} | {counts} | {what or 'the same to the bit'} |", flush=True)
+            wrong.append(what)
     return int(any(wrong))
 
 

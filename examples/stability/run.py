@@ -7,14 +7,16 @@ Writes a page and a picture; the exit status is 1 if a case is wrong.
 """
 
 import argparse
+import re
 import sys
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from skfem_joint.files import holding
-from skfem_joint.output.plots import new_figure
+from skfem_joint.errors import JointError
+from skfem_joint.output.folder import kept
+from skfem_joint.output.record import writing
 from skfem_joint.progress import progress_bar
 from stability import judge, report
 from stability.cases import matrix, quick_matrix
@@ -26,13 +28,18 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
     options = parser.parse_args(arguments)
-    new_figure(1.0, 1.0)  # so that a library which is missing is told before anything is computed
-    with holding(options.out):
-        begin = time.perf_counter()
-        with progress_bar() as progress:
-            verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)
-        seconds = time.perf_counter() - begin
-        files = report.write(options.out, verdicts, seconds)
+    try:
+        # What cannot be written is told before anything is computed.
+        with kept(options.out, used=re.compile(f"{report.PAGE}|{report.PICTURE}")):
+            begin = time.perf_counter()
+            with progress_bar() as progress:
+                verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)
+            seconds = time.perf_counter() - begin
+            with writing(options.out, {"title": "Stability", "seconds": seconds}) as written:
+                files = [*report.write(options.out, verdicts, seconds), written]
+    except JointError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_status
     wrong = [verdict for verdict in verdicts if verdict.outcome == judge.WRONG]
     print(report.summary(verdicts))
     for verdict in wrong:

@@ -9,7 +9,8 @@ law
     Against exact Coulomb friction: what the regularisation changes. Full model only, a reduced
     model's steepness is looked at with every run.
 full run
-    A reduced model without the full one beside it: two cycles of both.
+    A reduced model without the full one beside it: two cycles of both. (Where the full one was run
+    beside it, every estimate has the distance of the whole runs.)
 
 A reference for other runs of a scene is its own mesh and friction law, integrated by the full model
 at small steps and extrapolated in the step. These errors, of its time step too, tell how well it is
@@ -28,7 +29,8 @@ from typing import Any
 from skfem_joint.analysis.asked import how_of
 from skfem_joint.analysis.estimate import Estimate, Parts, added, again
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.study import Model, Study
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.study import Model, Study, origin_of
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 from skfem_joint.progress import Progress, Tally, silent
@@ -101,12 +103,21 @@ def _results(how: dict[str, Any], system: System) -> Results:
     return results(again(system, how))
 
 
+def _kept_results(rows: Rows, scene: Scene) -> Results:
+    """Results of a scene's full model, which are a row."""
+    return rows.row(rows.mark("full results", origin_of(scene)), partial(full_results, scene))
+
+
 def looks(
-    scene: Scene, base: Results, progress: Progress = silent, executor: Executor | None = None
+    scene: Scene,
+    base: Results,
+    progress: Progress = silent,
+    executor: Executor | None = None,
+    rows: Rows | None = None,
 ) -> tuple[list[Source], Results]:
     """Errors of a full model from its mesh and its law, and its results on the finest mesh.
 
-    Matrices have no mesh that could be refined.
+    Matrices have no mesh that could be refined. Without an executor each run is one of the rows.
     """
     steep = any(joint.law == "arctan" for joint in scene.joint)
     halvings = HALVINGS[scene.named_mesh.dim] if scene.matrices is None else 0
@@ -118,7 +129,8 @@ def looks(
         scenes.append(scene.changed(joint={"law": "coulomb"}))
     tally = Tally(partial(progress, "certifying the full model"), len(scenes) - 1)
     tally.add(0)
-    for found in (executor.map if executor else map)(full_results, scenes[1:]):
+    one_by_one = map(partial(_kept_results, rows or Rows()), scenes[1:])
+    for found in executor.map(full_results, scenes[1:]) if executor else one_by_one:
         runs.append(found)
         tally.add()
     sources = [halved("mesh", runs[: halvings + 1])] if halvings else []
@@ -139,7 +151,8 @@ def certify(
     if name not in study.models:
         raise InputError(f"certify: the scene does not run the {name} model")
     model = study.models[name]
-    parts = dict((model.estimate or Estimate({})).parts)
+    known = model.estimate or Estimate({})
+    parts = dict(known.parts)
     if model.basis is None:
         found = looks(study.scene, results(model.run), progress, executor)[0]
         parts |= {one.source: one.errors for one in found}
@@ -147,13 +160,8 @@ def certify(
         in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
         parts["total"] = added(in_time, *(one.errors for one in found))
     elif "full" not in study.models:
-        parts["full_run"] = _short(study, model, executor)
-        known = [parts.get("total", {}), parts["full_run"]]
-        parts["total"] = {
-            key: max((e for one in known if (e := one.get(key)) is not None), default=None)
-            for key in QUANTITIES
-        }
-    return replace(model, estimate=replace(model.estimate or Estimate({}), parts=parts))
+        return replace(model, estimate=known.beside(_short(study, model, executor)))
+    return replace(model, estimate=replace(known, parts=parts))
 
 
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
@@ -210,10 +218,15 @@ class Reference:
 
 
 def make_reference(
-    scene: Scene, quick: bool = False, bound: float = 60.0, progress: Progress = silent
+    scene: Scene,
+    quick: bool = False,
+    bound: float = 60.0,
+    progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> Reference:
     """Reference of a scene with its certificate; its longest run takes about ``bound`` s or less.
 
+    Its runs, and how many steps a measured run time allows, are ``rows``, if there are any.
     InputError if the scene has no friction: there is nothing to choose between. ConvergenceError if
     a run does not converge.
     """
@@ -226,25 +239,32 @@ def make_reference(
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("error-time: no load acts, nothing errs; give one an amplitude above 0")
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
-    parts, most = COARSEST, FINEST_QUICK if quick else FINEST
-    longest = longest_step(system, grid.duration)
-    while grid.duration > longest * (parts // 4) * grid.intervals:
-        parts *= 2
-    seconds_a_part = grid.integrate(system, parts // 2).wall_s / (parts // 2)
-    while parts < most and 2 * parts * seconds_a_part <= bound:
-        parts *= 2
+    rows, most = rows or Rows(), FINEST_QUICK if quick else FINEST
+    mark = rows.mark("parts of an interval", origin_of(scene), most, bound)
+    parts = rows.row(mark, partial(_finest_parts, system, grid, most, bound))
     steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * PER_CYCLE}
     if time.cycles is None:
         steps = {"step": grid.duration / (parts // 4 * grid.intervals)}
     coarse = scene.changed(
         time=steps, output={"every": parts // 4, "history": True}, models={"run": ("full",)}
     )
-    base = full_results(coarse)
-    middle, finest = (full_results(coarse.finer(factor)) for factor in (2, 4))
+    base = _kept_results(rows, coarse)
+    middle, finest = (_kept_results(rows, coarse.finer(factor)) for factor in (2, 4))
     in_time = halved("time step", [base, middle, finest])
-    others, fine_mesh = looks(coarse, base, progress)
+    others, fine_mesh = looks(coarse, base, progress, rows=rows)
     order = kept(in_time.order)
     truth = finest.plus(1.0 / (2.0**order - 1.0), finest, middle)
     if scene.matrices is not None:  # of which there is no finer mesh
         fine_mesh = truth
     return Reference(system, grid, parts, order, truth, fine_mesh, [in_time, *others])
+
+
+def _finest_parts(system: System, grid: Grid, most: int, bound: float) -> int:
+    """Steps of an interval of a reference's finest run: ``most``, or what ``bound`` s allow."""
+    parts, longest = COARSEST, longest_step(system, grid.duration)
+    while grid.duration > longest * (parts // 4) * grid.intervals:
+        parts *= 2
+    seconds_a_part = grid.integrate(system, parts // 2).wall_s / (parts // 2)
+    while parts < most and 2 * parts * seconds_a_part <= bound:
+        parts *= 2
+    return parts

@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
@@ -31,6 +31,8 @@ from skfem_joint.system import System
 
 #: Frequencies that are shown; steps over which the stuck structure is followed.
 SHOWN, MOST_STEPS = 3, 5_000
+#: Share of kinetic energy from which on a mode with the joints stuck is one with the joints loose.
+ALIKE = 0.5
 #: Strains, and displacements over the structure's length, that are not small.
 LARGE_STRAIN, LARGE = 0.01, 0.1
 #: Share of the mass that is added to a stiffness which leaves rigid motions.
@@ -95,13 +97,17 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
-    loose = straining_modes(system.K, system.M, no_unknowns)[0]
+    loose, loose_shapes = straining_modes(system.K, system.M, no_unknowns)
     stuck = straining_modes(system.K, system.M, held)
     values["frequencies_stuck_Hz"] = stuck[0][:SHOWN].tolist()
     values["frequencies_loose_Hz"] = loose[:SHOWN].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose)}"
     if held.size:
+        number, likeness = alike(system.M, stuck[1][:, :SHOWN], loose_shapes)
+        values["stuck_modes_like_loose"] = (number + 1).tolist()
+        values["stuck_modes_like_loose_share"] = likeness.tolist()
         text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck"
+        text += _compared(number, likeness)
     facts.append(f"{text}.")
     looked_at = min(LOOKED_AT, system.n), min(LOOKED_AT, system.n - held.size)
     rigid = [most - some.size for most, some in zip(looked_at, (loose, stuck[0]), strict=True)]
@@ -278,6 +284,32 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
         shift = _SHIFT * float(K.diagonal().sum() / M.diagonal().sum()) if not held.size else 0.0
         u[free] = factorised(K + shift * M)(force[free])
     return u
+
+
+def alike(M: Matrix, modes: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Which of other modes is most like each mode, and the share of kinetic energy that it has.
+
+    ``modes`` (n, k) and ``others`` (n, j) are of unit mass; the share is the modal assurance
+    criterion ``(phi^T M psi)^2``. Returns numbers (k,) from 0 and shares (k,); none without others.
+    """
+    if not others.shape[1] or not modes.shape[1]:
+        return np.zeros(0, dtype=np.intp), np.zeros(0)
+    shares = (others.T @ (M @ modes)) ** 2
+    number = shares.argmax(axis=0)
+    return number, shares[number, np.arange(number.size)]
+
+
+def _compared(number: IntArray, share: FloatArray) -> str:
+    """Which loose mode each stuck one is, in words."""
+    if not number.size:
+        return ""
+    words = [
+        f"loose mode {k + 1} ({100.0 * x:.2g} % alike)"
+        if x >= ALIKE
+        else f"none of the loose modes (most like {k + 1}, {100.0 * x:.2g} %)"
+        for k, x in zip(number.tolist(), share.tolist(), strict=True)
+    ]
+    return f". By their shapes those with the joints stuck are {', '.join(words)}"
 
 
 def _listed(frequencies: FloatArray) -> str:

@@ -8,7 +8,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from math import inf, isinf
 from typing import Any
 
@@ -17,7 +17,8 @@ import numpy as np
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.certificate import Reference, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.study import Study, reduction_of
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.study import Study, origin_of, reduction_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene
@@ -116,21 +117,31 @@ class Point:
         return f"{self.job.family} ({', '.join(what)}; {_seconds(self.wall_s)})"
 
 
+#: What rows of finished work hold, of `error_time`.
+ROWS = (Outcome, Results)
+
+
 def measure(
-    jobs: Iterable[Job], reference: Reference, *, repeats: int, progress: Progress = silent
+    jobs: Iterable[Job],
+    reference: Reference,
+    *,
+    repeats: int,
+    progress: Progress = silent,
+    rows: Rows | None = None,
+    of: str = "",
 ) -> list[Point]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
     Those shorter than `LONGEST_REPEATED` are run again in ``repeats`` rounds, each in the opposite
-    order of the one before; their time is the median of these.
+    order of the one before; their time is the median of these. Each run is one of the ``rows``, if
+    there are any, with the time that it took; ``of`` is a digest of what the jobs come from.
     """
-    jobs, points = list(jobs), []
+    jobs, points, rows = list(jobs), [], rows or Rows()
+    marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
+    rows.asked = rows.done + len(jobs)
     for k, job in enumerate(jobs):
         progress("first runs", k, len(jobs))
-        try:
-            first = job.run()
-        except JointError as error:  # does not converge, or the step is too long for the load
-            first = Outcome(None, status=str(error))
+        first = rows.row(marks[k], partial(_first, job))
         errors: dict[str, float | None] = {}
         if first.results is not None:
             errors = difference(job.truth or reference.results, first.results)
@@ -140,16 +151,31 @@ def measure(
         points.append(Point(job, first, errors, first.wall_s))
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= LONGEST_REPEATED]
     walls: dict[int, list[float]] = {k: [] for k in short}
+    rows.asked += repeats * len(short)
     for done in range(repeats):
         progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
-            walls[k].append(jobs[k].run().wall_s)
+            mark = rows.mark(marks[k], "round", done)
+            walls[k].append(rows.row(mark, partial(_timed, jobs[k])))
     for k in short:
         points[k] = replace(points[k], wall_s=statistics.median(walls[k]), repeats=repeats)
     return points
 
 
-def full_jobs(reference: Reference, wanted: Mapping[str, tuple[Any, ...]]) -> Iterator[Job]:
+def _first(job: Job) -> Outcome:
+    try:
+        return job.run()
+    except JointError as error:  # does not converge, or the step is too long for the load
+        return Outcome(None, status=str(error))
+
+
+def _timed(job: Job) -> float:
+    return job.run().wall_s
+
+
+def full_jobs(
+    reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows | None = None
+) -> Iterator[Job]:
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
     own = COULOMB if isinf(system.beta.max()) else FULL
@@ -157,38 +183,98 @@ def full_jobs(reference: Reference, wanted: Mapping[str, tuple[Any, ...]]) -> It
     if own == FULL:
         for factor in wanted["factors"]:
             other = replace(system, beta=factor * system.beta)
-            yield from other_jobs(reference, parts, STEEPNESS, other, {})
-        yield from other_jobs(reference, parts, COULOMB, system.with_beta(np.inf), {})
+            yield from other_jobs(reference, parts, STEEPNESS, other, {}, rows)
+        yield from other_jobs(reference, parts, COULOMB, system.with_beta(np.inf), {}, rows)
 
 
 def other_jobs(
-    reference: Reference, parts: Sequence[int], family: str, system: System, what: Mapping[str, Any]
+    reference: Reference,
+    parts: Sequence[int],
+    family: str,
+    system: System,
+    what: Mapping[str, Any],
+    rows: Rows | None = None,
 ) -> Iterator[Job]:
     """Another full model at several steps an interval, with a reference of its own."""
-    own = results(reference.grid.integrate(system, min(OWN, reference.parts)))
+    grid, finest, rows = reference.grid, min(OWN, reference.parts), rows or Rows()
+    mark = rows.mark("own reference", system, grid, finest)
+    own = rows.row(mark, lambda: results(grid.integrate(system, finest)))
     return at_steps(reference, parts, family, system, what, own=own)
 
 
-def reduced_jobs(
-    scene: Scene, reference: Reference, wanted: Mapping[str, tuple[Any, ...]]
-) -> Iterator[Job]:
-    """Reduced models: friction at all nodes, and at few points, else with the scene's options."""
-    study = Study(scene, scene.structure(), reference.system)
-    for modes in wanted["modes"]:
-        begin = time.perf_counter()
-        options = replace(options_of(scene), modes=modes)
-        try:
-            basis, *_ = reduction_of(study, options)
-        except InputError as error:  # more modes than the mesh has, for one
-            yield Job(REDUCED, {"modes": modes}, partial(Outcome, None, status=str(error)))
-            continue
+@dataclass
+class _Reduction:
+    """Reduced models of some modes, made when they are first needed."""
+
+    study: Study
+    modes: int
+
+    @cached_property
+    def models(self) -> dict[str, tuple[System, float]]:
+        """By family: the model, and how long it took to make, s."""
+        begin, made = time.perf_counter(), {}
+        options = replace(options_of(self.study.scene), modes=self.modes)
+        basis, *_ = reduction_of(self.study, options)
         offline = time.perf_counter() - begin
         for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
             begin = time.perf_counter()
-            _, one, _ = reduction_of(study, replace(options, friction_points=points), basis)
-            spent = offline + time.perf_counter() - begin
-            steps, what = wanted["reduced_parts"], {"modes": one.n}
-            yield from at_steps(reference, steps, family, one, what, offline_s=spent)
+            _, one, _ = reduction_of(self.study, replace(options, friction_points=points), basis)
+            made[family] = one, offline + time.perf_counter() - begin
+        return made
+
+    def facts(self) -> dict[str, Any]:
+        """By family: what its models are, and how long they took to make, s; or why none is."""
+        try:
+            return {k: (_details(one), seconds) for k, (one, seconds) in self.models.items()}
+        except InputError as error:  # more modes than the mesh has, for one
+            return {"failure": str(error)}
+
+
+def reduced_jobs(
+    scene: Scene,
+    reference: Reference,
+    wanted: Mapping[str, tuple[Any, ...]],
+    rows: Rows | None = None,
+) -> Iterator[Job]:
+    """Reduced models: friction at all nodes, and at few points, else with the scene's options."""
+    study, rows = Study(scene, scene.structure(), reference.system), rows or Rows()
+    for modes in wanted["modes"]:
+        reduction = _Reduction(study, modes)
+        mark = rows.mark("reduction", origin_of(scene), modes)
+        facts = rows.row(mark, reduction.facts)
+        if "failure" in facts:
+            yield Job(REDUCED, {"modes": modes}, partial(Outcome, None, status=facts["failure"]))
+            continue
+        for family, (what, spent) in facts.items():
+            yield from _jobs(
+                reference,
+                wanted["reduced_parts"],
+                family,
+                partial(_made, reduction, family),
+                {"modes": what["unknowns"], **what},
+                offline_s=spent,
+            )
+
+
+def _most_rows(scene: Scene, wanted: Mapping[str, tuple[Any, ...]]) -> int:
+    """Rows of a report before its timed rounds, if no step of it is too short."""
+    others = len(wanted["factors"]) + 1 if any(one.law == "arctan" for one in scene.joint) else 0
+    reference, reductions = 8, len(wanted["modes"])  # steps, mesh and law of the reference
+    runs = (1 + others) * len(wanted["parts"]) + 2 * reductions * len(wanted["reduced_parts"])
+    return reference + others + reductions + runs
+
+
+def _made(reduction: _Reduction, family: str) -> System:
+    return reduction.models[family][0]
+
+
+def _details(system: System) -> dict[str, Any]:
+    """What a report says of a model."""
+    return {
+        "unknowns": system.n,
+        "friction points": system.contact_points,
+        "beta (s/m)": float(system.beta.max()),
+    }
 
 
 def at_steps(
@@ -200,22 +286,30 @@ def at_steps(
     **more: Any,
 ) -> Iterator[Job]:
     """Runs of one model at several steps an interval."""
+    details = {**what, **_details(system)}
+    return _jobs(reference, parts, family, lambda: system, details, **more)
+
+
+def _jobs(
+    reference: Reference,
+    parts: Sequence[int],
+    family: str,
+    make: Callable[[], System],
+    what: Mapping[str, Any],
+    **more: Any,
+) -> Iterator[Job]:
+    """As `at_steps`, of a model that is made when the first of them is run."""
     for count in parts:
         if 4 * count <= reference.parts:
-            details = {
-                **what,
-                "unknowns": system.n,
-                "friction points": system.contact_points,
-                "beta (s/m)": float(system.beta.max()),
-                "step (s)": reference.grid.duration / (count * reference.grid.intervals),
-            }
-            yield Job(family, details, partial(_run, system, reference, count), **more)
+            step = reference.grid.duration / (count * reference.grid.intervals)
+            run = partial(_run, make, reference, count)
+            yield Job(family, {**what, "step (s)": step}, run, **more)
 
 
-def _run(system: System, reference: Reference, parts: int) -> Outcome:
-    begin = time.perf_counter()
+def _run(make: Callable[[], System], reference: Reference, parts: int) -> Outcome:
+    system, begin = make(), time.perf_counter()
     run = reference.grid.integrate(system, parts)
-    wall = time.perf_counter() - begin - run.preparation_s
+    wall = time.perf_counter() - begin - run.preparation_s - run.compilation_s
     names = ("steps", "newton_iterations", "friction_evaluations")
     work = {name.replace("_", " "): getattr(run.counters, name) for name in names}
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)
@@ -351,12 +445,15 @@ def error_time(
     wanted: Mapping[str, tuple[Any, ...]] | None = None,
     more: Callable[[Reference], Iterable[Job]] = lambda _: (),
     progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> Report:
     """Run a scene of any dimension with many models, and with ``more`` jobs from the reference.
 
     The longest run of the reference takes about ``bound`` s. There are ``repeats`` timed rounds,
-    one in a ``quick`` report of few points; ``wanted`` replaces some of `RANGE` or `QUICK`. Raises
-    as `make_reference`, and InputError for options that are not positive.
+    one in a ``quick`` report of few points; ``wanted`` replaces some of `RANGE` or `QUICK`.
+    ``rows``, which may hold `ROWS`, keeps what is finished and is gone on from, times included
+    where the machine is the same.
+    Raises as `make_reference`, and InputError for options that are not positive.
     """
     given = {"--bound": bound, "--repeats": repeats}
     problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]
@@ -365,7 +462,12 @@ def error_time(
     if problems:
         raise InputError(problems)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
-    reference = make_reference(scene, quick, bound, progress)
-    jobs = [*full_jobs(reference, what), *reduced_jobs(scene, reference, what), *more(reference)]
-    points = measure(jobs, reference, repeats=1 if quick else repeats, progress=progress)
+    rows = rows or Rows()
+    rows.asked += _most_rows(scene, what)
+    reference = make_reference(scene, quick, bound, progress, rows)
+    full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
+    jobs = [*full, *reduced, *more(reference)]
+    of = rows.mark("run", origin_of(scene), reference.parts, what, machine())  # times are its own
+    rounds = 1 if quick else repeats
+    points = measure(jobs, reference, repeats=rounds, progress=progress, rows=rows, of=of)
     return Report(scene.title, reference, points)

@@ -108,6 +108,22 @@ class Estimate:
 
     parts: Mapping[str, Parts]
     lacks: Lacking | None = field(default=None, repr=False)
+    #: Total as it was estimated before the full model's run was known, where it is.
+    unmeasured: Parts | None = field(default=None, repr=False)
+
+    def beside(self, full_run: Parts) -> Estimate:
+        """With the distances from a run of the full model; a total is no less than they are.
+
+        A total that is not known is then that distance, without the full model's own error.
+        """
+        stated = self.parts.get("total", {})
+        total = {
+            name: max((e for one in (stated, full_run) if (e := one.get(name)) is not None),
+                      default=None)
+            for name in QUANTITIES
+        }  # fmt: skip
+        parts = {**self.parts, "full_run": full_run, "total": total}
+        return replace(self, parts=parts, unmeasured=dict(stated))
 
     def of(self, source: str, quantity: str) -> float | None:
         """One of the errors; None where it is not known."""

@@ -7,10 +7,12 @@ the past, and is told as the offset.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from skfem_joint.analysis.history import relative
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
@@ -27,10 +30,11 @@ from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save, Steady
+from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
+from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
 State = tuple[FloatArray, FloatArray]
 #: Harmonics of a response that are told.
@@ -122,13 +126,15 @@ def response(
     estimated: bool = True,
     executor: Executor | None = None,
     progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> list[Curve]:
     """Steady vibration over frequency, a curve for each level.
 
     Parameters
     ----------
     system : System
-        Full or reduced; its loads are harmonic.
+        Full or condensed; its loads are harmonic. What `skfem_joint.reduce` made is good for its
+        own loads alone.
     frequencies : ndarray
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -143,84 +149,146 @@ def response(
         Where levels are run side by side.
     progress : callable, optional
         Called with (frequencies done, frequencies in all as far as they are known), and between
-        them with a note on the search; by whole levels with an executor.
+        them, without an executor, with a note on the search.
+    rows : Rows, optional
+        Where steady vibrations are kept as they are found, and taken up again.
 
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, or a frequency or level is not positive.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, or the system
+        is a reduced model made for its own loads.
     ConvergenceError
         If no frequency of a level has a steady vibration.
     """
-    frequencies = np.asarray(frequencies, dtype=float)
-    if frequencies.size == 0 or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
+    system.check_any_load("response")
+    check_each("response: frequencies", frequencies, POSITIVE)
+    check_each("response: levels", levels, POSITIVE)
+    check("response: steps_per_cycle", steps_per_cycle, COUNT)
+    frequencies, levels = np.asarray(frequencies, dtype=float), np.asarray(levels).tolist()
+    if np.any(np.diff(frequencies) <= 0.0):
         raise InputError("response: frequencies must be positive and rise, in Hz")
-    if not levels or min(levels) <= 0.0:
-        raise InputError(f"response: found levels {list(levels)}, must be positive")
     if not system.points:
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
-    one = partial(_curve, system, frequencies, steps_per_cycle, scheme, refined, estimated)
-    each = frequencies.size * (2 if estimated else 1)
+    rows, each = rows or Rows(), frequencies.size * (2 if estimated else 1)
     tally = Tally(progress, each * len(levels))
-    if executor is None:
-        return [one(level, tally) for level in levels]
-    curves = []
-    for curve in executor.map(one, levels):
-        curves.append(curve)
-        tally.add(each)
-    return curves
+
+    def expect(count: int) -> None:
+        """Count points that nobody knew of."""
+        tally.asked += count
+        rows.asked += count
+
+    rest = steps_per_cycle, refined, estimated, expect
+    curves = [_curve(frequencies, level, *rest) for level in levels]
+    return _followed(curves, system, scheme, executor, tally, rows)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A steady vibration that a curve asks for next."""
+
+    frequency: float  #: Hz
+    level: float
+    steps_per_cycle: int
+    start: State | None
+    whole: bool  #: whether others begin with its state
+
+    def found(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
+        """Find it."""
+        how = self.steps_per_cycle, scheme, self.start, progress
+        point = steady_point(system, self.frequency, self.level, *how)
+        return point if self.whole else replace(point, state=None, course=None)
+
+
+_CurveOfPoints: TypeAlias = Generator[_Asked, SteadyPoint, Curve]
+
+
+def _followed(
+    curves: list[_CurveOfPoints],
+    system: System,
+    scheme: Scheme | None,
+    executor: Executor | None,
+    tally: Tally,
+    rows: Rows,
+) -> list[Curve]:
+    """Whole curves: one after another, or side by side with an executor.
+
+    Each point is a row, named by all that it depends on.
+    """
+    of = rows.mark("steady point", system, scheme)
+    ended: dict[int, Curve] = {}
+    running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
+
+    def go_on(number: int, point: SteadyPoint | None) -> None:
+        """Give a curve its next points, up to one that an executor has to find."""
+        try:
+            while True:
+                asked = curves[number].send(point)  # type: ignore[arg-type]  # None begins it
+                mark = rows.mark(of, asked)
+                if executor is not None and mark not in rows:
+                    sent = executor.submit(asked.found, system, scheme, silent)
+                    running[sent] = number, mark, time.perf_counter()
+                    return
+                point = rows.row(mark, partial(asked.found, system, scheme, tally.within))
+                tally.add()
+        except StopIteration as end:
+            ended[number] = end.value
+
+    try:
+        for number in range(len(curves)):
+            go_on(number, None)
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                number, mark, begin = running.pop(future)
+                point = rows.keep(mark, future.result(), time.perf_counter() - begin)
+                tally.add()
+                go_on(number, point)
+    finally:
+        for future in running:
+            future.cancel()
+    return [ended[number] for number in range(len(curves))]
 
 
 def _curve(
-    system: System,
     frequencies: FloatArray,
+    level: float,
     steps_per_cycle: int,
-    scheme: Scheme | None,
     refined: bool,
     estimated: bool,
-    level: float,
-    tally: Tally | None = None,
-) -> Curve:
+    expect: Callable[[int], None],
+) -> _CurveOfPoints:
+    """Ask for the points of a curve one after another; ``expect`` counts those that are added."""
     points: list[SteadyPoint] = []
-    tally, state = tally or Tally(), None
-
-    def add(frequency: float, start: State | None) -> State | None:
-        how = steps_per_cycle, scheme, start, tally.within
-        points.append(steady_point(system, frequency, level, *how))
-        tally.add()
-        return points[-1].state
-
+    state: State | None = None
     for frequency in frequencies.tolist():
-        state = add(frequency, state)
+        points.append((yield _Asked(frequency, level, steps_per_cycle, state, True)))
+        state = points[-1].state
     if all(point.failure is not None for point in points):
         raise ConvergenceError(
             f"response: level {level:g}, at every frequency: {points[0].failure}"
         )
-    if refined:
-        for _ in range(4 * AROUND):
-            wanted = next(_wanted(Curve(level, tuple(points))), None)
-            if wanted is None:
-                break
-            tally.asked += 2 if estimated else 1
-            add(wanted, min(points, key=lambda point: abs(point.frequency - wanted)).state)
-            points.sort(key=lambda point: point.frequency)
+    for _ in range(4 * AROUND if refined else 0):
+        wanted = next(_wanted(Curve(level, tuple(points))), None)
+        if wanted is None:
+            break
+        expect(2 if estimated else 1)
+        state = min(points, key=lambda point: abs(point.frequency - wanted)).state
+        points.append((yield _Asked(wanted, level, steps_per_cycle, state, True)))
+        points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
     if not estimated or steps_per_cycle < 4:
         return curve
     coarse, largest = steps_per_cycle // 2, curve.largest
     order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
-
-    def error(point: SteadyPoint) -> float:
-        if point.failure is not None:
-            return np.nan
-        other = steady_point(system, point.frequency, level, coarse, scheme, point.state)
-        tally.add()
-        apart = relative(other.amplitude[largest], point.amplitude[largest])
-        return np.nan if apart is None else abs(apart) / order
-
-    return Curve(level, tuple(replace(point, step_error=error(point)) for point in points))
+    for k, point in enumerate(points):
+        if point.failure is None:
+            other = yield _Asked(point.frequency, level, coarse, point.state, False)
+            apart = relative(other.amplitude[largest], point.amplitude[largest])
+            error = np.nan if apart is None else abs(apart) / order
+            points[k] = replace(point, step_error=error)
+    return Curve(level, tuple(points))
 
 
 def _wanted(curve: Curve) -> Iterator[float]:
@@ -279,15 +347,14 @@ def steady_point(
             frequency, nothing, nothing, harmonics, nothing, np.nan, np.nan, slip, np.nan, 0,
             np.nan, failure=str(error),
         )  # fmt: skip
-    found = run.steady or Steady(0, np.nan)
-    high, low = run.point_u.max(axis=0), run.point_u.min(axis=0)
+    found = run.vibration
     harmonics = _harmonics(run.point_u[:-1])
     slip, limit = run.slip_peak.max(initial=0.0), float(system.w.sum())
     first = _harmonics(loaded.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
         frequency=frequency,
-        amplitude=0.5 * (high - low),
-        offset=0.5 * (high + low),
+        amplitude=found.amplitude,
+        offset=found.offset,
         harmonics=harmonics,
         phase=np.angle(harmonics[:, 0] / first) if first else np.angle(harmonics[:, 0]),
         friction_energy=float(run.friction_work.sum()),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.analysis.history import Errors, compare
+from skfem_joint.analysis.history import Errors, compare, difference, results
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
@@ -33,6 +32,7 @@ from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
 
@@ -45,7 +45,7 @@ class Model:
 
     name: str
     run: Run
-    offline_s: float  #: before the first step: modes, active length, projection, compilation, s
+    offline_s: float  #: before the first step: modes, active length, projection, s
     active_length: dict[str, float]  #: of each joint whose axis is known, m
     #: Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
     #: beside a full one.
@@ -57,6 +57,7 @@ class Model:
     errors: Errors | None = None  #: against the full model, where both were run
     estimate: Estimate | None = None  #: errors as estimated without it
     estimate_s: float = 0.0  #: time for that, s
+    compilation_s: float = 0.0  #: of loops, once on a machine and in no other time here, s
 
     @property
     def slip_peak(self) -> FloatArray:
@@ -110,7 +111,7 @@ class Study:
     warnings: list[str] = field(default_factory=list)  #: whole sentences
     interrupted: bool = False  #: the last model may hold a part of its run
     met: accuracy.Met | None = None  #: reduced model that meets the accuracy asked for
-    met_s: float = 0.0  #: time to find it, s
+    met_s: tuple[float, float] = (0.0, 0.0)  #: time to find it, and that of compilation in it, s
     description: Description = field(default_factory=Description)  #: what the structure is
 
     @property
@@ -176,6 +177,7 @@ def run_scene(
         study.models[name] = model
         if not model.run.interrupted:
             _estimate(study, model, progress)
+            _measure(study, study.models[name])
             study.warnings += violated(study, study.models[name])
         else:
             study.interrupted = True
@@ -200,7 +202,7 @@ def origin_of(scene: Scene) -> str:
 
 def _refine(study: Study, progress: Progress) -> None:
     """Choose a reduced model, and a time step, for the accuracy that is asked for."""
-    begin = time.perf_counter()
+    watch = Stopwatch()
     scene = study.scene
     warn: list[str] = []
     basis = _basis(study, options_of(scene), warn, enriched=True)
@@ -208,7 +210,7 @@ def _refine(study: Study, progress: Progress) -> None:
     if study.met.basis is basis:  # what an enriched one lacked at first is of no concern
         study.warnings += warn
     study.scene, system = study.met.scene, study.met.system
-    study.met_s = time.perf_counter() - begin
+    study.met_s = watch.read()
     study.warnings.append(
         f"For the accuracy asked for the reduced model has {system.n} vectors, {system.w.size} "
         f"friction points, beta = {system.beta.max():.3g} s/m and steps of "
@@ -242,7 +244,8 @@ def _full(study: Study, how: Mapping[str, Any]) -> Model:
             )
     lengths = measured_lengths(study.structure, run.slip_peak)
     active = active_fractions(study.structure, study.system, run.slip_peak, study.period)
-    return Model("full", run, run.preparation_s, lengths, *active, estimate=found)
+    model = Model("full", run, run.preparation_s, lengths, *active, estimate=found)
+    return replace(model, compilation_s=run.compilation_s)
 
 
 def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
@@ -258,7 +261,7 @@ def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
 
 def _estimate(study: Study, model: Model, progress: Progress) -> None:
     """Give a model its estimated errors; what ends that early does not cost the results."""
-    scene, begin = study.scene, time.perf_counter()
+    scene, watch = study.scene, Stopwatch()
     if model.estimate is not None or not scene.accuracy.estimate:
         return
     how = how_of(scene) | {"progress": partial(progress, f"errors of the {model.name} model")}
@@ -271,13 +274,22 @@ def _estimate(study: Study, model: Model, progress: Progress) -> None:
         study.interrupted = True
         study.warnings.append(f"The run was interrupted in the errors of the {model.name} model.")
         return
-    took = time.perf_counter() - begin
+    took, compiled = watch.read()
     _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
-    study.models[model.name] = replace(model, estimate=found, estimate_s=took)
+    compiled += model.compilation_s
+    timed = replace(model, estimate=found, estimate_s=took, compilation_s=compiled)
+    study.models[model.name] = timed
+
+
+def _measure(study: Study, model: Model) -> None:
+    """Let the distance from the full model, where that was run, count among estimated errors."""
+    if model.estimate is not None and model.errors is not None:
+        apart = difference(results(study.models["full"].run), results(model.run))
+        study.models[model.name] = replace(model, estimate=model.estimate.beside(apart))
 
 
 def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
-    begin, met = time.perf_counter(), study.met
+    watch, met = Stopwatch(), study.met
     if met is None:
         basis, system, shares = reduction_of(study, options_of(study.scene))
     else:
@@ -286,17 +298,18 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
     if "full" not in study.models:  # beside a full model that one says more
         study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
         active = active_fractions(study.structure, study.system, basis.slip_peak, study.period)
-    before = time.perf_counter() - begin + study.met_s
+    before, compiled = np.add(watch.read(), study.met_s).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
     run = integrate(system, **how_of(study.scene), **how)
     length, found = dict(basis.active_length), None if met is None else met.estimate
-    offline = before + run.preparation_s
-    return Model("reduced", run, offline, length, *active, basis, shares, estimate=found)
+    offline, compiled = before + run.preparation_s, compiled + run.compilation_s
+    model = Model("reduced", run, offline, length, *active, basis, shares, estimate=found)
+    return replace(model, compilation_s=compiled)
 
 
 def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
-    begin, system = time.perf_counter(), study.system
+    watch, system = Stopwatch(), study.system
     basis = condensed_basis(system)
     small, shares = condensed_system(system, basis.V), carrying(system)[1]
     kept = small.B.shape[0]
@@ -305,13 +318,14 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
             "the full one, which has few entries, will hardly cost more; a reduced one costs less."
         )
-    before = time.perf_counter() - begin
+    before, compiled = watch.read()
     run = integrate(small, **how_of(study.scene), **how)
     peak = np.asarray(run.slip_peak @ shares)
     active = active_fractions(study.structure, system, peak, study.period)
     basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
     lengths = measured_lengths(study.structure, peak)
-    return Model("condensed", run, offline, lengths, *active, basis, shares)
+    model = Model("condensed", run, offline, lengths, *active, basis, shares)
+    return replace(model, compilation_s=compiled + run.compilation_s)
 
 
 _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 LARGE = 0.1
 #: An energy balance open by more than this share of the energy in play is told.
 OPEN = 1e-8
-#: Estimated errors above this are told.
-DOUBTFUL = 0.05
+#: Estimated errors above this are told; a distance from the full model below this never is.
+DOUBTFUL, UNSEEN = 0.05, 1e-3
+#: A drift in a period above this share of the amplitude is told.
+DRIFTS = 1e-3
 #: Joints that creep by more than this share of their slip are told: half of the limit makes them
 #: creep by 1 / beta a second. A law is recommended that lets them creep by the second share.
 CREEP, STEEP = 0.05, 0.01
@@ -47,8 +49,12 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "halved_steps": run.counters.halved_steps,
         "wall_s": run.wall_s,
         "offline_s": model.offline_s,
+        "compilation_s": model.compilation_s,
         "peak_displacement_m": _by_point(run, peaks(run)),
         "peak_displacement_whole_run_m": _by_point(run, run.peak),
+        "amplitude_m": run.steady and _by_point(run, run.steady.amplitude),
+        "offset_m": run.steady and _by_point(run, run.steady.offset),
+        "drift_per_period_m": run.steady and _by_point(run, run.steady.drift),
         "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,
         "loop_energy_per_cycle_J": float(cycles.input[-1].sum()) if has_cycles else None,
         "friction_energy_J": run.friction_energy,
@@ -137,6 +143,7 @@ def violated(study: Study, model: Model) -> list[str]:
             f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
             "hold no longer. Are loads, stiffness and supports right?"
         )
+    found += _free_offsets(model)
     state = steady_state(run)
     if state is not None and not state.reached:
         found.append(
@@ -150,8 +157,59 @@ def violated(study: Study, model: Model) -> list[str]:
             "the energy in play."
         )
     if model.estimate is not None:
+        found += _differs(study, model, model.estimate)
         found += _errs(study, model, model.estimate)
     return found
+
+
+def _differs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
+    """Sentence about the distance from the full model beside it, where that is more than thought.
+
+    Thought is what was estimated, and what is asked for.
+    """
+    accuracy = study.scene.accuracy
+    beyond = []
+    for name, apart in found.parts.get("full_run", {}).items():
+        stated = None if found.unmeasured is None else found.unmeasured.get(name)
+        asked = accuracy.energy if "energy" in name else accuracy.displacement
+        limits = {"estimated": stated, "asked for": asked}
+        passed = [
+            f"the {100 * limit:.3g} % {what}"
+            for what, limit in limits.items()
+            if apart is not None and limit is not None and apart > max(limit, UNSEEN)
+        ]
+        if passed:
+            shown = f"{name.replace('_', ' ')} by {100 * (apart or 0.0):.3g} %"
+            beyond.append(f"its {shown}, more than {' and '.join(passed)}")
+    if beyond:
+        yield (
+            f"The {model.name} model differs from the full one that was run beside it: "
+            f"{'; '.join(beyond)}. The larger error counts as its total. Use the full model's "
+            "results, or more modes and friction points."
+        )
+
+
+def _free_offsets(model: Model) -> Iterator[str]:
+    """Sentences about steady vibration whose place nothing but its past determines."""
+    run, steady = model.run, model.run.steady
+    if steady is None or not steady.unstrained:
+        return
+    size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
+    if size.size and size[most] > DRIFTS * steady.amplitude.max():
+        yield (
+            f"The {model.name} model drifts: '{run.system.points[most]}' goes on by "
+            f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
+            "friction holds it. It has a steady velocity and no steady displacement: amplitudes "
+            "are those about its drift, offsets and peaks those of one period."
+        )
+        return
+    yield (
+        f"In the {model.name} model friction alone holds what no support does: amplitudes (half of "
+        "peak to peak) are those of its steady vibration, but its offset depends on how that "
+        "began. The offsets and peaks given are those of vibration about the place without strain "
+        "under loads that change their sign every half period, else from the place of the start; "
+        "to follow the transient to its own offset give cycles in place of until = 'steady'."
+    )
 
 
 def _creeping(study: Study, model: Model) -> Iterator[str]:
@@ -172,9 +230,15 @@ def _creeping(study: Study, model: Model) -> Iterator[str]:
 def _errs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
     """Sentence about estimated errors that are large, or larger than was asked for."""
     accuracy = study.scene.accuracy
-    total = {name: e for name, e in found.parts["total"].items() if e is not None}
+    total = {
+        name: e
+        for name, e in found.parts["total"].items()
+        # A distance from the full model has a sentence of its own, and no sources.
+        if e is not None and e != found.of("full_run", name)
+    }
     worst = max(total, key=lambda name: total[name], default="")
-    if not worst or not (total[worst] > DOUBTFUL or excess(accuracy, found) > 1.0):
+    own = replace(found, parts={**found.parts, "total": dict(total)})
+    if not worst or not (total[worst] > DOUBTFUL or excess(accuracy, own) > 1.0):
         return
     sources = {
         s: found.of(s, worst) or 0.0 for s in ("basis", "law", "points", "mesh", "time_step")

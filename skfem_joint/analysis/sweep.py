@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-import json
+import logging
 import multiprocessing
 import os
 import signal
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from skfem_joint import __version__
 from skfem_joint.analysis import memory
 from skfem_joint.analysis.error_time import THREADS
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.study import origin_of, run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
+from skfem_joint.processes import SAFE_PATH, Spawn, interrupts_blocked, safe_path
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.checkpoint import fingerprint
+from skfem_joint.values import COUNT, check, check_some
 
 Results = dict[str, Any]
+#: Results, failure and warnings of a scene, as a `Row` has them.
+Content = tuple[Results, str, Sequence[str]]
+#: Result that says whether a model's vibration is steady; None where its loads do not repeat.
+STEADY = "steady_state_reached"
 _KILLED = (
     "The process that ran it ended twice, the second time with this scene alone in it; it may "
     "need more memory than there is"
@@ -43,6 +48,12 @@ class Row:
     #: ``full.peak_displacement_m.free_end``, of the models that ran to their end.
     results: Results = field(default_factory=dict)
     failure: str = ""  #: why others did not; empty where all did
+    warnings: Sequence[str] = ()  #: what a run of the scene alone prints as notes
+
+    @property
+    def steady(self) -> bool:
+        """Whether no model says that it has not reached a steady state."""
+        return not any(k.endswith(f".{STEADY}") and x is False for k, x in self.results.items())
 
 
 def sweep(
@@ -69,18 +80,21 @@ def sweep(
     Raises
     ------
     InputError
-        If the journal is none, or another process writes to its folder.
+        If the journal is no file of rows, or another process writes to its folder.
     """
     scenes = list(scenes)
     with nullcontext() if journal is None else holding(journal.parent):
-        known = {} if journal is None else _read(journal)
-        marks = [fingerprint(origin_of(scene), __version__) for scene in scenes]
-        yield from (Row(k, *known[mark]) for k, mark in enumerate(marks) if mark in known)
-        waiting = deque(k for k, mark in enumerate(marks) if mark not in known)
+        kept = Rows(journal)
+        marks = [kept.mark(origin_of(scene)) for scene in scenes]
+        known = [mark in kept for mark in marks]
+        yield from (Row(k, **kept.take(marks[k])) for k, there in enumerate(known) if there)
+        waiting = deque(k for k, there in enumerate(known) if not there)
         with closing(_rows(scenes, waiting, executor)) as rows:
             for row, settled in rows:
-                if journal is not None and settled:
-                    _append(journal, marks[row.number], row)
+                if settled:
+                    content = {"results": row.results, "failure": row.failure}
+                    content["warnings"] = list(row.warnings)
+                    kept.keep(marks[row.number], content)
                 yield row
 
 
@@ -124,11 +138,11 @@ def _rows(
 
 def _finished(
     pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
-) -> Iterator[tuple[int, Future[tuple[Results, str]]]]:
+) -> Iterator[tuple[int, Future[Content]]]:
     """Futures as they finish, until all are or the pool breaks: then ``broken`` has those in it."""
     # A pool of processes is given no more than it runs, so that few are in it when it breaks.
     most = getattr(pool, "_max_workers", len(scenes))
-    running: dict[Future[tuple[Results, str]], int] = {}
+    running: dict[Future[Content], int] = {}
     try:
         while running or (waiting and not broken):
             while waiting and not broken and len(running) < most:
@@ -151,8 +165,8 @@ def _finished(
             future.cancel()
 
 
-def _run(scene: Scene) -> tuple[Results, str]:
-    """Run one scene where it is sent: its numbers, and why there are not all of them."""
+def _run(scene: Scene) -> Content:
+    """Run one scene where it is sent: its numbers, why there are not all of them, its notes."""
     memory.check(scene, memory.default_limit())
     failure = ""
     try:
@@ -160,12 +174,12 @@ def _run(scene: Scene) -> tuple[Results, str]:
     except JointError as error:
         failure = str(error)
         if error.results is None:
-            return {}, failure
+            return {}, failure, []
         study = error.results
     if study.interrupted:
         raise KeyboardInterrupt
     models = {name: model_summary(study, model) for name, model in study.models.items()}
-    return dict(_flat(models)), failure
+    return dict(_flat(models)), failure, study.warnings
 
 
 def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:
@@ -176,36 +190,6 @@ def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, An
             yield start + name, value
 
 
-def _read(journal: Path) -> dict[str, tuple[Results, str]]:
-    """Rows of a journal by the fingerprints of their scenes; a line that was torn is cut off."""
-    if not journal.exists():
-        return {}
-    text = journal.read_bytes()
-    whole = text.rfind(b"\n") + 1
-    if whole < len(text):
-        os.truncate(journal, whole)
-    rows = {}
-    for number, line in enumerate(text[:whole].splitlines(), 1):
-        try:
-            row = json.loads(line)
-            rows[str(row["scene"])] = dict(row["results"]), str(row["failure"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{journal}: line {number}: is not a row of a sweep; move the file away, or choose "
-                "another folder"
-            ) from error
-    return rows
-
-
-def _append(journal: Path, mark: str, row: Row) -> None:
-    """Add a line to a journal, and see that it is on the disk."""
-    line = {"scene": mark, "results": row.results, "failure": row.failure}
-    with journal.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     """Pool of processes, as many as the machine has cores if not said otherwise.
 
@@ -213,10 +197,11 @@ def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
     which has read it before. They end with this process, and leave interrupts to it. As with any
     that are spawned, a script that is run starts them below ``if __name__ == "__main__"``.
     """
+    check_some(COUNT, workers=workers)
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    spawned = multiprocessing.get_context("spawn")
-    return futures.ProcessPoolExecutor(workers, spawned, initializer=_begin)
+    with safe_path():  # of a process that counts what they share
+        return futures.ProcessPoolExecutor(workers, Spawn(), initializer=_begin)
 
 
 def _begin() -> None:
@@ -240,17 +225,25 @@ def executors(
     this machine is made if it is not given. InputError if the options do not fit each other, or a
     library is missing.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers: found {workers}, must be >= 1")
+    if workers is not None:
+        check("--workers", workers, COUNT)
     if address is not None and (kind != "dask" or workers is not None):
         raise InputError("--address: is for --executor dask, without --workers")
     if kind == "dask":
         distributed = needed("distributed", "dask")
         local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        with distributed.Client(address, **({} if address else local)) as client:
+        # What goes wrong with a scene is in its row; that workers are cut off is meant at the end.
+        local["silence_logs"] = logging.CRITICAL
+        with ExitStack() as stack:
+            stack.enter_context(safe_path())  # until the last: dead workers are started again
+            with nullcontext() if address else interrupts_blocked():
+                client = distributed.Client(address, **({} if address else local))
+                stack.enter_context(client)
             yield client.get_executor
     elif kind == "mpi":
-        yield partial(needed("mpi4py.futures", "mpi").MPIPoolExecutor, workers)
+        library = needed("mpi4py.futures", "mpi")
+        with safe_path():
+            yield partial(library.MPIPoolExecutor, workers, python_args=[SAFE_PATH])
     else:
         try:
             yield partial(processes, workers)

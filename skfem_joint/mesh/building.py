@@ -13,6 +13,7 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
 from skfem_joint.mesh.named import NamedMesh, make, name_problems
+from skfem_joint.values import COUNT, FINITE, POSITIVE
 
 #: Name, length along x (m) and number of elements along x.
 Strip = tuple[str, float, int]
@@ -200,11 +201,11 @@ def _mistakes(
     parts += zip(("width", "depth"), size, elements, strict=False)
     problems = [] if strips else ["a mesh needs at least one strip"]
     for what, length, count in parts:
-        if not 0.0 < length < math.inf:
+        if length not in POSITIVE:
             problems.append(f"length of {what} is {length}: it must be positive, finite")
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        if count not in COUNT:
             problems.append(f"{what} has {count} elements: give an integer from 1 on")
-    if not np.isfinite(origin).all():
+    if not all(place in FINITE for place in origin):
         problems.append(f"origin is {origin}: it must be finite")
     kinds = [name for name, cell in CELLS.items() if cell.dim == 1 + len(size)]
     sides, names = _SIDES[: 2 + 2 * len(size)], [None, *(name for name, _, _ in strips)]

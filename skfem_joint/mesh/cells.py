@@ -195,28 +195,6 @@ def _det(matrices: FloatArray) -> FloatArray:
     return matrices[:, 0, 0] if matrices.shape[1] == 1 else np.linalg.det(matrices)
 
 
-def straightening(mesh: skfem.Mesh, positions: FloatArray) -> list[str]:
-    """Sentence about curved edges that were made straight; none if all edges are straight.
-
-    Parameters
-    ----------
-    mesh : skfem.Mesh
-        The mesh of first order with the same corners.
-    positions : ndarray, shape (dim, nodes, n_elements)
-        Nodes of the second-order elements, m; those inside facets and elements may be missing.
-    """
-    straight, nodes, *_ = split(mesh)
-    nodes = nodes[: positions.shape[1]]
-    off = np.linalg.norm(positions - straight[:, nodes], axis=0)
-    moved = np.unique(nodes[off > TOLERANCE * np.ptp(mesh.p, axis=1).max()]).size
-    if not moved:
-        return []
-    return [
-        f"{moved} {'node' if moved == 1 else 'nodes'} of curved edges moved to the middles of "
-        f"straight ones, by {off.max():.3g} m at most."
-    ]
-
-
 def spot(*positions: FloatArray) -> str:
     """Positions (m) in a message."""
     words = (", ".join(f"{value:.9g}" for value in position) for position in positions)

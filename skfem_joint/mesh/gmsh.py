@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import cell_of, same_columns, split
-from skfem_joint.mesh.named import NamedMesh
+from skfem_joint.mesh.named import NamedMesh, check_count
 
 # Nodes of each Gmsh element type: points, lines of order 1 to 10, and triangles, quadrangles,
 # tetrahedra and hexahedra of first and second order.
@@ -88,9 +89,10 @@ def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
     if mode not in ("0", "1") or size != "8":
         raise ValueError(f"unknown kind of Gmsh file: mode {mode}, data size {size}")
     names = re.findall(r'^\s*\d+\s+-?\d+\s+"(.*)"', sections["PhysicalNames"].decode(), re.M)
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{names.count(name)} groups are named {name!r}: give each its own")
+    check_count(len(names))
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f"{count} groups are named {name!r}: give each its own")
     numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
     tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
     groups = None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -15,6 +16,10 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
+from skfem_joint.mesh.straightening import Straightening, straightening, together
+
+#: Named groups of a mesh, and characters of a name: as many as Gmsh writes.
+MOST_NAMES, LONGEST_NAME = 10_000, 127
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,8 @@ class NamedMesh:
         Files the mesh came from, "" when built in memory.
     notes : tuple of str
         Sentences on repairs that changed the geometry and on what was left out.
+    straightened : Straightening, optional
+        Change of sizes where curved edges of second-order elements were made straight.
     """
 
     mesh: skfem.Mesh
@@ -51,6 +58,7 @@ class NamedMesh:
     body: IntArray
     path: str = ""
     notes: tuple[str, ...] = ()
+    straightened: Straightening | None = None
 
     @property
     def dim(self) -> int:
@@ -62,12 +70,12 @@ class NamedMesh:
         """Kind of the elements: line, triangle, quadrilateral, tetrahedron or hexahedron."""
         return cell_of(self.mesh)[0].name
 
-    @property
+    @cached_property
     def regions(self) -> dict[str, IntArray]:
         """Sorted element numbers by region name; regions may overlap."""
         return dict(self.mesh.subdomains or {})
 
-    @property
+    @cached_property
     def boundaries(self) -> dict[str, IntArray]:
         """Sorted facet numbers (columns of ``mesh.facets``) by boundary name."""
         known = (self.mesh.boundaries or {}).items()
@@ -109,12 +117,16 @@ def named(
         The mesh is of another kind or no proper mesh (see `load_meshes`); a vertex belongs to no
         element; a group is empty or out of range; a name stands for two things.
     """
+    if not isinstance(mesh, skfem.Mesh):
+        raise InputError(
+            f"mesh: found {type(mesh).__name__}, must be a mesh of scikit-fem, one that was read "
+            "by load_meshes or built by build_bar, build_plate or build_box, or the name of a file"
+        )
     try:
         cell, own_order = cell_of(mesh)
-        straight, notes = mesh, []
+        straight = mesh
         if own_order == 2:
             straight = cell.mesh(mesh.p[:, : mesh.nvertices], mesh.t, sort_t=False)
-            notes = cells.straightening(straight, mesh.p[:, mesh.dofs.element_dofs])
         spare = np.setdiff1d(np.arange(straight.p.shape[1]), mesh.t)
         if spare.size:
             raise ValueError(
@@ -122,7 +134,7 @@ def named(
             )
         regions = _numbers("region", mesh.subdomains, mesh.nelements)
         boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
-        return make(
+        made = make(
             cell,
             straight.p,
             mesh.t,
@@ -130,9 +142,12 @@ def named(
             regions=regions,
             facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
             points={n: int(at[0]) for n, at in _numbers("point", points, mesh.nvertices).items()},
-            notes=tuple(notes),
             as_it_is=True,
         )
+        if own_order == 1:
+            return made
+        change, notes = straightening(made.mesh, mesh.p[:, mesh.dofs.element_dofs], made.boundaries)
+        return replace(made, notes=tuple(notes), straightened=change)
     except ValueError as error:
         raise InputError(f"mesh: {error}") from error
 
@@ -191,6 +206,7 @@ def make(
     ValueError
         Says what is wrong with the parts.
     """
+    check_count(len(regions) + len(facets) + len(points))
     if order not in ((1, 2) if cell.dim > 1 else (1,)):
         raise ValueError(f"order of the elements is {order}: allowed are 1 and 2, for lines 1")
     p, t = np.ascontiguousarray(p, dtype=np.float64), np.ascontiguousarray(t, dtype=np.intp)
@@ -213,11 +229,12 @@ def make(
             rank = np.argsort(along)
             by_place = np.argsort(rank[t[0]])
             p, at, t, body = p[:, along], at[along], rank[t[:, by_place]], body[by_place]
-            regions = {name: np.argsort(by_place)[chosen] for name, chosen in regions.items()}
+            place = np.argsort(by_place)
+            regions = {name: place[chosen] for name, chosen in regions.items()}
             facets = {name: rank[ends] for name, ends in facets.items()}
             points = {name: int(rank[vertex]) for name, vertex in points.items()}
-    groups = {name: np.flatnonzero(np.bincount(chosen)) for name, chosen in regions.items()}
-    boundaries = {name: _facets(vertices, ends, name, at) for name, ends in facets.items()}
+    groups = {name: np.unique(chosen) for name, chosen in regions.items()}
+    boundaries = _facets(vertices, facets, at)
     problems = name_problems(region=groups, boundary=boundaries, point=points)
     if problems:
         raise ValueError("\n".join(problems))
@@ -238,14 +255,31 @@ def check_finite(at: FloatArray) -> None:
         )
 
 
-def _facets(facets: IntArray, ends: IntArray, name: str, at: FloatArray) -> IntArray:
-    """Sorted numbers of the facets with the given vertices (corners, n)."""
+def _facets(
+    facets: IntArray, groups: Mapping[str, IntArray], at: FloatArray
+) -> dict[str, IntArray]:
+    """Sorted numbers of the facets with the given vertices (corners, n), by name of the group."""
+    if not groups:
+        return {}
     n_facets = facets.shape[1]
-    first, member = cells.same_columns(np.sort(np.hstack([facets, ends]), axis=0))
-    numbers = first[member[n_facets:]]
-    if numbers.max(initial=0) >= n_facets:
-        raise ValueError(not_a_side(name, at[ends[:, np.argmax(numbers >= n_facets)]]))
-    return np.unique(numbers)
+    ends = [np.reshape(group, (len(facets), -1)) for group in groups.values()]
+    first, member = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
+    sizes = np.cumsum([group.shape[1] for group in ends])[:-1]
+    numbers = np.split(first[member[n_facets:]], sizes)
+    for name, own, group in zip(groups, numbers, ends, strict=True):
+        # A side that no element has is first where it stands in a group.
+        if own.max(initial=0) >= n_facets:
+            raise ValueError(not_a_side(name, at[group[:, np.argmax(own >= n_facets)]]))
+    return {name: np.unique(own) for name, own in zip(groups, numbers, strict=True)}
+
+
+def check_count(names: int) -> None:
+    """Refuse a mesh of more named groups than anyone has named; ValueError."""
+    if names > MOST_NAMES:
+        raise ValueError(
+            f"it has {names} named groups, must be at most {MOST_NAMES}: name only what is loaded, "
+            "held, joined, observed or of other properties"
+        )
 
 
 def not_a_side(name: str, corners: FloatArray) -> str:
@@ -266,6 +300,11 @@ def name_problems(**names: Iterable[str]) -> list[str]:
         f"name {name!r}: names may not be empty nor hold quotes, backslashes or control characters"
         for name in sorted(kinds)
         if not name.strip() or re.search(r'["\\\x00-\x1f\x7f]', name)
+    ]
+    problems += [
+        f"name {name[:40]!r}...: found {len(name)} characters, must be at most {LONGEST_NAME}"
+        for name in sorted(kinds)
+        if len(name) > LONGEST_NAME
     ]
     return problems + [
         f"name {name!r} is both a {' and a '.join(kinds[name])}: give each its own"
@@ -307,7 +346,7 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
     parts = list(zip(meshes, before, strict=True))
     try:
-        return make(
+        made = make(
             cell_of(meshes[0].mesh)[0],
             np.hstack([_measured_along(meshes[0], each) for each in meshes]),
             np.hstack([each.mesh.t.astype(np.intp) + vertices for each, (_, vertices, _) in parts]),
@@ -332,6 +371,8 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
             notes=tuple(note for each in meshes for note in each.notes),
             body=np.concatenate([each.body + bodies for each, (_, _, bodies) in parts]),
         )
+        straightened = together([(each.n_elements, each.straightened) for each in meshes])
+        return replace(made, straightened=straightened)
     except ValueError as error:
         raise InputError(f"{', '.join(called)}: {error}") from error
 
@@ -369,7 +410,11 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
     values, _, _, parts, sides = cells.split(mesh.mesh, places)
-    return make(
+    straightened, into = mesh.straightened, 2**mesh.dim
+    if straightened is not None:
+        lost = np.repeat(straightened.lost / into, into)
+        straightened = replace(straightened, lost=lost)
+    made = make(
         cell_of(mesh.mesh)[0],
         values[: mesh.dim],
         parts.transpose(1, 2, 0).reshape(parts.shape[1], -1),
@@ -383,5 +428,6 @@ def refined(mesh: NamedMesh) -> NamedMesh:
         points=mesh.points,
         path=mesh.path,
         notes=mesh.notes,
-        body=np.repeat(mesh.body, 2**mesh.dim),
+        body=np.repeat(mesh.body, into),
     )
+    return replace(made, straightened=straightened)

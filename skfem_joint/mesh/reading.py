@@ -23,9 +23,11 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
-from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot, straightening
+from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+from skfem_joint.mesh.straightening import straightening
+from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
     import meshio
@@ -39,7 +41,7 @@ _KINDS = {
 _CORNERS = {"line": 2, "tria": 3, "quad": 4}
 
 
-def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
+def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
     """Read one mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
@@ -52,13 +54,14 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
     Repaired: cells that a file repeats once per group are merged and belong to all their groups;
     nodes that no element uses are dropped; elements that run the wrong way are turned round; lines
     of higher order are split at their inner nodes. Other second-order elements keep their order
-    and corners, and their edges are made straight: ``notes`` say so where one was curved. Groups
-    without a name are left out.
+    and corners, and their edges are made straight: where one was curved, ``notes`` and
+    ``straightened`` say so. Groups without a name are left out.
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        Mesh files, of the same kind and order of elements, with different names; see `merged`.
+    paths : str or Path, or a sequence of them
+        Mesh file, or several of the same kind and order of elements, with different names; see
+        `merged`.
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
@@ -71,9 +74,11 @@ def load_meshes(paths: Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
         unmerged nodes of one body; groups without elements; points on several nodes; names used
         twice.
     """
+    if isinstance(paths, str | Path):
+        paths = [paths]
     if not paths:
         raise InputError("no mesh file is given: name one, or several for several bodies")
-    if not (math.isfinite(scale) and scale > 0.0):
+    if scale not in POSITIVE:
         files = ", ".join(map(str, paths))
         raise InputError(f"scale of mesh {files} is {scale}: it must be positive and finite")
     found: list[NamedMesh] = []
@@ -147,18 +152,26 @@ def _read(file: Path) -> meshio.Mesh:
     return raw
 
 
-def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, list[IntArray]]:
-    """Numbers of the cells of each named physical group in each block of a Gmsh file."""
-    members: dict[str, list[IntArray]] = {name: [] for name in raw.field_data}
+def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
+    """Numbers of the cells of each named physical group, by the number of their block."""
+    members: dict[str, dict[int, IntArray]] = {name: {} for name in raw.field_data}
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, (tag, dim) in raw.field_data.items():
+        names.setdefault((int(dim), int(tag)), []).append(name)
     for number, block in enumerate(raw.cells):
-        for name, (tag, dim) in raw.field_data.items():
-            inside = np.zeros(len(block.data), dtype=np.bool_)
-            if block.dim == dim and entities is not None and inside.size:
-                entity = int(raw.cell_data["gmsh:geometrical"][number][0])
-                inside[:] = int(tag) in entities[int(dim), entity]
-            elif block.dim == dim and "gmsh:physical" in raw.cell_data:
-                inside[:] = np.abs(raw.cell_data["gmsh:physical"][number]) == tag
-            members[name].append(np.flatnonzero(inside))
+        inside: dict[int, IntArray] = {}  # by tag
+        if entities is not None and len(block.data):
+            entity = int(raw.cell_data["gmsh:geometrical"][number][0])
+            inside = dict.fromkeys(entities[block.dim, entity], np.arange(len(block.data)))
+        elif "gmsh:physical" in raw.cell_data:
+            tags = np.abs(raw.cell_data["gmsh:physical"][number])
+            order = np.argsort(tags, kind="stable")
+            values, first = np.unique(tags[order], return_index=True)
+            parts = np.split(order, first[1:])
+            inside = dict(zip(values.tolist(), parts, strict=True)) if values.size else {}
+        for tag, cells in inside.items():
+            for name in names.get((block.dim, tag), ()):
+                members[name][number] = cells
     return members
 
 
@@ -215,7 +228,8 @@ def _groups(
     others = {name: np.reshape(at, (-1, 1)) for name, at in raw.point_sets.items()}
     left_out, lost = [], []
     for name, blocks in raw.cell_sets.items():
-        inside = [i for i, members in enumerate(blocks) if members is not None and len(members)]
+        blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
+        inside = [i for i, members in blocks.items() if members is not None and len(members)]
         dim = raw.cells[inside[0]].dim if inside else -1
         if dim == cell.dim:
             regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])
@@ -283,10 +297,13 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         raise ValueError(
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
+    change = None
     if order == 2:
         straight = cell.mesh(p, t, sort_t=False)
-        notes += straightening(straight, position.T[: cell.dim, nodes[:, kept]])
-    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
+        given = position.T[: cell.dim, nodes[:, kept]]
+        change, said = straightening(straight, given, mesh.boundaries)
+        notes += said
+    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes), straightened=change)
 
 
 def _plain(at: FloatArray, dim: int) -> FloatArray:

@@ -13,8 +13,8 @@ from skfem_joint.analysis.response import HARMONICS, Curve
 from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
-from skfem_joint.output.folder import write_summary
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
+from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
 from skfem_joint.reduction.zones import measured_lengths
 from skfem_joint.structure import AnyStructure
@@ -37,14 +37,15 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{safe_name(point)}_m" for point in points),
-        "slipping_share", "friction_damping_ratio", "viscous_damping_ratio", "state",
+        "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
+        "viscous_damping_ratio", "state",
         *names,
     ]  # fmt: skip
     rows = [
         [
             model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
-            c.viscous_damping[k], c.state[k],
+            c.own_law_damping[k], c.viscous_damping[k], c.state[k],
         ]
         for model in found.models
         for c in model.curves
@@ -70,7 +71,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
         "warnings": found.warnings,
     }
     picture = folder / "backbone.png"
-    return _written(picture, backbone_figure(found.models, points), content, tables)
+    return _written(picture, backbone_figure(found.models, found.largest), content, tables)
 
 
 def _active_lengths(
@@ -102,20 +103,24 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
     return told
 
 
-def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> Figure:
-    """Frequency and damping over the displacement of the point that moves most, for each mode."""
+def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = ()) -> Figure:
+    """Frequency and damping over the amplitude of each mode.
+
+    That is the modal amplitude, which grows with the load whatever the named points do; where
+    ``largest`` gives the displacement of the node that each mode moves most for a modal amplitude
+    of 1 m kg^1/2, as that displacement.
+    """
     first = models[0].curves
     figure = new_figure(7.5, 3.2 * len(first))
     panels = figure.subplots(len(first), 2, squeeze=False)
     for k, (row, one) in enumerate(zip(panels, first, strict=True)):
-        most = int(one.displacement[-1].argmax()) if points else 0
-        label, unit, scale = "modal amplitude, m·√kg", "", 1.0
-        if points:
-            unit, scale = prefixed_unit("m", [one.displacement[:, most]])
-            label = f"displacement of {points[most]}, {unit}"
+        label, scale = "modal amplitude, m·√kg", 1.0
+        if largest:
+            unit, size = prefixed_unit("m", [largest[k] * one.amplitude])
+            label, scale = f"amplitude where the mode moves most, {unit}", size / largest[k]
         for model, colour in zip(models, _COLOURS, strict=False):
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
-            x = (c.displacement[:, most] if points else c.amplitude) / scale
+            x = c.amplitude / scale
             gross = np.array([state == "gross" for state in c.state])
             for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
                 factor = 1.0 if panel is row[0] else 100.0
@@ -125,7 +130,7 @@ def backbone_figure(models: Sequence[ModelBackbone], points: Sequence[str]) -> F
                     panel.plot(x[gross], y[gross], "s", label="gross slip", **how)
                 for d in down:
                     seen = d.amplitude >= c.amplitude[0]
-                    at = np.interp(d.amplitude, c.amplitude, x)[seen]
+                    at = d.amplitude[seen] / scale
                     free = factor * getattr(d, name)[seen]
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
@@ -169,6 +174,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
         "models": {
             model.name: {
                 "offline_s": model.offline_s,
+                "compilation_s": model.compilation_s,
                 "wall_s": model.wall_s,
                 "levels": [
                     _level(curve, points, None if not model.estimates else model.estimates[k])
@@ -249,7 +255,8 @@ def _written(
 ) -> list[Path]:
     """Write a summary, tables whose first rows are their headings, and a picture."""
     folder = picture.parent
-    summary = write_summary(folder, content, [*tables, picture.name])
-    for name, rows in tables.items():
-        write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
-    return [*(folder / name for name in tables), save_figure(picture, figure), summary]
+    with writing(folder, content) as summary:
+        for name, rows in tables.items():
+            write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
+        save_figure(picture, figure)
+    return [*(folder / name for name in tables), picture, summary]

@@ -24,6 +24,7 @@ from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.plots import envelope, prefixed_unit
 from skfem_joint.output.series import Block, blocks_of, faces_of
+from skfem_joint.processes import SAFE_PATH
 from skfem_joint.structure import Structure
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
@@ -99,9 +100,8 @@ def _draws(window: str) -> bool:
     if not window:
         del environment[_VARIABLE]
     try:
-        ended = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60.0
-        )
+        command = [sys.executable, SAFE_PATH, "-c", _PROBE]
+        ended = subprocess.run(command, env=environment, capture_output=True, timeout=60.0)
     except (subprocess.TimeoutExpired, OSError):
         return False
     return ended.returncode == 0 and b"drawn" in ended.stdout
@@ -168,6 +168,22 @@ def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, _Picture]
                 yield temporary, picture
         finally:
             plotter.close()
+
+
+def outline(surface: Any) -> Any:
+    """Border of a surface and edges at which it bends by more than 30 degrees, as lines.
+
+    Neighbouring facets of a mesh may be numbered in opposite directions, so that their normals are
+    opposite on an even face; they are made to agree first.
+    """
+    agreed = surface.compute_normals(
+        cell_normals=True,
+        point_normals=False,
+        split_vertices=False,
+        consistent_normals=True,
+        auto_orient_normals=False,
+    )
+    return agreed.extract_feature_edges(30.0, manifold_edges=False)
 
 
 @dataclass(frozen=True)
@@ -291,7 +307,7 @@ class _Picture:
     def _add_body(self, field: Field, part: _Part) -> Any:
         """Add a part, its edges and where they were; returns what gives it its colours."""
         surface = part.block.grid.extract_surface(algorithm="dataset_surface")
-        edges = surface.extract_feature_edges(30.0, manifold_edges=False)
+        edges = outline(surface)
         still_edges = edges.copy()
         still_edges.points = part.placed(np.asarray(edges.points))
         self.plotter.add_mesh(still_edges, color="#9aa0a6", line_width=1)

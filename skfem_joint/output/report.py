@@ -117,6 +117,12 @@ def summary_table(content: Mapping[str, Any]) -> str:
     add("contact points", "{}", at("contact_points"))
     for name in _names(at("peak_displacement_m")):
         add(f"peak displacement at {name}, mm", "{:.5g}", at("peak_displacement_m", name), 1e3)
+    for label, key in (
+        ("amplitude (half of peak to peak)", "amplitude_m"),
+        ("offset (mean of both peaks)", "offset_m"),
+    ):
+        for name in _names(one or {} for one in at(key)):
+            add(f"{label} at {name}, mm", "{:.5g}", at(key, name), 1e3)
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     if not cycles:
@@ -140,6 +146,8 @@ def summary_table(content: Mapping[str, Any]) -> str:
     add("energy balance residual", "{:.1e}", at("energy_balance_residual"))
     add("run time, ms", "{:.3g}", at("wall_s"), 1e3)
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
+    if any(at("compilation_s")):
+        add("compilation, once on a machine, ms", "{:.3g}", at("compilation_s"), 1e3)
     add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
     for label, offline in (
         ("run time of the full model over this one's", False),

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.analysis.sweep import Row
+from skfem_joint.analysis.sweep import STEADY, Row
 from skfem_joint.files import holding, replacing, safe_name
 from skfem_joint.output import plots
-from skfem_joint.output.folder import write_summary
+from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
@@ -27,19 +27,34 @@ _WORDS = {"wall": "run time", "offline": "off-line time", "dofs": "unknowns"}
 
 
 def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
-    """Columns of the table: scene, its keys, what is asked for of its results, why it failed.
+    """Columns of the table: scene, its keys, results, warnings, why it failed.
 
-    Results that no scene has, such as energies per cycle of scenes without cycles, have no column.
+    Results are those that are asked for, then whether each model's vibration is steady. Those that
+    no scene has, such as energies per cycle of scenes without cycles, have no column. Warnings are
+    whole sentences, those of a scene in one cell.
     """
     ordered = sorted(rows, key=lambda row: row.number)
     found: dict[str, list[Any]] = {"scene": [row.number for row in ordered]}
     for key in swept.values[0]:
         found[key] = [swept.values[row.number][key] for row in ordered]
-    for name in dict.fromkeys(name for row in ordered for name in row.results):
+    names = list(dict.fromkeys(name for row in ordered for name in row.results))
+    chosen = [name for name in names if _is_chosen(name, swept.table.results)]
+    for name in (*chosen, *(name for name in names if name.endswith(f".{STEADY}"))):
         values = [row.results.get(name) for row in ordered]
-        if _is_chosen(name, swept.table.results) and any(value is not None for value in values):
+        if any(value is not None for value in values):
             found[name] = values
+    found["warnings"] = [" ".join(row.warnings) for row in ordered]
     return found | {"failure": [row.failure for row in ordered]}
+
+
+def doubtful(rows: Iterable[Row]) -> dict[str, int]:
+    """Numbers of scenes that have warnings, and of those that are not steady where they could be.
+
+    Under the names that they have in ``summary.json``.
+    """
+    rows = list(rows)
+    warned, unsteady = sum(bool(row.warnings) for row in rows), sum(not row.steady for row in rows)
+    return {"scenes_with_warnings": warned, "scenes_not_steady": unsteady}
 
 
 def _is_chosen(name: str, results: Iterable[str]) -> bool:
@@ -59,9 +74,10 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]
     failures = {str(row.number): row.failure for row in rows if row.failure}
+    warnings = {str(row.number): list(row.warnings) for row in rows if row.warnings}
     content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
-    with holding(folder):
-        summary = write_summary(folder, content, [file.name for file in files])
+    content |= {**doubtful(rows), "warnings": warnings}
+    with holding(folder), writing(folder, content) as summary:
         write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
         for path in parquet:
             from pyarrow import parquet as library, table as arrow  # isort: skip
@@ -91,7 +107,9 @@ def figures(swept: Swept, table: Mapping[str, list[Any]]) -> Iterator[tuple[str,
     if len(keys) > 2:
         return
     results: dict[str, dict[str, list[Any]]] = {}
-    for name in list(table)[1 + len(swept.values[0]) : -1]:
+    for name in list(table)[1 + len(swept.values[0]) : -2]:
+        if name.endswith(f".{STEADY}"):
+            continue
         model, _, result = name.partition(".")
         results.setdefault(result, {})[model] = table[name]
     axes = [(f"{key}\n{meaning(key, Scene)}".strip(), table[key]) for key in keys]

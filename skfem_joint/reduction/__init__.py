@@ -8,6 +8,8 @@ can make use of; `condensed` keeps all of the contact, and reduces the rest.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
@@ -17,6 +19,7 @@ from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
+from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
 
 #: Steps of a run to come: in a period of its loads, or in all.
 _STEPS, _MOST_STEPS = 200, 2000
@@ -54,14 +57,20 @@ def reduce(
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has.
+        Its ``expand`` gives the displacement of all that the full one has. It is good for its loads
+        as they are: `response`, `backbone` and `ring_down`, which load it otherwise, refuse it.
 
     Raises
     ------
     InputError
-        If the loads have no common period and no duration is given, nothing moves, or no point
-        carries friction.
+        If a number is out of range, the loads have no common period and no duration is given,
+        nothing moves, or no point carries friction.
     """
+    check("modes", modes, COUNT)
+    check("interface_modes", interface_modes, WHOLE, "auto")
+    check("friction_points", friction_points, COUNT, "auto", "all")
+    check("beta", beta, BETA, "auto")
+    check_some(POSITIVE, duration=duration)
     if run is not None:
         count = 0 if isinstance(interface_modes, str) else interface_modes
         basis = own_basis(system, run, modes, interface_modes=count)
@@ -77,4 +86,12 @@ def reduce(
         step = min(step, longest_step(system, whole))
         path = slip_path(system, step, round(whole / step), modes=modes)
         basis = static_basis(system, path, modes, interface_modes)
-    return reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])[0]
+    small, _ = reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])
+    return replace(small, made_for=_loading(system))
+
+
+def _loading(system: System) -> str:
+    """Loads of a system in words."""
+    highest = [load.amplitude.highest_frequency for load in system.loads]
+    known = sorted({f"{frequency:.6g} Hz" for frequency in highest if frequency is not None})
+    return "its loads as they are" + (f" ({', '.join(known)})" if known else "")

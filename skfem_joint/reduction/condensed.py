@@ -24,6 +24,7 @@ from skfem_joint.reduction.pod import ProperModes, orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system import System
 from skfem_joint.unknowns import selection
+from skfem_joint.values import WHOLE, check
 
 #: Fixed-interface modes are kept up to this many times the loads' highest frequency (1.5 to 2 is
 #: usual for linear structures; friction adds odd harmonics, of which the third counts), and so many
@@ -60,6 +61,7 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
         If no point carries friction, slip rows depend on each other, or the loads' highest
         frequency is needed and not known.
     """
+    check("interface_modes", interface_modes, WHOLE, "auto")
     return condensed_system(system, condensed_basis(system, interface_modes).V)
 
 

@@ -140,6 +140,8 @@ def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
     MV = M @ V
     scale = np.sqrt((V * MV).sum(axis=0))
     moves = scale > 0.0
+    if not moves.any():  # nothing spans nothing
+        return V[:, moves]
     V = V[:, moves] / scale[moves]
     gram = V.T @ (MV[:, moves] / scale[moves])
     values, vectors = np.linalg.eigh(gram)

@@ -7,11 +7,13 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from skfem_joint.scene.messages import BOLTS, LIST, NUMBER, TABLE, WORD, mistake
+from skfem_joint.scene.messages import BOLTS, LIST, NUMBER, TABLE, WORD, found_text, mistake
 
 _SMALLEST, _LARGEST = 1e-20, 1e20  # numbers in SI units, but 0
 #: Steps, modes, frames: beyond it a number is a slip of the keyboard.
 MOST = 10**9
+#: Names in one list of a scene.
+MOST_LISTED = 1000
 
 
 class SceneTable(BaseModel):
@@ -43,10 +45,21 @@ T = TypeVar("T")
 
 def has_no_repeats(values: tuple[T, ...]) -> tuple[T, ...]:
     """Refuse a value that stands in a list twice."""
-    repeated = [value for i, value in enumerate(values) if value in values[:i]]
-    if repeated:
-        raise mistake(f"found '{repeated[0]}' more than once, must not repeat")
+    seen: set[T] = set()
+    for value in values:
+        if value in seen:
+            raise mistake(f"found {found_text(value)} more than once, must not repeat")
+        seen.add(value)
     return values
+
+
+def _are_few(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(names) > MOST_LISTED:
+        raise mistake(
+            f"found {len(names)} names, must be at most {MOST_LISTED}; name regions or boundaries "
+            "in place of single points"
+        )
+    return names
 
 
 def _has_coordinates(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -71,7 +84,7 @@ PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
 FileName = Annotated[str, AfterValidator(_is_file_name)]
 # TOML lists arrive as lists: not strict about that, still strict about their members.
 A_LIST = Field(strict=False)
-Names = Annotated[tuple[str, ...], A_LIST, AfterValidator(has_no_repeats)]
+Names = Annotated[tuple[str, ...], A_LIST, AfterValidator(_are_few), AfterValidator(has_no_repeats)]
 #: Two or three numbers.
 Coordinates = Annotated[tuple[Number, ...], A_LIST, AfterValidator(_has_coordinates)]
 #: Two or three numbers that are not all 0; the length does not count.

@@ -21,7 +21,7 @@ from skfem_joint.stepping.compiled import compiled_for, parameters
 from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
 from skfem_joint.stepping.recording import compressed
 from skfem_joint.stepping.schemes import Coefficients
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Motion
+from skfem_joint.stepping.steppers import CompiledStepper, Failure, Motion, Saved
 
 #: Scale of the law's parameter: kappa = KAPPA / max |H^-1 w|, the largest velocity that friction
 #: can change in a step. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
@@ -224,6 +224,12 @@ class ChainStepper(CompiledStepper):
         self.dynamics = (bands(s.M), bands(s.C), bands(s.K))
         self.memory, self.room = make_memory(s.n), make_room(s.n, 0, s.n)
         self.first_call = max(1, 200_000 // s.n)
+
+    def check(self, saved: Saved) -> None:
+        """See besides that the compiled loop meets at a point of the chain."""
+        super().check(saved)
+        if not 0 <= saved["middle"][0] < self.system.n or saved["wary"][0] < 0:
+            raise ValueError(f"stepper/middle is {saved['middle'][0]} of {self.system.n} unknowns")
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on from the law's point, whatever the parameter was."""

@@ -2,16 +2,15 @@
 
 A checkpoint is one ``.npz`` of plain arrays. It takes its place only when it is whole, is never
 loaded by anything that can run code, and goes on only with the run that wrote it: it carries a
-fingerprint of the scene and its mesh, the version of the package, and of all that is integrated.
+fingerprint of the scene and its mesh, the version of the package, of all that is integrated, and of
+its own arrays. Every array is compared with what the run would have saved after as many steps.
 """
 
 from __future__ import annotations
 
 import json
-import struct
-import zipfile
-import zlib
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -22,17 +21,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint import __version__
+from skfem_joint.array_files import DAMAGE, npz_arrays
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 
 Arrays = Mapping[str, NDArray[Any]]
 
-_FORM = 3
-#: What readers of zip files and arrays let through on damaged ones.
-_DAMAGE = (
-    *(OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, struct.error),
-    *(ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError),
-)
+_FORM = 4
 
 
 def fingerprint(*parts: Any) -> str:
@@ -99,6 +94,7 @@ class Checkpoint:
         """
         notes = {"form": _FORM, "version": __version__, "origin": self.origin}
         notes |= {"run": run, "done": done, "elapsed": elapsed}
+        notes["digest"] = fingerprint(parts, done, elapsed)
         arrays: dict[str, Any] = {
             f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
         }
@@ -116,8 +112,8 @@ class Checkpoint:
         if not self.resume or not self.path.exists():
             return None
         try:
-            with self.path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                arrays = dict(stored)
+            with self.path.open("rb") as file:
+                arrays = npz_arrays(file)
             notes = json.loads(str(arrays.pop("notes")))
             parts: dict[str, dict[str, NDArray[Any]]] = {}
             for key, array in arrays.items():
@@ -125,11 +121,14 @@ class Checkpoint:
                 parts.setdefault(part, {})[name] = array
             found = (notes["form"], notes["version"], notes["origin"])
             same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
-        except _DAMAGE as error:
-            raise InputError(
-                f"{self.path}: cannot be read as a checkpoint ({error}); remove it and start the "
-                "run again"
-            ) from error
+            if type(done) is not int or done < 1:
+                raise ValueError(f"found {done!r} steps done")
+            if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
+                raise ValueError(f"found {elapsed!r} s of run time")
+            if found[0] == _FORM and notes["digest"] != fingerprint(parts, done, elapsed):
+                raise ValueError("its arrays are not those that were written")
+        except DAMAGE as error:
+            raise self.unreadable(str(error) or type(error).__name__) from error
         advice = "give that back, or remove the checkpoint and start the run again"
         if found[:2] != (_FORM, __version__):
             raise InputError(
@@ -142,7 +141,36 @@ class Checkpoint:
                 f"{self.path}: the model made from the scene differs from the one that was saved, "
                 f"as on another machine or with other libraries; {advice}"
             )
-        return parts, int(done), float(elapsed)
+        return parts, done, elapsed
+
+    def unreadable(self, why: str) -> InputError:
+        """Error of a file that is no checkpoint of a run, or a damaged one."""
+        return InputError(
+            f"{self.path}: cannot be read as a checkpoint ({why}); remove it and start the run "
+            "again"
+        )
+
+
+def check_like(saved: Arrays, planned: Arrays, what: str) -> None:
+    """See that saved arrays are those that a run plans: names, shapes, types, finite values.
+
+    Raises
+    ------
+    ValueError
+        Naming the first array that is not.
+    """
+    if saved.keys() != planned.keys():
+        names = ", ".join(sorted(saved.keys() ^ planned.keys())[:5])
+        raise ValueError(f"{what} holds other arrays than the run, such as {names:.100}")
+    for name, right in planned.items():
+        array = saved[name]
+        if (array.shape, array.dtype) != (right.shape, right.dtype):
+            raise ValueError(
+                f"{what}/{name} is of shape {array.shape} and type {array.dtype}, must be "
+                f"{right.shape} and {right.dtype}"
+            )
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise ValueError(f"{what}/{name} is not finite")
 
 
 @dataclass(frozen=True)
@@ -171,7 +199,7 @@ class Checkpoints:
         path = self.folder / f"checkpoint_{model}.npz"
         return Checkpoint(path, origin, self.every, self.resume)
 
-    def remove(self) -> None:
-        """Remove them, when the results are written."""
-        for path in self.files():
-            path.unlink(missing_ok=True)
+    def remove(self, models: Iterable[str]) -> None:
+        """Remove those of some models, when their results are written."""
+        for model in models:
+            self.of(model, "").path.unlink(missing_ok=True)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core.event import TimingListener, register
 from numba.extending import overload
 
 from skfem_joint.friction import ARCTAN, COULOMB
@@ -42,6 +43,11 @@ def _tell(reason: object) -> None:
             RuntimeWarning,
             stacklevel=3,
         )
+
+
+#: Adds up the time that this process spends in compilation; loading from the cache is not counted.
+COMPILING = TimingListener()
+register("numba:compile", COMPILING)
 
 
 class _Cache:

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.arrangement import arranged, choose
@@ -28,12 +28,16 @@ from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
 from skfem_joint.stepping.steady import CHANGE, copied, periodic_state, turns_over
+from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
+from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
 _log = logging.getLogger(__name__)
 
 #: Largest force residual of a step, relative to its largest force.
 TOLERANCE = 1e-11
+#: Range of those that may be asked for: a looser one lets loads pass as converged that do nothing.
+LOOSEST = between(0.0, 1e-3, ", relative to the largest force of a step")
 #: A step that does not converge is halved at most this often.
 HALVINGS = 8
 #: A chunk, between two chances to save and show progress, ends when so much time (s) has passed.
@@ -83,11 +87,12 @@ def integrate(
         says, if that is given.
     until : {"end", "steady"}
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
-        steady, see :mod:`skfem_joint.stepping.steady`.
+        steady, see :mod:`skfem_joint.stepping.steady`; its amplitudes and offsets are in
+        `Run.steady`.
     initial : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) at the start; at rest if not given.
     tolerance : float
-        Largest force residual of a step relative to its largest force.
+        Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
         Called with (steps done, steps in all); until "steady" with (periods done, 0, a note).
     checkpoint : Checkpoint, optional
@@ -103,15 +108,20 @@ def integrate(
     ConvergenceError
         If a step does not converge, even in 256 parts, or no steady vibration is found.
     InputError
-        If the steps are not given in one of the three ways, or are too long for a load, no stepper
-        fits the system, or the checkpoint cannot be written or is not one of this run.
+        If a number is out of range, the steps are not given in one of the three ways, or are too
+        long for a load, no stepper fits the system, or the checkpoint cannot be written or is not
+        one of this run.
     """
+    check_some(POSITIVE, step=step, duration=duration)
+    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check("tolerance", tolerance, LOOSEST)
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         cycles = 1 if cycles is None and until == "steady" else cycles
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
         cycle_steps = steps_per_cycle
-    step, n_steps = _steps(step, n_steps, duration, cycle_steps)
+    step, n_steps = _steps(step, n_steps, duration)
     start = _start(system, initial)
     if until == "steady":
         _check_steady(system, step * n_steps, scheme, checkpoint)
@@ -121,7 +131,11 @@ def integrate(
     identity = fingerprint(*asked) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
     driver = _Driver(system, save, step, n_steps, scheme, start, float(tolerance))
-    if saved is not None:
+    if saved is not None and checkpoint is not None:
+        try:
+            driver.check(saved[0], saved[1], cycle_steps)
+        except ValueError as error:
+            raise checkpoint.unreadable(str(error)) from error
         driver.take_up(*saved)
     if until == "steady":
         return driver.steady(cycle_steps, progress)
@@ -138,9 +152,6 @@ def _by_cycles(
             "cycles: must come with steps_per_cycle, and without step, n_steps, duration and "
             "cycle_steps"
         )
-    for name, count in (("cycles", cycles), ("steps_per_cycle", steps_per_cycle)):
-        if count < 1:
-            raise InputError(f"{name}: found {count}, must be >= 1")
     period = common_period(load.amplitude for load in system.loads)
     if period is None:
         raise InputError(
@@ -150,25 +161,15 @@ def _by_cycles(
     return period / steps_per_cycle, cycles * steps_per_cycle
 
 
-def _steps(
-    step: float | None, n_steps: int | None, duration: float | None, cycle_steps: int | None
-) -> tuple[float, int]:
-    """Step and number of steps, checked."""
+def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
+    """Step and number of steps."""
     if step is None or (n_steps is None) == (duration is None):
         raise InputError(
             "integrate: needs step and n_steps, or duration and step, or cycles and steps_per_cycle"
         )
-    if not (step > 0.0 and math.isfinite(step)):
-        raise InputError(f"step: found {step}, must be > 0")
     if duration is not None:
-        if not (duration > 0.0 and math.isfinite(duration)):
-            raise InputError(f"duration: found {duration}, must be > 0")
-        n_steps = math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9))
-    if n_steps is None or n_steps < 1:
-        raise InputError(f"n_steps: found {n_steps}, must be >= 1")
-    if cycle_steps is not None and cycle_steps < 1:
-        raise InputError(f"cycle_steps: found {cycle_steps}, must be >= 1")
-    return float(step), int(n_steps)
+        n_steps = max(1, math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9)))
+    return float(step), int(n_steps or 1)
 
 
 def _check_steady(
@@ -197,7 +198,7 @@ def _start(
     """Displacement and velocity at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
-    u, v = (np.array(x, dtype=float) for x in initial)
+    u, v = (np.array(as_real(x, "initial")) for x in initial)
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
         raise InputError("initial: must be finite")
     if u.shape != (system.n,) or v.shape != (system.n,):
@@ -241,7 +242,8 @@ def _run(
 class _Driver:
     """Advances a stepper along a run whose steps are cut where loads jump or kink.
 
-    Made, it is at the start, with its first row stored; ``preparation`` is what that took, s.
+    Made, it is at the start, with its first row stored. ``preparation`` and ``compilation`` are
+    the times that took, s.
     """
 
     def __init__(
@@ -275,12 +277,22 @@ class _Driver:
         self.stepper = choose(self.to, scheme, u, v, tolerance, self.recorder)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
-        begin = time.perf_counter()
+        watch = Stopwatch()
         self.restart(0.0)
         self.stepper.prepare(step)
-        self.preparation, self.elapsed = time.perf_counter() - begin, 0.0
+        (self.preparation, self.compilation), self.elapsed = watch.read(), 0.0
         self.recorder.store(0, self.stepper.state())
         self.recorder.observe(self.stepper.state().u)
+
+    def check(self, parts: Mapping[str, Arrays], done: int, cycle_steps: int | None) -> None:
+        """See that a checkpoint is one of this run after ``done`` steps; ValueError."""
+        if done > self.n_steps:
+            raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
+        if parts.keys() != {"recorder", "stepper"}:
+            raise ValueError("it holds other parts than a run")
+        cycles = 0 if cycle_steps is None else done // cycle_steps
+        self.recorder.check(parts["recorder"], done, cycles)
+        self.stepper.check(parts["stepper"])
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
         """Go on from a checkpoint, or from a `mark`, wherever a chunk has stopped."""
@@ -303,6 +315,7 @@ class _Driver:
             steps=self.done,
             wall_s=self.elapsed,
             preparation_s=self.preparation,
+            compilation_s=self.compilation,
             interrupted=interrupted,
             counts=self.stepper.counts,
         )
@@ -317,7 +330,7 @@ class _Driver:
         parts = 2 if odd else 1  # of a period
         changes: list[float] = []
 
-        def period(start: State, save: Save | None = None) -> tuple[State, float, float]:
+        def period(start: State, save: Save | None = None) -> tuple[State, float, float, float]:
             """Go through one period, or half of one whose other half is its mirror image."""
             self.done, energy, stepper = 0, 0.0, self.stepper
             steps = self.n_steps // 2 if odd and save is None else self.n_steps
@@ -338,18 +351,34 @@ class _Driver:
                 energy = max(energy, self.system.stored_energy(*stepper.now[:2]))
             if steps < self.n_steps:
                 stepper.now = State(*(-part for part in stepper.now))
-            return stepper.now, energy, float(np.abs(self.recorder.input_work).sum())
+            work = float(np.abs(self.recorder.input_work).sum())
+            return stepper.now, energy, work, float(self.recorder.friction_work.sum())
 
-        start = periodic_state(self.system, self.stepper.now, period, changes, parts)
-        start, periods = copied(start), -(-len(changes) // parts)
-        period(copied(start), save)
+        steady = periodic_state(self.system, self.stepper.now, period, changes, parts)
+        start, periods = copied(steady.state), -(-len(changes) // parts)
+        period(copied(start), Save())
+        drift = self.system.P @ steady.drift
+        ahead = np.linspace(0.0, 1.0, self.n_steps + 1)[:, np.newaxis] * drift
+        vibration = self.recorder.stored.point_u - ahead
+        high, low = vibration.max(axis=0), vibration.min(axis=0)
+        if save != Save():
+            period(copied(start), save)
+            periods += 1
         if cycle_steps is not None:
             self.recorder.end_cycle()
         self.elapsed = time.perf_counter() - begin
         energy = self.system.stored_energy(*start[:2])
         run = self.finish(energy)
         counters = replace(run.counters, steps=(periods + 1) * self.n_steps)
-        return replace(run, steady=Steady(periods, changes[-1]), counters=counters)
+        found = Steady(
+            periods=periods,
+            change=changes[-1],
+            amplitude=0.5 * (high - low),
+            offset=0.5 * (high + low),
+            drift=drift,
+            unstrained=steady.unstrained,
+        )
+        return replace(run, steady=found, counters=counters)
 
     def _lay(self, t: float, jump: bool) -> None:
         """Cut the step in which a load jumps or kinks."""

@@ -22,14 +22,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_compressed, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, factorised, pivots
+from skfem_joint.factors import Uncondensed, factorised
+from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
@@ -46,10 +47,9 @@ HELD = 0.98
 HALVINGS = 6
 #: Force that the added mass may carry, as a share of the load, and how much of it is added.
 _SHIFTED, _SHIFT = 1e-3, 1e-12
-#: Pivots below this share of the largest are zero; iterations for the friction limit; stiffness of
-#: motions without strain, as a share of the mean square frequency, and most of them; share of their
-#: displacement that is no slip.
-_SINGULAR, _ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 1e-11, 20, 1e-9, 12, 1e-6
+#: Iterations for the friction limit; stiffness of motions without strain, as a share of the mean
+#: square frequency, and most of them; share of their displacement that is no slip.
+_ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 20, 1e-9, 12, 1e-6
 #: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
 #: their stiffness, over the least of all, beyond which round-off hides that one.
 _STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
@@ -116,6 +116,21 @@ class QuasiStatic:
         path.tolerance = self.tolerance if tolerance is None else tolerance
         path.last, path.solves, path.held_back = np.zeros_like(self.last), 0, 0
         return path
+
+    def forget(self, last: FloatArray | None = None) -> None:
+        """Remember nothing of what was followed but its last increment, ``last`` or none.
+
+        What is followed next then depends, to the bit, on that and on its own start alone.
+        """
+        self.last = np.zeros_like(self.last) if last is None else last
+        problem = self.problem
+        contact = problem.problem if isinstance(problem, Condensed) else problem
+        if isinstance(contact, ContactProblem):
+            contact.factor = None
+        else:
+            contact.memory = contact.new_memory()
+        if self._fronts is not None:
+            self._fronts.memory = make_memory(len(self.last))
 
     @property
     def factorizations(self) -> int:
@@ -321,7 +336,11 @@ class _Dense:
         self.first = factorised(sticking)
         softest = np.linalg.eigvalsh(sticking)[0]
         self.steepest = _STIFFEST * unit * softest / np.trace(A)
-        self.memory = make_dense_memory(system.n, self.contact.w.size, system.w.size)
+        self.memory = self.new_memory()
+
+    def new_memory(self) -> Any:
+        """Memory of a solver that has found nothing yet."""
+        return make_dense_memory(self.system.n, self.contact.w.size, self.system.w.size)
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """Increment; Coulomb's law is as steep, at last, as the largest slip found asks for."""
@@ -366,12 +385,3 @@ class _Fronts:
             return None
         counts = {"newton_iterations": int(count)}
         return Solution(memory.velocity.copy(), memory.force.copy(), True, counts, 0.0, 0)
-
-
-def is_singular(K: sparse.csr_array) -> bool:
-    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
-    try:
-        found = pivots(K)
-    except RuntimeError:  # exactly singular
-        return True
-    return bool(np.min(found) <= _SINGULAR * np.max(found))

@@ -24,29 +24,47 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.friction import AT_LIMIT
+from skfem_joint.stepping.checkpoint import check_like
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
+from skfem_joint.values import COUNT, check, check_some
 
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
 _NUMBERS = ("rows", "field_rows", "halved_steps")
+# Named points and joints that a run shows of itself.
+_SHOWN = 4
 
 
 @dataclass(frozen=True)
 class Save:
-    """What to store of a run."""
+    """What to store of a run.
 
-    every: int = 1  #: stride in steps of the named points, from the start on
-    fields: bool = False  #: displacement, velocity and friction of all unknowns too
-    points: bool = True  #: displacement and velocity of the named points
-    slips: bool = False  #: slip of the joints too, where points are stored
-    fields_every: int | None = None  #: stride of the fields; ``every`` if not given
+    Peaks, works and slips are accumulated over every step, whatever is stored.
+
+    Attributes
+    ----------
+    every : int
+        The named points are stored at the start and after every so many steps.
+    fields : bool
+        Whether displacement, velocity and friction of all unknowns are stored too.
+    points : bool
+        Whether displacement and velocity of the named points are stored.
+    slips : bool
+        Whether slips of the joints are stored too, where points are.
+    fields_every : int, optional
+        The fields are stored at the start and after every so many steps; ``every`` if not given.
+    """
+
+    every: int = 1
+    fields: bool = False
+    points: bool = True
+    slips: bool = False
+    fields_every: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("every", "fields_every"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"{name}: found {value}, must be >= 1")
+        check("every", self.every, COUNT)
+        check_some(COUNT, fields_every=self.fields_every)
 
     @property
     def strides(self) -> tuple[int, int]:
@@ -56,25 +74,58 @@ class Save:
 
 @dataclass(frozen=True)
 class Counters:
-    """Work that a run took."""
+    """Work that a run took, in numbers.
 
-    steps: int = 0  #: asked for (without the parts of halved ones)
-    newton_iterations: int = 0  #: Newton's, each with a tangent of its own, in all
-    largest_iterations: int = 0  #: most of them in one step
-    nested_solves: int = 0  #: steps that needed the second tier on a chain
-    descents: int = 0  #: steps that needed the third
-    line_searches: int = 0  #: evaluations beyond the full Newton step in the dense solver
-    friction_evaluations: int = 0  #: evaluations of the law on all contact points
-    linear_solves: int = 0  #: solves with the factor of a large sparse step matrix
-    factorizations: int = 0  #: step matrices prepared (one for each step size)
-    halved_steps: int = 0  #: steps that were done in parts because they did not converge whole
+    Attributes
+    ----------
+    steps : int
+        Steps done, without the parts of halved ones.
+    newton_iterations, largest_iterations : int
+        Iterations of Newton's method in all, and most of them in one step.
+    nested_solves, descents : int
+        Steps that needed the second and the third tier of the solver on a chain.
+    line_searches : int
+        Evaluations beyond the full Newton step in the dense solver.
+    friction_evaluations : int
+        Evaluations of the friction law on all contact points.
+    linear_solves : int
+        Solves with the factor of a large sparse step matrix.
+    factorizations : int
+        Step matrices prepared, one for each step size.
+    halved_steps : int
+        Steps that were done in parts because they did not converge whole.
+    """
+
+    steps: int = 0
+    newton_iterations: int = 0
+    largest_iterations: int = 0
+    nested_solves: int = 0
+    descents: int = 0
+    line_searches: int = 0
+    friction_evaluations: int = 0
+    linear_solves: int = 0
+    factorizations: int = 0
+    halved_steps: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cycles:
-    """Works of each complete cycle, J; ``input`` has shape (cycles, loads), others (cycles,).
+    """Works and peaks of each complete cycle of a run, over every step of it.
 
-    ``peak`` is the largest displacement of each named point in the cycle, m, (cycles, points).
+    Columns are ordered as ``system.loads``, ``system.points`` and ``system.joints``. There are no
+    rows where the run had no cycles.
+
+    Attributes
+    ----------
+    input : ndarray, shape (cycles, loads)
+        Work of each load, J.
+    viscous, scheme, friction : ndarray, shape (cycles,)
+        Energy dissipated by the damping matrix, by the integration scheme itself and by friction
+        in all joints, J.
+    peak : ndarray, shape (cycles, points)
+        Largest displacement of each named point, m.
+    by_joint : ndarray, shape (cycles, joints)
+        Energy dissipated by friction in each joint, J.
     """
 
     input: FloatArray
@@ -82,53 +133,163 @@ class Cycles:
     scheme: FloatArray
     friction: FloatArray
     peak: FloatArray
-    by_joint: FloatArray  #: dissipation of friction in each joint, (cycles, joints), J
+    by_joint: FloatArray
+
+    def __repr__(self) -> str:
+        if not self.friction.size:
+            return "Cycles: none"
+        return (
+            f"Cycles: {self.friction.size}; in the last one input {self.input[-1].sum():.6g} J, "
+            f"dissipated by friction {self.friction[-1]:.6g} J, by damping {self.viscous[-1]:.6g} "
+            f"J, by the scheme {self.scheme[-1]:.6g} J"
+        )
 
 
 @dataclass(frozen=True)
 class Steady:
-    """How steady vibration was found."""
+    """Steady vibration of the named points, and how it was found.
 
-    periods: int  #: that were gone through
-    change: float  #: of the state over the last one, relative, in the norm of energy
+    Displacements are of every step of the period, whatever rows are stored. Those of a point that
+    drifts are counted from where it would be had it gone there evenly.
+
+    Attributes
+    ----------
+    periods : int
+        Periods that were gone through.
+    change : float
+        Change of the state over the last one, relative, in the norm of energy.
+    amplitude : ndarray, shape (points,)
+        Half of peak to peak, m.
+    offset : ndarray, shape (points,)
+        Mean of the highest and the lowest displacement, m. Where joints come to rest depends on how
+        the vibration began; of bodies that friction alone holds (``unstrained`` above zero) nothing
+        else determines it. Under loads that change their sign every half period the search gives
+        the vibration without an offset, under others the one that begins with the rigid
+        displacement of the run's start.
+    drift : ndarray, shape (points,)
+        Displacement in a period of bodies that go on and on, m.
+    unstrained : int
+        Number of rigid motions that friction alone holds, or nothing.
+    """
+
+    periods: int
+    change: float
+    amplitude: FloatArray
+    offset: FloatArray
+    drift: FloatArray
+    unstrained: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """Result of a time integration.
 
-    Rows are stored as asked for by `Save`; works and peaks are those of every step. After an
-    interruption it holds the steps that were finished.
+    Rows and frames are stored as asked for by `Save`; works and peaks are those of every step.
+    After an interruption it holds the steps that were finished. Columns are ordered as
+    ``system.points``, ``system.loads`` and ``system.joints``; the n unknowns and m contact points
+    are those of ``system``, the rows of its ``B`` those of the contact points in turn, one or two
+    of each.
+
+    Attributes
+    ----------
+    system : System
+        The one that was given.
+    times : ndarray, shape (rows,)
+        Time of the stored rows, s.
+    point_u, point_v : ndarray, shape (rows, points)
+        Displacement (m) and velocity (m/s) of the named points.
+    joint_work : ndarray, shape (rows, joints)
+        Energy that friction has dissipated in each joint up to the row, J.
+    joint_slip, joint_slipping : ndarray, shape (rows, joints)
+        Largest slip (m) of the points of each joint that carry friction, and share of its friction
+        limit that is reached; no rows unless `Save.slips` was set.
+    amplitudes : ndarray, shape (rows, loads)
+        Amplitude of each load, N.
+    field_times : ndarray, shape (frames,)
+        Time of the stored fields, s; no frames unless `Save.fields` was set.
+    u, v : ndarray, shape (frames, n)
+        Unknowns (m; the unit of a reduced system's follows from its basis) and their rates (1/s of
+        that). ``system.expand(u)`` gives all displacements.
+    sigma : ndarray, shape (frames, rows of B)
+        Friction force over its limit, from -1 to 1.
+    friction_work_rows : ndarray, shape (frames, m)
+        Energy that friction has dissipated at each contact point up to the frame, J.
+    input_work : ndarray, shape (loads,)
+        Work of each load over the run, J.
+    viscous_work, scheme_work : float
+        Energy dissipated over the run by the damping matrix and by the scheme itself, J.
+    friction_work : ndarray, shape (m,)
+        Energy dissipated over the run by friction at each contact point, J.
+    stored_energy : tuple of float
+        Kinetic plus strain energy at the start and at the end, J.
+    cycles : Cycles
+        Works and peaks cycle by cycle.
+    peak : ndarray, shape (points,)
+        Largest displacement of each named point over the run, m.
+    slip_peak : ndarray, shape (m,)
+        Largest slip of each contact point over the run, m: of two directions the norm.
+    final : tuple of ndarray, shapes (n,) and (n,)
+        Unknowns and their rates at the end.
+    counters : Counters
+        Work that it took.
+    wall_s, preparation_s, compilation_s : float
+        Time of the steps, time before the first one without compilation, and time of compilation,
+        which happens once on a machine, s.
+    interrupted : bool
+        Whether it was stopped early.
+    steady : Steady or None
+        How steady vibration was found, of a run that is one period of it.
     """
 
-    system: System  #: the one given, in whose unknowns and contact points all is told
-    times: FloatArray  #: (rows,) of the stored rows, s
-    point_u: FloatArray  #: (rows, points) displacement of the named points, m
-    point_v: FloatArray  #: (rows, points) their velocity, m/s
-    joint_work: FloatArray  #: (rows, joints) dissipation in each joint up to the row, J
-    #: (rows, joints) largest slip of its points that carry friction, m; empty if not asked for.
+    system: System
+    times: FloatArray
+    point_u: FloatArray
+    point_v: FloatArray
+    joint_work: FloatArray
     joint_slip: FloatArray
-    joint_slipping: FloatArray  #: (rows, joints) share of its friction that is at its limit; alike
-    amplitudes: FloatArray  #: (rows, loads) load amplitudes, N
-    field_times: FloatArray  #: (frames,) of the stored fields, s; empty if none were asked for
-    u: FloatArray  #: (frames, n) unknowns
-    v: FloatArray  #: (frames, n) their rates
-    sigma: FloatArray  #: (frames, rows of B) friction force over its limit
-    friction_work_rows: FloatArray  #: (frames, m) dissipation of each point up to the frame, J
-    input_work: FloatArray  #: (loads,) work of each load over the run, J
-    viscous_work: float  #: dissipation of C, J
-    scheme_work: float  #: dissipation of the scheme itself, J
-    friction_work: FloatArray  #: (m,) dissipation of each contact point, J
-    stored_energy: tuple[float, float]  #: kinetic plus strain at start and end, J
+    joint_slipping: FloatArray
+    amplitudes: FloatArray
+    field_times: FloatArray
+    u: FloatArray
+    v: FloatArray
+    sigma: FloatArray
+    friction_work_rows: FloatArray
+    input_work: FloatArray
+    viscous_work: float
+    scheme_work: float
+    friction_work: FloatArray
+    stored_energy: tuple[float, float]
     cycles: Cycles
-    peak: FloatArray  #: (points,) largest displacement over the run, m
-    slip_peak: FloatArray  #: (m,) largest slip displacement (norm) of each contact point, m
-    final: tuple[FloatArray, FloatArray]  #: displacement and velocity at the end
+    peak: FloatArray
+    slip_peak: FloatArray
+    final: tuple[FloatArray, FloatArray]
     counters: Counters
-    wall_s: float  #: time of the integration, s
-    preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
-    interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
-    steady: Steady | None = None  #: of a run that is one period of steady vibration
+    wall_s: float
+    preparation_s: float = 0.0
+    compilation_s: float = 0.0
+    interrupted: bool = False
+    steady: Steady | None = None
+
+    def __repr__(self) -> str:
+        """A few lines: what was run, stored, reached and dissipated."""
+        system, until = self.system, f", to {self.times[-1]:.6g} s" if self.times.size else ""
+        peaks = dict(zip(system.points, self.peak.tolist(), strict=True))
+        state = ", interrupted" if self.interrupted else ""
+        if self.steady is not None:
+            state += f", steady after {self.steady.periods} periods"
+        return "\n".join(
+            [
+                f"Run of {self.counters.steps} steps{until}{state}",
+                f"  system: {system.n} unknowns, {system.contact_points} contact points",
+                f"  stored: {self.times.size} rows of points, {self.field_times.size} of fields",
+                f"  peaks: {_first_of(peaks, 'm')}",
+                f"  friction energy: {_first_of(self.friction_energy, 'J')}; "
+                f"energy balance open by {self.energy_residual:.1e}",
+                f"  {self.cycles!r}",
+                f"  time: {self.wall_s:.3g} s, preparation {self.preparation_s:.3g} s, compilation "
+                f"{self.compilation_s:.3g} s",
+            ]
+        )
 
     def thinned(self, every: int) -> Run:
         """With every so many of its stored fields."""
@@ -159,6 +320,21 @@ class Run:
         """Largest displacement of a named point over every step of the run, m."""
         return float(self.peak[self._number(name)])
 
+    def amplitude_of(self, name: str) -> float:
+        """Half of peak to peak of a named point in steady vibration, m; see `vibration`."""
+        return float(self.vibration.amplitude[self._number(name)])
+
+    def offset_of(self, name: str) -> float:
+        """Mean of both peaks of a named point in steady vibration, m; see `vibration`."""
+        return float(self.vibration.offset[self._number(name)])
+
+    @property
+    def vibration(self) -> Steady:
+        """Steady vibration; InputError if the run is not one until "steady"."""
+        if self.steady is None:
+            raise InputError("run: is not one of steady vibration; integrate with until='steady'")
+        return self.steady
+
     @property
     def friction_energy(self) -> dict[str, float]:
         """Energy that friction has dissipated in each joint over the run, J."""
@@ -170,6 +346,13 @@ class Run:
         if name not in points:
             raise InputError(f"point: found {name!r}, must be one of {', '.join(points) or 'none'}")
         return points.index(name)
+
+
+def _first_of(values: Mapping[str, float], unit: str) -> str:
+    """First named values with their unit, and how many more there are."""
+    shown = [f"{name} {value:.6g} {unit}" for name, value in list(values.items())[:_SHOWN]]
+    more = [f"{len(values) - _SHOWN} more"] if len(values) > _SHOWN else []
+    return ", ".join([*shown, *more]) or "none"
 
 
 class Compressed(NamedTuple):
@@ -318,6 +501,32 @@ class Recorder:
         """Copies of all but stored rows and finished cycles, which are only ever added to."""
         arrays = {name: np.array(getattr(self, name)) for name in (*_SUMS, *_NUMBERS)}
         return arrays | {"cycles": np.array(len(self.boundaries))}
+
+    def check(self, saved: Mapping[str, NDArray[Any]], done: int, cycles: int) -> None:
+        """See that arrays are those that :meth:`saved` gives after steps and complete cycles.
+
+        Raises
+        ------
+        ValueError
+            Naming what is not so.
+        """
+        strides = 4 * [self.save.strides[1]] + 5 * [self.save.strides[0]]
+        stored = self.stored._asdict().items()
+        planned = {
+            name: rows[: done // every + 1]
+            for (name, rows), every in zip(stored, strides, strict=True)
+        }
+        planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
+        check_like(saved, planned, "recorder")
+        counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
+        for name, count in (counts | {"cycles": cycles + 1}).items():
+            if saved[name] != count:
+                raise ValueError(f"recorder/{name} is {saved[name]}, must be {count}")
+        if not 0 <= saved["halved_steps"] <= done:
+            raise ValueError(f"recorder/halved_steps is {saved['halved_steps']} of {done} steps")
+        for name in ("peak", "run_peak", "slip_peak"):
+            if np.any(saved[name] < 0.0):
+                raise ValueError(f"recorder/{name} is negative")
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""

@@ -16,7 +16,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError, InputError, refuse
 from skfem_joint.loads import Amplitude
 from skfem_joint.system import System
 
@@ -26,6 +26,14 @@ PER_PERIOD = 8
 PER_RISE = 2
 #: Steps in a period of the free vibration that a jump of the load sets off.
 PER_VIBRATION = 10
+#: Share of the variation of a plain function of time that may be missed between the steps: a
+#: harmonic with PER_PERIOD steps in its period misses so much. Fewest and most times at which that
+#: is seen; halvings of the step that are tried.
+MISSED, LEAST_TIMES, MOST_TIMES, HALVINGS = 0.06, 256, 4096, 12
+#: Jumps that such a function may have, and times in a step at which one is looked for.
+MOST_JUMPS, INSIDE = 4, 257
+#: Fraction of the golden ratio.
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 #: Times at which a load whose largest force is not known is sampled.
 SAMPLES = 1001
 
@@ -36,8 +44,9 @@ def check_resolution(system: System, step: float, n_steps: int, steady: bool = F
     Pulses shorter than PER_RISE steps are allowed where the vibration of the loaded unknowns
     themselves is resolved: the driver ends steps at the pulse's corners, so that its momentum is
     right, and nothing is fast enough to need more. Smooth pulses, whose corners do not show their
-    shape, are not. Of a plain function of time only a jump at the start is seen, which does not
-    matter where vibration is to be ``steady``.
+    shape, are not. A plain function of time is compared between the steps with the straight lines
+    through its values at them, which are all that the run sees of it; of its jumps only one at the
+    start is seen, which does not matter where vibration is to be ``steady``.
 
     Raises
     ------
@@ -49,8 +58,57 @@ def check_resolution(system: System, step: float, n_steps: int, steady: bool = F
         for where, most, why, else_ in _bounds(system, step * n_steps, not steady)
         if step > most * (1.0 + 1e-9)
     ]
-    if problems:
-        raise InputError(problems)
+    refuse([*problems, *_unresolved(system, step, n_steps)])
+
+
+def _unresolved(system: System, step: float, n_steps: int) -> Iterator[str]:
+    """Sentences about loads of which no frequency is known, and which the step does not follow."""
+    for load in system.loads:
+        if load.amplitude.highest_frequency is not None or not np.any(load.vector):
+            continue
+        missed = _missed(load.amplitude, step, n_steps)
+        if missed <= MISSED:
+            continue
+        shorter: float | None = None
+        for parts in (2**k for k in range(1, 1 + HALVINGS)):
+            if _missed(load.amplitude, step / parts, n_steps * parts) <= MISSED:
+                shorter = step / parts
+                break
+        cure = (
+            f"no step down to {step / 2**HALVINGS:.3g} s does: does it jump often, or is it noise? "
+            "Give it as a Table of its values"
+            if shorter is None
+            else f"use a step of at most {shorter:.4g} s"
+        )
+        yield (
+            f"load{f' on {load.on!r}' if load.on else ''}: a step of {step:.4g} s does not follow "
+            f"this function of time: between the steps it is off the straight lines through its "
+            f"values at them by {100.0 * missed:.3g} % of what it varies by (root mean square), "
+            f"must be at most {100.0 * MISSED:.2g} %, as of a harmonic with {PER_PERIOD} steps in "
+            f"its period; {cure}"
+        )
+
+
+def _missed(amplitude: Amplitude, step: float, n_steps: int) -> float:
+    """Root mean square of what straight lines through the steps miss, over that of the variation.
+
+    Taken at times that fill the run evenly, and all places between two steps: a multiple of the
+    golden ratio's fraction never comes back to the same one, so that nothing can repeat with them.
+    Steps in which the function jumps are left out, a few of them.
+    """
+    count = min(max(LEAST_TIMES, 4 * n_steps), MOST_TIMES)
+    i = np.arange(count)
+    at = n_steps * (i + i * GOLDEN % 1.0) / count
+    first = np.minimum(np.floor(at), n_steps - 1)
+    before, after, force = (amplitude(step * t) for t in (first, first + 1.0, at))
+    missed, varies = force - before - (at - first) * (after - before), float(np.std(force))
+    for _ in range(MOST_JUMPS):  # a step with a jump has the mean of both sides, as it should
+        worst = first[np.abs(missed).argmax()]
+        inside = amplitude(step * (worst + np.linspace(0.0, 1.0, INSIDE)))
+        if np.abs(np.diff(inside)).max() <= 0.5 * np.ptp(inside):
+            break
+        missed[first == worst] = 0.0
+    return float(np.sqrt(np.mean(missed**2))) / varies if varies > 0.0 else 0.0
 
 
 def longest_step(system: System, duration: float) -> float:

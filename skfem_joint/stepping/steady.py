@@ -13,17 +13,27 @@ Loads that change their sign every half period, as harmonic ones do, have a stea
 does so as well, for friction is odd. There the map is half a period and a change of sign: as
 non-expansive, half as long, and of all steady vibrations of Coulomb points, which differ by where
 these come to rest, it gives the one without an offset.
+
+A body that friction alone holds vibrates alike wherever it lies: forces depend neither on its rigid
+displacement nor does its energy, so that neither the norm nor the steady vibration determines it.
+It is taken out of the state before each period, and what a period adds to it is its drift. Under
+loads that change their sign every half period there is none, and the vibration is put about the
+place without strain; under others the body lies at the start of the period where it lay at the
+start of the search. A body that drifts for ever has a steady velocity, and no steady displacement.
+Where it is in truth depends on how the vibration began: only marching from there tells.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.modes import is_singular, rigid_motions
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -32,6 +42,12 @@ from skfem_joint.system import System
 CHANGE, ENERGY = 1e-6, 2e-4
 #: Most periods, and states that are mixed; singular values of their products that are round-off.
 PERIODS, MEMORY, ROUND_OFF = 2000, 12, 1e-13
+#: Share of the work put in below which that of friction leaves the map linear, and states that are
+#: mixed then: twice the modes that light damping leaves. (Where points slip so many are too many: a
+#: bar took 172 periods instead of 53.)
+LINEAR, LINEAR_MEMORY = 1e-3, 80
+#: Rigid motions that are looked for at first: of two bodies in space.
+BODY = 12
 #: Largest change over the least one yet that a mixture may have: with 1 a bar that slips as a whole
 #: took 570 periods instead of 73.
 GROWTH = 2.0
@@ -51,15 +67,18 @@ class Anderson:
     changes: list[FloatArray] = field(default_factory=list)  #: g(x) - x, (2 n,)
     weighted: list[FloatArray] = field(default_factory=list)  #: the same times K and M
 
-    def add(self, state: FloatArray, change: FloatArray) -> float:
-        """Add g(x) and what it changes of x; the root of twice the energy of that."""
+    def add(self, state: FloatArray, change: FloatArray, memory: int = MEMORY) -> float:
+        """Add g(x) and what it changes of x; the root of twice the energy of that.
+
+        Beside it ``memory`` states are kept.
+        """
         n = self.system.n
         self.states.append(state)
         self.changes.append(change[: 2 * n])
         parts = self.system.K @ change[:n], self.system.M @ change[n : 2 * n]
         self.weighted.append(np.concatenate(parts))
         for kept in (self.states, self.changes, self.weighted):
-            del kept[: -MEMORY - 1]
+            del kept[: -memory - 1]
         return float(np.sqrt(max(float(self.changes[-1] @ self.weighted[-1]), 0.0)))
 
     def mixed(self) -> FloatArray:
@@ -69,7 +88,10 @@ class Anderson:
             return self.states[-1]
         apart = last - np.array(self.changes[:-1])
         heavy = self.weighted[-1] - np.array(self.weighted[:-1])
-        scale = 1.0 / np.sqrt(np.einsum("ij,ij->i", apart, heavy).clip(1e-300))
+        squares = np.einsum("ij,ij->i", apart, heavy)
+        differs = squares > ROUND_OFF**2 * float(last @ self.weighted[-1])
+        scale = np.zeros(count)  # states whose change is that of the last one tell nothing
+        scale[differs] = 1.0 / np.sqrt(squares[differs])
         gram = (apart @ heavy.T) * np.outer(scale, scale)
         share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=ROUND_OFF)[0]
         return np.append(share, 1.0 - share.sum()) @ np.array(self.states)
@@ -84,18 +106,39 @@ def turns_over(amplitudes: FloatArray) -> bool:
     return bool(left <= _ODD * np.abs(amplitudes).max(initial=0.0))
 
 
+def unstrained(system: System) -> FloatArray:
+    """Motions (n, k) of unit mass that strain nothing: of bodies that no support holds."""
+    if not is_singular(system.K):
+        return np.zeros((system.n, 0))
+    most = BODY
+    motions = rigid_motions(system.K, system.M, most)
+    while motions.shape[1] == most < system.n:
+        most *= 2
+        motions = rigid_motions(system.K, system.M, most)
+    return motions
+
+
+class Periodic(NamedTuple):
+    """State at the start of a period that ends as it began, but for a rigid displacement."""
+
+    state: State
+    drift: FloatArray  #: (n,) rigid displacement in a period, m
+    unstrained: int  #: number of motions that strain nothing
+
+
 def periodic_state(
     system: System,
     start: State,
-    period: Callable[[State], tuple[State, float, float]],
+    period: Callable[[State], tuple[State, float, float, float]],
     changes: list[float],
     parts: int = 1,
-) -> State:
-    """State at the start of a period that ends as it began, found from ``start``.
+) -> Periodic:
+    """Find a state at the start of a period that ends as it began, from ``start``.
 
     From the state at the start of a period ``period`` gives that at its end, the largest energy (J)
-    in it, and the energy put in (J). ``changes`` takes the change over each, see `CHANGE`.
-    ``parts`` is 2 where ``period`` goes through half of one and changes the state's sign then.
+    in it, the energy put in and the work of friction (J). ``changes`` takes the change over each,
+    see `CHANGE`. ``parts`` is 2 where ``period`` goes through half of one and changes the state's
+    sign then.
 
     Raises
     ------
@@ -103,19 +146,30 @@ def periodic_state(
         If it is not found.
     """
     ends = np.cumsum([part.size for part in start])[:-1]
-    mixing = Anderson(system)
-    x = plain = np.concatenate(start)
+    mixing, motions = Anderson(system), unstrained(system)
+    momenta = system.M @ motions
+
+    def rigid(u: FloatArray) -> FloatArray:
+        return np.asarray(motions @ (momenta.T @ u))
+
+    began = rigid(start.u)
+    x = plain = np.concatenate(start._replace(u=start.u - began))
     least, left = np.inf, np.inf
     for _ in range(parts * PERIODS):
         before = State(*np.split(x, ends))
-        state, energy, work = period(copied(before))
+        state, energy, work, friction = period(copied(before))
+        memory = LINEAR_MEMORY if friction <= LINEAR * work else MEMORY
+        moved = rigid(state.u)
+        state = state._replace(u=state.u - moved)
         after = np.concatenate(state)
         gained = system.stored_energy(*state[:2]) - system.stored_energy(*before[:2])
-        size, scale = mixing.add(after, after - x), np.sqrt(2.0 * energy)
+        size, scale = mixing.add(after, after - x, memory), np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
         if left <= CHANGE and abs(gained) <= ENERGY * work:
-            return state
+            if parts == 2:  # half a period, its sign changed: back where it began from there
+                began, moved = 0.5 * moved, np.zeros_like(moved)
+            return Periodic(state._replace(u=state.u + began), moved, motions.shape[1])
         if size > GROWTH * least and x is not plain:
             x = plain
             continue
@@ -124,8 +178,11 @@ def periodic_state(
         x = mixing.mixed()
     raise ConvergenceError(
         f"no steady vibration was found in {PERIODS} periods: the state still changes by "
-        f"{left:.2g} of its size over the last. Is there damping that every motion feels? Try "
-        "rho_infinity below 1, or follow the transient by cycles"
+        f"{left:.2g} of its size over the last. Is there damping that every motion feels? Light "
+        "damping forgets slowly: give more of it, such as [damping] ratio = 1e-3 or above, or try "
+        "rho_infinity below 1; or give cycles in place of until = 'steady' and follow the "
+        "transient, which at a ratio z of damping falls to a thousandth in about 1 / z of its own "
+        "periods"
     )
 
 

@@ -24,6 +24,7 @@ from scipy import linalg, sparse
 from skfem_joint import friction
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
 from skfem_joint.factors import Condensation, condenses, factorised
+from skfem_joint.stepping.checkpoint import check_like
 from skfem_joint.stepping.recording import Recorder, compressed
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from skfem_joint.stepping.contact_problem import ContactProblem, Solution
 
 Saved = Mapping[str, NDArray[Any]]
+#: Share by which round-off may exceed a limit.
+_ROUND_OFF = 1e-9
 #: Velocity or acceleration, and normalised friction by slip row.
 Motion = tuple[FloatArray, FloatArray]
 
@@ -170,6 +173,33 @@ class Stepper(ABC):
             "steps": np.array(list(self.prepared), dtype=float),
             "counts": np.array(list(self.counts.values())),
         }
+
+    def check(self, saved: Saved) -> None:
+        """See that arrays are such as :meth:`saved` gives at some moment of this run.
+
+        Raises
+        ------
+        ValueError
+            Naming what is not so.
+        """
+        planned, steps = self.saved(), saved.get("steps")
+        width = len(Coefficients._fields)
+        if steps is None or steps.dtype != np.float64 or steps.shape[1:] != (width,):
+            raise ValueError(f"stepper/steps must be rows of {width} numbers")
+        check_like(saved, planned | {"steps": steps} | self.kept_like(saved), "stepper")
+        for row in steps.tolist():
+            h, c = row[0], Coefficients._make([*row[:-1], bool(row[-1])])
+            known = 0.0 < h <= self.recorder.h * (1.0 + 1e-9)
+            if not known or c not in (self.scheme.coefficients(h), backward_euler(h)):
+                raise ValueError(f"stepper/steps holds a step of {h} s that the run does not take")
+        if np.any(np.abs(saved["sigma"]) > 1.0 + _ROUND_OFF):
+            raise ValueError("stepper/sigma is above the friction limit")
+        if saved["frequency"] < 0.0 or np.any(saved["counts"] < 0):
+            raise ValueError("stepper/frequency and stepper/counts must not be negative")
+
+    def kept_like(self, saved: Saved) -> dict[str, NDArray[Any]]:
+        """Arrays like those of ``saved`` that are there at some moments only."""
+        return {}
 
     def restore(self, saved: Saved) -> None:
         """Take up what :meth:`saved` gave, whatever was done before."""
@@ -472,6 +502,25 @@ class ContactStepper(PlainStepper):
             if problem.kept is not None:
                 kept[f"tangents_{k}"], kept[f"held_{k}"] = problem.kept
         return super().saved() | kept
+
+    def kept_like(self, saved: Saved) -> dict[str, NDArray[Any]]:
+        """Tangents and held unknowns of factors that are kept."""
+        problem, kept = self._problems()[0], dict[str, NDArray[Any]]()
+        shapes = np.zeros((problem.first.size, 3)), np.zeros(problem.diagonal.size, dtype=np.bool_)
+        for k in range(len(saved["steps"])):
+            if f"tangents_{k}" in saved:
+                kept |= {f"tangents_{k}": shapes[0], f"held_{k}": shapes[1]}
+        return kept
+
+    def check(self, saved: Saved) -> None:
+        """See besides that no tangent of friction is negative."""
+        super().check(saved)
+        for name in saved:
+            if name.startswith("tangents_"):
+                a, b, c = saved[name].T
+                small = _ROUND_OFF * np.maximum(a, c)
+                if np.any(np.minimum(a, c) < -small) or np.any(b * b > (a + small) * (c + small)):
+                    raise ValueError(f"stepper/{name} is negative")
 
     def restore(self, saved: Saved) -> None:
         """Take up a saved state and factorise the tangents again."""

@@ -23,8 +23,9 @@ from skfem_joint.errors import refuse
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import assembly
-from skfem_joint.structure.checks import one_of, overlap, poisson_ratio, positive, wrong_name
+from skfem_joint.structure.checks import one_of, overlap, wrong_name
 from skfem_joint.structure.nodes import Nodes
+from skfem_joint.values import POISSON, POSITIVE, problems
 
 #: Sizes across the mesh that a body of each dimension has.
 SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
@@ -223,14 +224,14 @@ def _value_problems(body: Body) -> Iterator[str]:
         elif value is not None and name not in needed:
             yield f"section.{name}: found {value}, but {what} has none; leave it out"
         elif value is not None:
-            yield from positive(f"section.{name}", value)
+            yield from problems(f"section.{name}", value, POSITIVE)
     material = body.material
-    yield from positive("material.E", material.E)
-    yield from positive("material.density", material.density)
+    yield from problems("material.E", material.E, POSITIVE)
+    yield from problems("material.density", material.density, POSITIVE)
     if body.dim > 1 and material.poisson is None:
         yield f"material.poisson: missing, {what} needs Poisson's ratio"
     if material.poisson is not None:
-        yield from poisson_ratio("material.poisson", material.poisson)
+        yield from problems("material.poisson", material.poisson, POISSON)
     yield from one_of("plane", body.plane, ("stress", "strain"))
     yield from one_of("mass", body.mass, ("consistent", "lumped"))
     if body.mass == "lumped" and body.mesh.order > 1:
@@ -249,8 +250,8 @@ def _override_problems(body: Body) -> Iterator[str]:
         yield from wrong_name(body.mesh, region, ("region",), where)
         for name, value in values.items():
             yield from one_of(f"{where}: property", name, known)
-            check = poisson_ratio if name == "poisson" else positive
-            yield from check(f"{where}.{name}", value)
+            kind = POISSON if name == "poisson" else POSITIVE
+            yield from problems(f"{where}.{name}", value, kind)
     for (name, first), (other, second) in combinations(body.regions.items(), 2):
         both = sorted(set(first) & set(second))
         if both and overlap(regions.get(name, ()), regions.get(other, ())):

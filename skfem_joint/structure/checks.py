@@ -1,4 +1,4 @@
-"""Checks of single values and names, in the words of the messages that users read."""
+"""Checks of words and names, in the words of the messages that users read."""
 
 from __future__ import annotations
 
@@ -15,22 +15,10 @@ from skfem_joint.mesh import NamedMesh
 KINDS = ("region", "boundary", "point")
 
 
-def positive(where: str, value: float, least: str = "> 0") -> Iterator[str]:
-    """Yield what is wrong with a value that must be positive, or not negative (``">= 0"``)."""
-    if not (value > 0.0 or (value == 0.0 and least == ">= 0")) or not np.isfinite(value):
-        yield f"{where}: found {value}, must be {least}"
-
-
 def one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with a word that must be one of the allowed ones."""
     if value not in allowed:
         yield f"{where}: found {value!r}, must be one of {', '.join(allowed)}"
-
-
-def poisson_ratio(where: str, value: float) -> Iterator[str]:
-    """Yield what is wrong with a Poisson's ratio."""
-    if not -1.0 < value < 0.5:
-        yield f"{where}: found {value}, must be between -1 and 0.5"
 
 
 def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> list[str]:
@@ -41,6 +29,12 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
     own_kinds = [kind for kind in tables if name in tables[kind]]
     if set(own_kinds) & set(kinds):
         return []
+    if not any(tables.values()):
+        return [
+            f"{where}: found {name!r}, but nothing in the mesh has a name: name Physical Groups, "
+            f"in Gmsh such as Physical Curve({name!r}) = {{1}}, Physical Surface, Physical Volume "
+            "or Physical Point; save the mesh again"
+        ]
     has = "; ".join(f"{kind}: {listed(tables[kind])}" for kind in kinds)
     wrong = f"which is a {own_kinds[0]}" if own_kinds else "no such name in the mesh"
     hint = "" if own_kinds else closest(name, [n for kind in kinds for n in tables[kind]])

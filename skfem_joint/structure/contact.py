@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray
+from skfem_joint.arrays import BoolArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
 from skfem_joint.slips import SlipRows, rows_along
-from skfem_joint.structure.checks import positive
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
+from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -86,6 +86,7 @@ def contact(
     thickness: float = 1.0,
     normal_force: str = "consistent",
     fixed: Any = (),
+    name: str | None = None,
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -100,6 +101,9 @@ def contact(
     fixed : array_like of int, optional
         Supported degrees of freedom. Needed only with ``normal_force = "equal"`` where the contact
         touches a support.
+    name : str, optional
+        Joint under which results state its friction energy, ``on`` if not given. In a sum of
+        contacts each name is a joint of its own.
 
     Returns
     -------
@@ -123,10 +127,10 @@ def contact(
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
     joint = Joint(on, pressure, friction, against, beta, normal_force)
-    problems = [*joint_problems(grid.mesh, [joint])]
-    for name, extent in (("width", width), ("thickness", thickness)):
-        problems += positive(f"contact: {name}", extent)
-    refuse(problems)
+    wrong = [*joint_problems(grid.mesh, [joint])]
+    for key, extent in (("width", width), ("thickness", thickness)):
+        wrong += problems(f"contact: {key}", extent, POSITIVE)
+    refuse(wrong)
     dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
@@ -137,10 +141,23 @@ def contact(
     rows = contact_rows([patch], held)
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
-    return SlipRows(rows.B @ order, rows.w, rows.beta, rows.directions, rows.held @ order, pivots)
+    names = (_joint_name("contact", on if name is None else name),) * rows.w.size
+    held_rows = rows.held @ order
+    return SlipRows(
+        rows.B @ order, rows.w, rows.beta, rows.directions, held_rows, pivots, names=names
+    )
 
 
-def point_friction(row: Any, limit: float, beta: float = np.inf) -> SlipRows:
+def _joint_name(where: str, name: Any) -> str:
+    """Name of a joint, which must be a text that is not empty."""
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"{where}: found name {name!r}, must be a text that is not empty")
+    return name
+
+
+def point_friction(
+    row: Any, limit: float, beta: float = np.inf, *, name: str = "contact"
+) -> SlipRows:
     """Friction of one point whose slip is a given row times the displacements.
 
     Parameters
@@ -152,19 +169,23 @@ def point_friction(row: Any, limit: float, beta: float = np.inf) -> SlipRows:
         Friction limit, N.
     beta : float
         Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+    name : str
+        Joint under which results state its friction energy. In a sum of contacts each name is a
+        joint of its own.
     """
-    rows = np.atleast_2d(np.asarray(row, dtype=float))
+    rows = np.atleast_2d(as_real(row, "point_friction: row"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
         raise InputError(
             f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
             "and not zero"
         )
-    if not (limit >= 0.0 and np.isfinite(limit)) or not beta > 0.0:
-        raise InputError(f"point_friction: found limit {limit}, beta {beta}; must be >= 0 and > 0")
+    check("point_friction: limit", limit, NOT_NEGATIVE)
+    check("point_friction: beta", beta, BETA)
     return SlipRows(
         sparse.csr_array(rows),
         np.array([float(limit)]),
         np.array([float(beta)]),
         np.array([len(rows)], dtype=np.int64),
         sparse.csr_array((0, rows.shape[1])),
+        names=(_joint_name("point_friction", name),),
     )

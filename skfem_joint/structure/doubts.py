@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from skfem_joint.structure.body import SECTION, Body
+from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.preload import Clamp
 from skfem_joint.system import System
 
 
@@ -30,6 +32,8 @@ class Usual:
         Elements that reach from side to side are reported from this share of all on; two sides
         are opposite where the cosines of their normals with a direction and its opposite exceed
         the second number.
+    straightened : float
+        Change of an area or a mass by straight edges from which on smaller elements are asked for.
     """
 
     modulus: tuple[float, float] = (1e6, 2e12)
@@ -39,6 +43,7 @@ class Usual:
     per_wavelength: float = 6
     spanning: float = 0.05
     opposite: float = 0.85
+    straightened: float = 0.01
 
 
 USUAL = Usual()
@@ -115,4 +120,51 @@ def locking(body: Body) -> Iterator[str]:
             f"{100.0 * share:.3g} % of the elements reach from one side to the other: single "
             f"{each} are too stiff in bending (they lock); take second order, or at least two "
             "elements through the thickness, better four."
+        )
+
+
+def straightened(
+    body: Body, joints: Sequence[Joint], bolts: Sequence[Clamp], loads: Sequence[str]
+) -> Iterator[str]:
+    """Sentences about areas and mass that change because curved edges are made straight.
+
+    Counted are the mass and the size of each part that is a joint, is pressed by a bolt, or is one
+    of the loaded places, whose names ``loads`` are those of `AppliedLoad`.
+    """
+    mesh, change = body.mesh, body.mesh.straightened
+    if change is None:
+        return
+    straight = body.basis.dx.sum(axis=1)
+    by_size = body.properties["density"] * body.across
+    mass = body.total_mass
+    changes = {"the mass": mass / (mass + float(by_size @ change.lost)) - 1.0}
+    uses = [("joint", name) for j in joints for name in (j.on, j.against)]
+    uses += [(key, name) for bolt in bolts for key, name in bolt.surfaces]
+    for name in loads:  # ".2" is a second direction
+        known = name in mesh.boundaries or name in mesh.regions
+        uses.append(("load", name if known else name.rpartition(".")[0]))
+    roles: dict[str, list[str]] = {}
+    for role, used in uses:
+        if used in mesh.boundaries or used in mesh.regions:
+            roles.setdefault(str(used), []).append(role)
+    sizes = ("length", "area", "volume")
+    for name, given in roles.items():
+        where = f"of {name!r} ({', '.join(dict.fromkeys(given))})"
+        if name in mesh.boundaries:
+            changes[f"the {sizes[mesh.dim - 2]} {where}"] = change.boundaries[name]
+        else:
+            own = mesh.regions[name]
+            size = float(straight[own].sum())
+            ratio = size / (size + float(change.lost[own].sum()))
+            changes[f"the {sizes[mesh.dim - 1]} {where}"] = ratio - 1.0
+    by_how_much = ", ".join(
+        f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9
+    )
+    yield f"Edges that were curved are straight here, which changes {by_how_much or 'no size'}."
+    much = [what for what, x in changes.items() if abs(x) > USUAL.straightened]
+    if much:
+        yield (
+            f"Straight edges in place of curved ones change {', '.join(much)} by more than "
+            f"{100.0 * USUAL.straightened:g} %: use smaller elements there (in Gmsh "
+            "Mesh.MeshSizeFromCurvature = 36, elements a turn)."
         )

@@ -9,8 +9,9 @@ import numpy as np
 
 from skfem_joint.arrays import IntArray
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.structure.checks import one_of, overlap, positive, wrong_name
-from skfem_joint.structure.pressure import Pressure, PressureTable
+from skfem_joint.structure.checks import one_of, overlap, wrong_name
+from skfem_joint.structure.pressure import Bolts, Pressure, PressureTable
+from skfem_joint.values import BETA, NOT_NEGATIVE, problems
 
 #: Value of ``Joint.pressure`` where clamping bolts press the joint.
 PRELOAD = "preload"
@@ -63,12 +64,11 @@ class Joint:
 
 def joint_value_problems(joint: Joint) -> Iterator[str]:
     """What is wrong with the numbers and words of a joint."""
-    yield from positive(f"{joint.label}: friction", joint.friction, ">= 0")
-    if not joint.beta > 0.0:
-        yield f"{joint.label}: beta: found {joint.beta}, must be > 0"
+    yield from problems(f"{joint.label}: friction", joint.friction, NOT_NEGATIVE)
+    yield from problems(f"{joint.label}: beta", joint.beta, BETA)
     yield from one_of(f"{joint.label}: normal_force", joint.normal_force, ("consistent", "equal"))
-    if isinstance(joint.pressure, int | float):
-        yield from positive(f"{joint.label}: pressure", joint.pressure, ">= 0")
+    if not isinstance(joint.pressure, PressureTable | Bolts | str):  # patches refuse words
+        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
@@ -80,11 +80,11 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
         where = joint.label
         yield from joint_value_problems(joint)
         kind = "region" if joint.on in mesh.regions else "boundary"
-        problems = wrong_name(mesh, joint.on, allowed, f"{where}.on")
-        if not problems and joint.against is not None:
-            problems = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
-        if problems:
-            yield from problems
+        wrong = wrong_name(mesh, joint.on, allowed, f"{where}.on")
+        if not wrong and joint.against is not None:
+            wrong = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
+        if wrong:
+            yield from wrong
             continue
         table = mesh.regions if kind == "region" else mesh.boundaries
         parts = [table[name] for name in (joint.on, joint.against) if name is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from skfem_joint.structure.checks import KINDS, one_of, wrong_name
 from skfem_joint.structure.patch import Patch, shares_of
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import stacked
+from skfem_joint.values import FINITE
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ def load_problems(
 ) -> list[str]:
     """What is wrong with the places, directions and quantities of loads, and observed points."""
     dim = mesh.dim
-    problems = [p for on in points or () for p in wrong_name(mesh, on, KINDS, "points")]
+    wrong = (p for on in points or () for p in wrong_name(mesh, on, KINDS, "points"))
+    problems = [*islice(wrong, 20)]  # no more are listed: a script may give thousands
     for load in loads:
         problems += one_of(
             f"{load.label}: quantity", load.quantity, ("force", "traction", "pressure")
@@ -171,7 +174,7 @@ def _direction_problems(load: Load, dim: int) -> Iterator[str]:
             )
         return
     vector = np.ravel(load.direction)
-    if not (vector.shape == (dim,) and np.all(np.isfinite(vector)) and np.any(vector)):
+    if not (vector.shape == (dim,) and all(x in FINITE for x in vector) and np.any(vector)):
         yield (
             f"{load.label}: direction: found {list(load.direction)}, must be {dim} "
             "finite numbers, not all zero"

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError, listed, refuse
+from skfem_joint.mesh.named import name_problems
 from skfem_joint.modes import rigid_motions
 from skfem_joint.slips import SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.joints import Joint, joint_value_problems
@@ -84,6 +85,8 @@ class MatrixModel:
     unloaded: System = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        for named in (self.contacts, self.points):
+            refuse(name_problems(matrices=named))
         pairs = self._contact_pairs()
         rows = [own for _, own in pairs]
         contact = reduce(add, rows) if rows else None
@@ -367,6 +370,9 @@ def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
             f"found shape {rows.shape}, must have {COLUMNS} columns: x, y, z degrees of freedom of "
             "the first node, of the second, normal x, y, z, area"
         )
+        return
+    if rows.dtype.kind not in "iuf":
+        yield f"found {rows.dtype} values, must be real numbers"
         return
     dofs, absent = rows[:, :6], ~(rows[:, :6] >= 0.0)
     ordered = np.sort(np.where(absent, -1.0 - np.arange(6), dofs), axis=1)

@@ -30,13 +30,14 @@ from skfem_joint.factors import Uncondensed, condensed
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.slips import SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.body import Body
-from skfem_joint.structure.checks import positive, wrong_name
+from skfem_joint.structure.checks import wrong_name
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.nodes import feet, interpolation, values_in
 from skfem_joint.structure.patch import Pressed, manifold_of
 from skfem_joint.structure.pressure import hat_simplices, measure
 from skfem_joint.structure.rigid import body_label, body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
+from skfem_joint.values import POSITIVE, problems
 
 
 @dataclass(frozen=True)
@@ -180,17 +181,17 @@ def clamp_problems(
         yield f"bolt: found {len(bolts)}, but no joint with pressure = {PRELOAD!r}; give one"
     for number, bolt in enumerate(bolts):
         where = f"bolt[{number}]"
-        yield from positive(f"{where}.force", bolt.force)
+        yield from problems(f"{where}.force", bolt.force, POSITIVE)
         if (bolt.head is None) == (bolt.shank is None) or (bolt.shank and bolt.nut is not None):
             yield (
                 f"{where}: must have head (and nut, unless it is screwed into the rigid base), or "
                 "shank alone"
             )
             continue
-        problems = []
+        wrong = []
         for key, name in bolt.surfaces:
-            problems += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
-        yield from problems or (_off_path(mesh, bolt, where, pressed) if pressed else ())
+            wrong += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
+        yield from wrong or (_off_path(mesh, bolt, where, pressed) if pressed else ())
 
 
 def _off_path(mesh: NamedMesh, bolt: Clamp, where: str, joints: Sequence[Joint]) -> Iterator[str]:

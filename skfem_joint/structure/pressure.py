@@ -22,6 +22,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
+from skfem_joint.values import FINITE, NOT_NEGATIVE, POSITIVE, Kind, check, check_each, problems
 
 
 @dataclass(frozen=True)
@@ -43,18 +44,19 @@ class PressureTable:
     axis: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_each("pressure.positions", self.positions, FINITE)
+        check_each("pressure.values", self.values, NOT_NEGATIVE)
         positions, values = np.asarray(self.positions), np.asarray(self.values)
         if positions.size != values.size or positions.size < 2:
             raise InputError(
                 f"pressure: found {positions.size} positions and {values.size} values, "
                 "must be as many of each and at least two"
             )
-        if np.any(np.diff(positions) <= 0.0) or not np.all(np.isfinite(positions)):
+        if np.any(np.diff(positions) <= 0.0):
             raise InputError("pressure.positions: must be finite and increasing")
-        if np.any(values < 0.0) or not np.all(np.isfinite(values)):
-            raise InputError("pressure.values: must be finite and not negative")
-        axis = np.ravel((1.0,) if self.axis is None else self.axis)
-        if not np.all(np.isfinite(axis)) or not np.any(axis):
+        if self.axis is not None:
+            check_each("pressure.axis", self.axis, FINITE)
+        if not np.any((1.0,) if self.axis is None else self.axis):
             raise InputError(f"pressure.axis: found {self.axis}, must be finite, not all zero")
 
     def along(self, x: FloatArray) -> FloatArray:
@@ -91,18 +93,24 @@ class Bolt:
     spreading_angle: float = 30.0
 
     def __post_init__(self) -> None:
-        if len(self.at) not in (2, 3) or not all(map(math.isfinite, self.at)):
+        if (
+            np.ndim(self.at) != 1
+            or len(self.at) not in (2, 3)
+            or not all(place in FINITE for place in self.at)
+        ):
             raise InputError(f"bolt.at: found {self.at}, must be two or three finite numbers")
-        hole = self.hole_radius
+        hole, where = self.hole_radius, f"bolt at {tuple(self.at)}"
+        wider = Kind(f"> hole_radius, {hole}", lambda x: float(hole) < x < math.inf)
+        kinds = {
+            "force": NOT_NEGATIVE,
+            "hole_radius": NOT_NEGATIVE,
+            "head_radius": wider if hole in NOT_NEGATIVE else POSITIVE,
+            "spreading_angle": Kind("in [0, 90), in degrees", lambda x: 0.0 <= x < 90.0),
+        }
         refuse(
-            f"bolt at {tuple(self.at)}: {name}: found {getattr(self, name)}, must be {rule}"
-            for name, right, rule in (
-                ("force", 0.0 <= self.force < math.inf, ">= 0"),
-                ("hole_radius", 0.0 <= hole < math.inf, ">= 0"),
-                ("head_radius", hole < self.head_radius < math.inf, f"> hole_radius, {hole}"),
-                ("spreading_angle", 0.0 <= self.spreading_angle < 90.0, "in [0, 90), in degrees"),
-            )
-            if not right
+            problem
+            for name, kind in kinds.items()
+            for problem in problems(f"{where}: {name}", getattr(self, name), kind)
         )
 
 
@@ -123,8 +131,7 @@ class Bolts:
     def __post_init__(self) -> None:
         if not self.bolts:
             raise InputError("bolts: found none, must be at least one")
-        if not 0.0 <= self.reach < math.inf:
-            raise InputError(f"bolts.reach: found {self.reach}, must be >= 0")
+        check("bolts.reach", self.reach, NOT_NEGATIVE)
 
     def outer_radius(self, bolt: Bolt) -> float:
         """Outer radius of the ring pressed by a bolt, m."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,12 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
-from skfem_joint.mesh import NamedMesh, named
+from skfem_joint.mesh import NamedMesh, load_meshes, named
 from skfem_joint.modes import ratio_problems
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure import doubts
 from skfem_joint.structure.body import Body, Material
-from skfem_joint.structure.checks import KINDS, positive, wrong_name
+from skfem_joint.structure.checks import KINDS, wrong_name
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
@@ -35,6 +36,7 @@ from skfem_joint.unknowns import (
     expanded,
     selection,
 )
+from skfem_joint.values import NOT_NEGATIVE, problems
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,9 @@ class Structure:
 
     Attributes
     ----------
-    mesh : NamedMesh or skfem.Mesh
-        Of dimension 1, 2 or 3, with named regions, boundaries and points.
+    mesh : NamedMesh or skfem.Mesh, or str or Path
+        Of dimension 1, 2 or 3, with named regions, boundaries and points; or the file of one, see
+        `load_meshes`.
     material : Material
     width : float, optional
         Of a bar, m; it lies on its base with it.
@@ -98,19 +101,21 @@ class Structure:
     body: Body = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, NamedMesh):
+        if isinstance(self.mesh, str | Path):
+            object.__setattr__(self, "mesh", load_meshes(self.mesh))
+        elif not isinstance(self.mesh, NamedMesh):
             object.__setattr__(self, "mesh", named(self.mesh))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         sizes = self.width, self.thickness, self.plane, self.mass, self.regions
-        problems: list[str] = []
+        wrong: list[str] = []
         try:
             object.__setattr__(self, "body", Body(self.mesh, self.material, *sizes))
         except InputError as error:
-            problems += error.problems
-        problems += [*self._damping_problems(), *self._support_problems()]
-        problems += joint_problems(self.mesh, self.joints)
-        refuse(problems or clamp_problems(self.mesh, self.joints, self.bolts))
+            wrong += error.problems
+        wrong += [*self._damping_problems(), *self._support_problems()]
+        wrong += joint_problems(self.mesh, self.joints)
+        refuse(wrong or clamp_problems(self.mesh, self.joints, self.bolts))
         if not self.free:
             refuse(
                 f"{label} is left unsupported: it can move or turn freely; hold it by a support, "
@@ -121,25 +126,25 @@ class Structure:
     def _damping_problems(self) -> list[str]:
         """What is wrong with the damping."""
         factors = {"stiffness": self.stiffness_damping, "mass": self.mass_damping}
-        problems = [
+        wrong = [
             problem
             for name, value in factors.items()
-            for problem in positive(f"damping.{name}", value, ">= 0")
+            for problem in problems(f"damping.{name}", value, NOT_NEGATIVE)
         ]
         if self.damping_ratio is not None:
-            problems += ratio_problems(self.damping_ratio, factors)
-        return problems
+            wrong += ratio_problems(self.damping_ratio, factors)
+        return wrong
 
     def _support_problems(self) -> list[str]:
         """What is wrong with the names and directions of supports."""
-        problems: list[str] = []
+        wrong: list[str] = []
         for key in ("fixed", "fixed_x", "fixed_y", "fixed_z"):
             names = getattr(self, key)
             for name in names:
-                problems += wrong_name(self.mesh, name, KINDS, f"support.{key}")
+                wrong += wrong_name(self.mesh, name, KINDS, f"support.{key}")
             if names and key[-1] in "xyz"[self.dim :]:
-                problems.append(f"support.{key}: this mesh has no {key[-1]} direction")
-        return problems
+                wrong.append(f"support.{key}: this mesh has no {key[-1]} direction")
+        return wrong
 
     @property
     def dim(self) -> int:
@@ -213,8 +218,14 @@ class Structure:
 
     def unusual(self, system: System) -> list[str]:
         """Sentences about mesh, values, size and waves that look like a slip of the user."""
-        values = [*doubts.unusual_values(self.body), *doubts.coarse_for_waves(self.body, system)]
-        return [*self.mesh.notes, *values, *doubts.locking(self.body)]
+        loads = [load.on for load in system.loads]
+        return [
+            *self.mesh.notes,
+            *doubts.straightened(self.body, self.joints, self.bolts, loads),
+            *doubts.unusual_values(self.body),
+            *doubts.coarse_for_waves(self.body, system),
+            *doubts.locking(self.body),
+        ]
 
     def spot(self, dof: int) -> str:
         """The node of a degree of freedom in a message."""
@@ -240,7 +251,7 @@ class Structure:
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Contact points of each joint."""
-        problems: list[str] = []
+        wrong: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         p = self.body.properties
@@ -253,8 +264,8 @@ class Structure:
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
             except InputError as error:
-                problems += error.problems
-        refuse(problems)
+                wrong += error.problems
+        refuse(wrong)
         return tuple(patches)
 
     @cached_property
@@ -311,7 +322,7 @@ class Structure:
         """
         refuse(load_problems(self.mesh, loads, points))
         T, (M, _) = self.T, self.matrices()
-        problems: list[str] = []
+        wrong: list[str] = []
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
         notes: list[str] = []
@@ -325,7 +336,7 @@ class Structure:
             if not np.any(vector):
                 pressed = load.quantity == "pressure"
                 along = "its normal" if pressed else load.unit(self.dim).tolist()
-                problems.append(
+                wrong.append(
                     f"{load.label}: a support holds it along {along}, a force there does nothing; "
                     "load a free part"
                 )
@@ -336,10 +347,10 @@ class Structure:
             shares = self.body.even_shares(name)
             parts = [T.T @ np.outer(shares, axis).ravel() for axis in np.eye(self.dim)]
             if not np.any(parts):
-                problems.append(f"points: {name!r} is supported and does not move")
+                wrong.append(f"points: {name!r} is supported and does not move")
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
-        refuse(problems)
+        refuse(wrong)
         return under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio, notes)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:

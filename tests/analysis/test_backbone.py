@@ -132,9 +132,9 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system):
         (bar(), {"levels": 2, "up_to": 25.0}, "slips as a whole at the first level"),
         (bar(held=False), {"up_to": 1.3}, "friction alone holds"),
         (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
-        (bar(), {"modes": (0,)}, "from 1"),
+        (bar(), {"modes": (0,)}, r"modes\[0\]: found 0, must be >= 1"),
         (bar(), {"modes": (500,)}, "there are"),
-        (bar(), {"levels": 0}, "positive"),
+        (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
         (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
     ],
 )
@@ -193,5 +193,60 @@ def test_a_scene_s_pulse_rings_down_alike_in_both_models():
 def test_too_few_cycles_are_refused():
     system = struck(1.0)
     (curve,) = backbone(system, levels=1)
-    with pytest.raises(sj.InputError, match="at least"):
+    with pytest.raises(sj.InputError, match="cycles: found 1, must be >= 4"):
         sj.ring_down(system, curve, 1)
+
+
+def creeping(beta: float) -> sj.System:
+    """Bar with a mass at its end, so that friction excites no higher mode; 0.2 m in contact."""
+    system = arm(joint=sj.Joint("joint", 50e6, MU, beta=beta))
+    mass = system.M.copy()
+    mass[-1, -1] += 3.0
+    return replace(system, M=mass)
+
+
+def test_a_law_that_creeps_is_told_to_damp_as_its_ring_down_does():
+    """With beta = 100 s/m Coulomb's curve is from 0.2 to 3 %, the ring-down from 1 to 3 %."""
+    downs = {}
+    for beta in (np.inf, 100.0):
+        (curve,) = backbone(creeping(beta), levels=8, up_to=0.7)
+        downs[beta] = sj.ring_down(creeping(beta), curve, 60)
+    (coulomb,) = backbone(creeping(np.inf), levels=8, up_to=0.7)
+    np.testing.assert_array_equal(coulomb.own_law_damping, coulomb.friction_damping)
+    assert curve.damping_ratio == pytest.approx(coulomb.damping_ratio, rel=1e-9)
+    seen = curve.amplitude > max(down.amplitude[-1] for down in downs.values())
+    seen &= curve.amplitude < min(down.amplitude[0] for down in downs.values())
+    assert seen.sum() >= 4
+    amplitude = curve.amplitude[seen]
+    free, held = (
+        np.interp(amplitude, down.amplitude[::-1], down.damping_ratio[::-1])
+        for down in (downs[100.0], downs[np.inf])
+    )
+    told = (curve.own_law_damping / curve.friction_damping)[seen]
+    assert told.max() > 2.0
+    assert told == pytest.approx(free / held, rel=0.12)
+    (said,) = [text for text in curve.warnings if "lets them creep" in text]
+    assert "beta = 100 s/m" in said
+    assert not [text for text in coulomb.warnings if "creep" in text]
+
+
+def test_small_vibration_under_a_law_that_creeps_is_that_of_dashpots():
+    """Far below the limit w sigma(v) is 2 / pi w beta v, and the motion that of complex numbers."""
+    system = creeping(100.0)
+    (curve,) = backbone(system, levels=1, up_to=1e-4)
+    dashpots = system.B.T @ (2.0 / np.pi * 100.0 * system.w[:, np.newaxis] * system.B.toarray())
+    force = system.M @ curve.shape
+    omega = 2.0 * np.pi * curve.frequency[0]
+    q = force @ np.linalg.solve(system.K.toarray() + 1j * omega * dashpots, force)
+    assert curve.friction_damping[0] < 1e-3 * curve.own_law_damping[0]
+    assert curve.own_law_damping[0] == pytest.approx(-q.imag / abs(q) / 2.0, rel=0.05)
+
+
+def test_the_steeper_a_law_the_nearer_it_is_to_coulombs():
+    apart = []
+    for beta in (1e3, 1e4, 1e5, 1e6):
+        (curve,) = backbone(creeping(beta), levels=3)
+        apart.append(np.abs(curve.own_law_damping / curve.friction_damping - 1.0).max())
+        assert any("creep" in text for text in curve.warnings) == (apart[-1] > 0.12)
+    assert np.all(np.diff(apart) < 0.0)
+    assert apart[-1] < 0.02

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from joint_scenes import BARS, MU, THICKNESS, WIDTH, bar_scene, harmonic, joint, plate_scene
+from scipy import sparse
+from scipy.integrate import trapezoid
 
-from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.description import alike, describe
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.scene import Scene, load_scene
@@ -41,6 +43,31 @@ def test_a_bar_has_the_figures_of_its_closed_forms():
     assert values["static_strain"] == pytest.approx(force / (200e9 * area), rel=1e-9)
     dynamic = force / np.cos(2 * np.pi * 500.0 * 0.5 / c)
     assert values["load_over_limit"] == pytest.approx(dynamic / limit, rel=5e-3)
+
+
+def test_stuck_modes_are_compared_with_loose_ones_by_their_shapes():
+    """Sines of bars of 0.5 m and 0.6 m that end at the same place, of unit mass."""
+    found = describe(bar_scene())
+    x = np.linspace(0.0, 0.6, 20_001)
+    waves = np.pi * (np.arange(12) + 0.5)
+    loose = np.sqrt(2.0 / 0.6) * np.sin(np.outer(waves / 0.6, x))
+    stuck = np.sqrt(2.0 / 0.5) * np.sin(np.outer(waves[:3] / 0.5, np.maximum(x - 0.1, 0.0)))
+    shares = trapezoid(stuck[:, np.newaxis] * loose, x) ** 2
+    assert found.values["stuck_modes_like_loose"] == (shares.argmax(axis=1) + 1).tolist()
+    assert found.values["stuck_modes_like_loose_share"] == pytest.approx(
+        shares.max(axis=1), rel=1e-2
+    )
+    assert f"stuck are loose mode 1 ({100.0 * shares[0].max():.2g} % alike)" in found.facts[3]
+
+
+def test_a_mode_that_the_joints_make_new_is_like_none_of_the_loose_ones():
+    """One of two equal masses held by friction: the loose modes share it evenly, or leave it."""
+    M = sparse.eye_array(3, format="csr")
+    loose = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]).T / np.sqrt(2.0)
+    number, share = alike(M, np.eye(3)[:, [0, 2]], loose)
+    assert share == pytest.approx([0.5, 0.0])
+    assert number.size == 2
+    assert alike(M, np.eye(3), np.zeros((3, 0)))[0].size == 0
 
 
 @pytest.mark.parametrize("law", ["coulomb", "arctan"])

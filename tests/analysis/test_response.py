@@ -2,15 +2,20 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from bodies import structure
+from joint_scenes import bar_scene, harmonic, joint
 from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.response import at_frequency, linear_response
+from skfem_joint.analysis.scene_vibration import scene_response
+from skfem_joint.mesh import build_bar
 
 
 def bar(tip: float = 0.0) -> sj.System:
@@ -93,7 +98,11 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
 
 @pytest.mark.parametrize(
     ("frequencies", "levels", "says"),
-    [([0.0, 1.0], (1.0,), "positive"), ([2.0, 1.0], (1.0,), "rise"), ([1.0], (), "levels")],
+    [
+        ([0.0, 1.0], (1.0,), r"frequencies\[0\]: found 0.0, must be > 0"),
+        ([2.0, 1.0], (1.0,), "rise"),
+        ([1.0], (), "levels"),
+    ],
 )
 def test_bad_frequencies_and_levels_are_refused(frequencies, levels, says):
     with pytest.raises(sj.InputError, match=says):
@@ -126,3 +135,67 @@ def test_each_point_knows_the_error_of_its_step():
     true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
     assert true.min() > 0.01
     assert rough.column("step_error") == pytest.approx(true, rel=0.5)
+
+
+def test_a_bar_in_contact_throughout_has_a_stuck_limit_of_zero():
+    mesh = build_bar([("joint", 0.2, 10)], {"tip": 0.2})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("tip", sj.Harmonic(1e4, 1000.0))])
+    f = np.array([500.0, 1000.0])
+    assert not linear_response(system, f, stuck=True).any()
+    assert linear_response(system, f, stuck=False).all()
+
+
+def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
+    mesh = build_bar([("free", 0.2, 10), ("joint", 0.1, 10)], {"end": 0.3, "middle": 0.1})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
+    system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
+    assert system.B.toarray()[-1, -1] == 1.0
+    assert not linear_response(system, np.array([500.0]), stuck=True).any()
+
+
+def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
+    """Made at 500 Hz and 20 kN it has 13 % of the damping at the highest level of the curve."""
+    system = arm(sj.Harmonic(2e4, 500.0), stiffness_damping=2.5e-7)
+    small, condensed = sj.reduce(system, modes=4), sj.condense(system)
+    (curve,) = sj.backbone(condensed, levels=2)
+    calls = {
+        "response": lambda one: sj.response(one, [200.0], refined=False, estimated=False),
+        "backbone": lambda one: sj.backbone(one, levels=2),
+        "ring_down": lambda one: sj.ring_down(one, curve, 8),
+    }
+    for what, call in calls.items():
+        for same in (small, replace(small, notes=())):
+            with pytest.raises(sj.InputError, match=f"{what}: .* \\(500 Hz\\).*sj.condense"):
+                call(same)
+        assert call(condensed)
+    assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
+
+
+def test_errors_of_the_step_are_explained_by_their_cause():
+    """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
+    mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
+    pressed = joint(law="coulomb", normal_force="consistent")
+
+    def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:
+        scene = bar_scene(
+            "full",
+            bar=mesh,
+            joint=[pressed],
+            load=[harmonic(amplitude=350e3)],
+            time={"cycles": 1, "steps_per_cycle": steps},
+            response={"frequencies": {"from": low, "to": high, "points": 2}, "levels": [level]},
+            **changes,
+        )
+        return "\n".join(scene_response(scene).warnings)
+
+    light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
+    assert "where damping is light" in light
+    assert "lower the natural frequency by 0.033 %" in light  # (2 pi / 100)^2 / 12
+    assert "harmonics of friction" not in light
+    strong = said(0.3, 1785.0, 1795.0, 100, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    assert "harmonics of friction" in strong
+    assert "damping is light" not in strong

@@ -14,6 +14,7 @@ from joint_scenes import (
     bar_scene,
     harmonic,
     joint,
+    lap_joint,
     plate,
     plate_scene,
     steps_taken,
@@ -23,9 +24,12 @@ from joint_scenes import (
 import skfem_joint as sj
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import save_of
-from skfem_joint.analysis.history import Errors
+from skfem_joint.analysis.history import Errors, difference, results
 from skfem_joint.analysis.study import Study, friction_work
+from skfem_joint.analysis.summary import violated
 from skfem_joint.friction import AT_LIMIT
+from skfem_joint.output import report
+from skfem_joint.output.report import summary
 
 GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
 MULTI_HARMONIC = {
@@ -200,6 +204,33 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
     assert any("reduction.active_length has no effect" in one for one in results.warnings)
 
 
+def test_steady_vibration_is_told_apart_from_an_offset_that_depends_on_its_past():
+    upper = {"on": "upper_joint", "against": "joint", "pressure": 1e6, "friction": MU}
+    loads = [
+        harmonic("upper_right", 7e3, 1500.0) | {"direction": [1.0, 0.0]},
+        harmonic("upper_right", 4e3, 3000.0) | {"direction": [1.0, 0.0], "phase": 1.0},
+    ]
+    for count, says in ((1, "its offset depends on how that began"), (2, "model drifts")):
+        scene = two_plates(
+            "full",
+            joint=[upper | {"law": "coulomb"}],
+            load=loads[:count],
+            time={"until": "steady", "steps_per_cycle": 60},
+            damping={"ratio": 5e-3},
+            output={"points": ["upper_right"]},
+        )
+        results = sj.run_scene(scene)
+        assert sum(says in one for one in results.warnings) == 1
+        model = summary(results)["models"]["full"]
+        for values in (model["amplitude_m"], model["offset_m"], model["drift_per_period_m"]):
+            assert "upper_right" in values
+        half = 0.5 * np.ptp(results.models["full"].run.point("upper_right"))
+        if count == 1:
+            assert model["amplitude_m"]["upper_right"] == pytest.approx(half, rel=1e-9)
+            assert abs(model["offset_m"]["upper_right"]) < 1e-3 * half
+    assert summary(run_bar("full"))["models"]["full"]["amplitude_m"] is None
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -363,3 +394,29 @@ def test_frames_of_a_long_run_go_through_all_phases_of_the_load():
     stride = save_of(bar_scene(time=time, output=output)).strides[1]
     assert 300 * 40 // 100 < stride <= 300 * 40 // 100 + 40
     assert {stride * k % 40 for k in range(20)} == set(range(0, 40, 2))
+
+
+def test_the_larger_of_the_stated_and_the_measured_error_counts():
+    coarse: dict[str, Any] = {"modes": 1, "interface_modes": 0, "friction_points": 3}
+    scene = lap_joint(
+        "full", "reduced", bar="short_lap_joint", reduction={"reference": "static"} | coarse
+    )
+    study = sj.run_scene(scene)
+    full, model = (study.models[name] for name in ("full", "reduced"))
+    found, apart = model.estimate, difference(*(results(study.models[k].run) for k in study.models))
+    assert found.parts["full_run"] == apart
+    assert any(found.unmeasured[name] < apart[name] for name in apart)
+    (said,) = [text for text in study.warnings if "full one that was run beside it" in text]
+    for name, measured in apart.items():
+        assert found.of("total", name) == max(measured, found.unmeasured[name])
+        told = f"its {name.replace('_', ' ')} by {100 * measured:.3g} %" in said
+        assert told == (measured > found.unmeasured[name])
+    assert "asked for" not in said
+    assert full.estimate.unmeasured is None
+    asked = replace(study, scene=scene.changed(accuracy={"displacement": 0.06, "energy": 0.07}))
+    (said,) = [text for text in violated(asked, model) if "run beside it" in text]
+    limits = {"displacement_rms": 0.06, "peak_displacement": 0.06}
+    over = {name for name in apart if apart[name] > limits.get(name, 0.07)}
+    assert 1 <= len(over) == said.count("% asked for") <= 4
+    plain = report.summary(study)["models"]["reduced"]["estimated_error"]["displacement_rms"]
+    assert plain["full_run"] == apart["displacement_rms"]

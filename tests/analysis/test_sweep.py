@@ -13,7 +13,7 @@ from contextlib import closing
 from typing import Any
 
 import pytest
-from joint_scenes import bar_scene, joint
+from joint_scenes import bar_scene, harmonic, joint
 
 from skfem_joint.analysis import sweep as module
 from skfem_joint.analysis.study import run_scene
@@ -128,11 +128,13 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
     assert set(ran) == {0.2, 0.5, 0.6, 0.7}  # what gives the same again is not run again
     assert sorted(row.number for row in found) == list(range(6))
     assert {row.number: row.failure for row in found}[1] == "step 3"
-    marks = [json.loads(line)["scene"] for line in journal.read_text().splitlines()]
+    marks = [json.loads(line)["row"] for line in journal.read_text().splitlines()[1:]]
     assert len(marks) == len(set(marks)) == 6
-    journal.write_text("{}\n")
-    with pytest.raises(InputError, match="line 1: is not a row"):
-        next(sweep(scenes, executor, journal))
+    for others in ("{}\n", "notes of the user", "{}\n{"):
+        journal.write_text(others)
+        with pytest.raises(InputError, match="line 1: is not that"):
+            next(sweep(scenes, executor, journal))
+        assert journal.read_text() == others
 
 
 @pytest.mark.parametrize("given", [True, False])
@@ -188,3 +190,17 @@ def test_executors_that_there_cannot_be(options, words, monkeypatch):
     with pytest.raises(InputError) as caught, executors(*options):
         pass
     assert words in str(caught.value)
+
+
+def test_a_joint_that_slides_away_is_a_row_with_the_warnings_of_its_run(tmp_path):
+    slides = scene(0.001, time={"cycles": 2}, load=[harmonic(amplitude=400e3)])
+    journal = tmp_path / "rows.jsonl"
+    with ThreadPoolExecutor(1) as executor:
+        (row,) = sweep([slides], executor, journal)
+        (again,) = sweep([slides], executor, journal)
+    assert any("not reached a steady state" in text for text in row.warnings)
+    assert any(text.startswith("Every point of joint") for text in row.warnings)
+    assert list(row.warnings) == run_scene(slides).warnings
+    assert not row.steady
+    assert row.results["full.steady_state_reached"] is False
+    assert (again.results, list(again.warnings)) == (row.results, list(row.warnings))

@@ -1,7 +1,10 @@
 """Scenes drawn at random, damaged files, runs that are killed: a little of each script."""
 
+import io
+
 import pytest
-from stability import checks, killed, mutated
+from scipy.io import savemat
+from stability import checks, hostile, killed, mutated, pairs
 
 
 def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
@@ -22,6 +25,32 @@ def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeyp
     assert (tmp_path / "broken_0" / "scene.toml").exists()
 
 
+FEW = ["csr.npz", "plain.mat", "coordinate.mtx", "mesh.msh", "checkpoint.npz"]
+
+
+def test_hostile_files_are_refused_or_run_rightly(tmp_path, capsys):
+    arguments = ["--out", str(tmp_path), "--count", "15", "--kinds", *FEW]
+    assert hostile.main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "15 files: " in said
+    assert "0 broken" in said
+    assert said.count("| refused |") >= 8
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_hostile_file_whose_results_differ_is_told_and_kept(tmp_path, capsys, monkeypatch):
+    def stiffer(content, rng, kind):
+        file = io.BytesIO()
+        savemat(file, {"K": 2.0 * hostile.stiffness("csc")})
+        return "type", file.getvalue()
+
+    monkeypatch.setitem(hostile.SPECIAL, "packed.mat", stiffer)
+    arguments = ["--out", str(tmp_path), "--count", "1", "--kinds", "packed.mat"]
+    assert hostile.main(arguments) == 1
+    assert "1 wrong in silence; 1 broken" in capsys.readouterr().out
+    assert (tmp_path / "file_0" / "packed.mat").exists()
+
+
 def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, monkeypatch):
     short = killed.KINDS["bar"][0], "cycles = 10", *killed.KINDS["bar"][2:]
     monkeypatch.setitem(killed.KINDS, "bar", short)
@@ -30,3 +59,14 @@ def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, 
     said = capsys.readouterr().out
     assert said.count("the same to the bit") == 2
     assert "every file right" in said
+
+
+def test_steady_vibration_of_pairs_of_plates_is_that_of_marching(capsys):
+    assert pairs.main(["--count", "4"]) == 0
+    assert "4 of 4 amplitudes" in capsys.readouterr().out
+
+
+def test_an_amplitude_that_is_not_that_of_marching_is_told(capsys, monkeypatch):
+    monkeypatch.setattr(pairs, "ALLOWED", 0.0)
+    assert pairs.main(["--count", "1"]) == 1
+    assert "WRONG" in capsys.readouterr().out

@@ -246,4 +246,8 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, mo
 def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
-    assert {file.name for file in tmp_path.iterdir()} == {report.PAGE, report.PICTURE}
+    names = {report.PAGE, report.PICTURE}
+    assert {file.name for file in tmp_path.iterdir()} == {*names, "summary.json"}
+    (tmp_path / "summary.json").unlink()
+    assert run.main(["--quick", "--out", str(tmp_path)]) == 2
+    assert "move them away" in capsys.readouterr().err

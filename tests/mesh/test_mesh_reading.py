@@ -399,7 +399,7 @@ def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
     assert sizes(plate) == pytest.approx([0.5, 0.5])
     assert plate.notes == (
         f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
-        "by 0.0283 m at most.",
+        "by 0.0283 m at most. That changes the area of the mesh by 0 %.",
     )
 
 
@@ -491,3 +491,14 @@ def test_paths_that_hold_no_mesh_are_refused(tmp_path, capfd):
         with pytest.raises(InputError, match=name):
             load_meshes([saved(tmp_path, "something else\n", name)])
     assert capfd.readouterr() == ("", "")
+
+
+def test_one_path_is_one_mesh(tmp_path):
+    path = MESHES / "structure.msh"
+    for given in (path, str(path)):
+        assert_same(load_meshes(given), load_meshes([path]))
+    with pytest.raises(InputError) as caught:
+        load_meshes(str(tmp_path / "nowhere.msh"))
+    assert caught.value.problems == [
+        f"{tmp_path / 'nowhere.msh'}: no such mesh file; a mesh file is needed, e.g. a Gmsh .msh"
+    ]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bodies import structure
 from numpy.typing import NDArray
-from pictured import JOINT, bar, bars, blocks, lap, pulled, side
+from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
 
 import skfem_joint as sj
 from skfem_joint.output import pictures
@@ -73,6 +73,25 @@ def test_the_face_of_a_joint_is_shown_level_and_as_large_as_it_is(side):
     assert np.linalg.det(part.turn) == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_allclose(after.mean(axis=0), before.mean(axis=0), atol=1e-12)
     assert sorted(np.ptp(after, axis=0)) == pytest.approx(sorted(np.ptp(before, axis=0)), abs=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "order"), BOXES)
+def test_the_outline_of_an_even_face_is_its_border(kind, order):
+    """Whichever way its facets are numbered; no fragments of element edges inside."""
+    for build in (box, blocks):
+        made = build(kind, order)
+        for block in faces_of(made):
+            surface = block.grid.extract_surface(algorithm="dataset_surface")
+            faces = surface.regular_faces.copy()
+            faces[::2] = faces[::2, ::-1]
+            surface.regular_faces = faces
+            border = surface.extract_feature_edges(
+                feature_edges=False, manifold_edges=False, non_manifold_edges=False
+            )
+            drawn = pictures.outline(surface)
+            assert border.n_cells > 0
+            assert drawn.n_cells == border.n_cells
+            assert np.isin(drawn["vtkOriginalPointIds"], border["vtkOriginalPointIds"]).all()
 
 
 def test_the_frame_that_is_drawn_says_why_it_was_taken():

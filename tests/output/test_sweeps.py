@@ -53,7 +53,10 @@ def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_p
     assert [one["failure"] for one in found] == ["", "", "", "step 3", "", ""]
     results = ("wall_s", "peak_displacement_m.free_end", "estimated_error.loop_energy.total")
     wanted = {f"{model}.{name}" for model in ("full", "reduced") for name in results}
-    assert set(found[0]) == {"scene", "joint[0].friction", "time.cycles", "failure"} | wanted
+    assert (
+        set(found[0])
+        == {"scene", "joint[0].friction", "time.cycles", "warnings", "failure"} | wanted
+    )
     assert float(found[2]["full.peak_displacement_m.free_end"]) == 2e-4
     assert found[3]["full.peak_displacement_m.free_end"] == ""
     names = {f"sweep_{name}.png" for name in results}
@@ -135,7 +138,7 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         file.write(kept[0][:50])
     assert cli.main(arguments) == 0
     assert f"{count} of {count} scenes have ended, 0 of them failed" in capsys.readouterr().out
-    marks = [json.loads(line)["scene"] for line in lines()]
+    marks = [json.loads(line)["row"] for line in lines()[1:]]
     assert len(marks) == len(set(marks)) == count
     assert lines()[: len(kept)] == kept
     with (out / sweeps.TABLE).open() as file:
@@ -169,3 +172,20 @@ def test_failed_scenes_are_told_with_their_keys(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "Scene 1, reduction.reference = 'paper': reduction.modes: found 5000" in said
     assert "2 of 2 scenes have ended, 1 of them failed" in said
+
+
+def test_the_table_has_warnings_and_what_is_not_steady_and_the_summary_counts_them(tmp_path):
+    swept = swept_of(tmp_path, PRODUCT)
+    steady = {0: True, 1: False, 2: None}
+    rows = [
+        Row(k, {"full.dofs": 3, "full.steady_state_reached": x}, warnings=("It slid.",) * k)
+        for k, x in steady.items()
+    ]
+    sweeps.write(swept, rows, tmp_path)
+    with (tmp_path / sweeps.TABLE).open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert [one["full.steady_state_reached"] for one in found] == ["True", "False", ""]
+    assert [one["warnings"] for one in found] == ["", "It slid.", "It slid. It slid."]
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert (content["scenes_with_warnings"], content["scenes_not_steady"]) == (2, 1)
+    assert content["warnings"] == {"1": ["It slid."], "2": ["It slid.", "It slid."]}

@@ -362,3 +362,14 @@ def test_a_pair_that_slips_as_all_moves_rigidly_is_told(dim, change):
     some = two_bodies(dim, change)
     (found,) = some.unusual(some.system())
     assert "pair 5 of contact.upper slips" in found or "pair 6 of contact.upper slips" in found
+
+
+@pytest.mark.parametrize("table", ["points", "contact"])
+def test_names_of_matrices_are_as_those_of_meshes(table, tmp_path):
+    _, tables = bar_export(tmp_path)
+    tables["matrices"][table] = {"tip\x1b[31m": 0 if table == "points" else "joint.csv"}
+    with pytest.raises(sj.InputError) as caught:
+        matrix_scene(tmp_path, tables)
+    (line,) = [line for line in caught.value.problems if "control characters" in line]
+    assert f"matrices.{table}." in line
+    assert line.isprintable()

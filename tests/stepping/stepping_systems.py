@@ -151,7 +151,8 @@ def order_of(errors: Sequence[float], steps: Sequence[float]) -> float:
 def differing(one: Any, other: Any, where: str = "") -> list[str]:
     """Attributes of two results that are not equal to the bit, run times excepted."""
     if is_dataclass(one):
-        names = [f.name for f in fields(one) if f.name not in ("wall_s", "preparation_s", "system")]
+        own = ("wall_s", "preparation_s", "compilation_s", "system")
+        names = [f.name for f in fields(one) if f.name not in own]
         pairs = [(getattr(one, n), getattr(other, n), f"{where}.{n}") for n in names]
         return [name for a, b, place in pairs for name in differing(a, b, place)]
     if isinstance(one, tuple):

@@ -1,5 +1,6 @@
 """Runs that are killed go on from their checkpoints to the same result, to the bit."""
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -174,3 +175,109 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path, mon
     assert loaded[1:] == (100, 1.0)
     assert loaded[0]["stepper"]["rows"].size == 3
     assert os.listdir(tmp_path) == ["run.npz"]
+
+
+def forged(name: str, change: Callable[[dict[str, Any], int], int | None]) -> Any:
+    return pytest.param(change, id=name)
+
+
+def part(name: str, make: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any], int], None]:
+    where, key = name.split("/")
+
+    def change(parts: dict[str, Any], done: int) -> None:
+        parts[where][key] = np.asarray(make(parts[where][key].copy()))
+
+    return change
+
+
+def with_(place: Any, value: Any) -> Callable[[np.ndarray], np.ndarray]:
+    def change(array: np.ndarray) -> np.ndarray:
+        array[place] = value
+        return array
+
+    return change
+
+
+def without(parts: dict[str, Any], done: int) -> None:
+    del parts["recorder"]["peak"]
+
+
+def more(parts: dict[str, Any], done: int) -> None:
+    parts["stepper"]["more"] = np.zeros(3)
+
+
+def other(parts: dict[str, Any], done: int) -> None:
+    parts["other"] = {"more": np.zeros(3)}
+
+
+FORGED = [
+    forged("steps done 10^9", lambda parts, done: 10**9),
+    forged("two steps more", lambda parts, done: done + 2),
+    forged("one step less", lambda parts, done: done - 1),
+    forged("none", lambda parts, done: 0),
+    forged("negative", lambda parts, done: -5),
+    forged("no peak", without),
+    forged("an array too many", more),
+    forged("a part too many", other),
+    *(forged(name, part(name, lambda a: a[..., :-1])) for name in ("stepper/state", "recorder/u")),
+    *(
+        forged(f"{name} {value}", part(name, lambda a, value=value: a + value))
+        for name in ("recorder/rows", "recorder/field_rows", "recorder/cycles")
+        for value in (-1, 1, 10**9)
+    ),
+    forged("halved steps", part("recorder/halved_steps", lambda a: a + 10**9)),
+    forged("negative peak", part("recorder/peak", lambda a: a - 1.0)),
+    forged("not finite", part("stepper/state", with_((0, 0), np.nan))),
+    forged("infinite sum", part("recorder/friction_work", with_(0, np.inf))),
+    forged("other type", part("recorder/friction_work", lambda a: a.astype(np.float32))),
+    forged("objects in place of numbers", part("stepper/counts", lambda a: a.astype(str))),
+    forged("negative counts", part("stepper/counts", lambda a: a - 10**6)),
+    forged("friction above its limit", part("stepper/sigma", with_(0, 2.0))),
+    forged("a step of another scheme", part("stepper/steps", with_((0, 1), 1.0))),
+    forged("a longer step", part("stepper/steps", with_((0, 0), 1.0))),
+    forged("steps without width", part("stepper/steps", lambda a: a[:, :4])),
+]
+
+
+@pytest.mark.parametrize("kind", ["chain", "dense", "contact", "linear"])
+@pytest.mark.parametrize("change", FORGED)
+def test_a_forged_checkpoint_of_a_valid_sum_is_refused(change, kind, tmp_path):
+    """Its arrays and steps must be those that the run would have saved."""
+    checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
+    system = of_stepper(kind)
+    with pytest.raises(KilledError):
+        sj.integrate(system, **TIMING, progress=kill_at(40), checkpoint=checkpoint)
+    _resaved(checkpoint, change)
+    with pytest.raises(sj.InputError, match=r"run\.npz: cannot be read as a checkpoint"):
+        sj.integrate(system, **TIMING, checkpoint=checkpoint)
+
+
+def _resaved(checkpoint: Checkpoint, change: Callable[[dict[str, Any], int], int | None]) -> None:
+    with np.load(checkpoint.path) as arrays:
+        run = json.loads(str(arrays["notes"]))["run"]
+    saved = checkpoint.load(run)
+    assert saved is not None
+    parts, done, elapsed = saved
+    changed = change(parts, done)
+    checkpoint.save(parts, run, done if changed is None else changed, elapsed)
+
+
+@pytest.mark.parametrize("middle", [-1, 10**12])
+def test_a_forged_place_in_a_chain_is_refused_before_compiled_code_goes_there(middle, tmp_path):
+    checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
+    system = of_stepper("chain")
+    sj.integrate(system, **TIMING, checkpoint=checkpoint)
+    _resaved(checkpoint, part("stepper/middle", with_(0, middle)))
+    with pytest.raises(sj.InputError, match=r"cannot be read as a checkpoint.*middle"):
+        sj.integrate(system, **TIMING, checkpoint=checkpoint)
+
+
+def test_arrays_exchanged_without_the_sum_of_all_are_refused(tmp_path):
+    checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
+    sj.integrate(JOINT.system, **TIMING, checkpoint=checkpoint)
+    with np.load(checkpoint.path) as stored:
+        arrays = dict(stored)
+    arrays["stepper/state"] = 1.001 * arrays["stepper/state"]
+    np.savez(checkpoint.path, **arrays)
+    with pytest.raises(sj.InputError, match="its arrays are not those that were written"):
+        sj.integrate(JOINT.system, **TIMING, checkpoint=checkpoint)

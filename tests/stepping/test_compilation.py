@@ -144,3 +144,22 @@ def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path):
     """
     errors = errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path))
     assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1
+
+
+def test_compilation_is_told_apart_from_preparation(tmp_path):
+    """A first run compiles; a run from the cache, or of another system, does not."""
+    code = """
+        from stepping_systems import of_stepper
+        from skfem_joint.stepping.integrate import integrate
+        from skfem_joint.stepping.stopwatch import Stopwatch
+        watch = Stopwatch()
+        first, second = (integrate(of_stepper("dense"), step=1e-5, n_steps=2) for _ in range(2))
+        assert bool(first.compilation_s) == COLD
+        assert second.compilation_s == 0.0
+        assert first.preparation_s > 0.0
+        own, compiled = watch.read()
+        assert compiled == first.compilation_s
+        assert own > first.preparation_s
+    """
+    for cold in (True, False):
+        errors_of(f"COLD = {cold}", code, NUMBA_CACHE_DIR=str(tmp_path))

@@ -1,5 +1,7 @@
 """The driver around the steppers: spans, rows, chunks, jumps, interruptions, failing steps."""
 
+import math
+import re
 import subprocess
 import sys
 import tracemalloc
@@ -421,3 +423,31 @@ def test_an_interrupt_at_any_instant_ends_a_run_and_not_the_process():
     )
     assert ran.returncode == 0, ran.stderr
     assert int(ran.stdout) > 60
+
+
+@pytest.mark.parametrize(
+    ("load", "follows"),
+    [
+        (lambda t: np.sin(2.0 * np.pi * 20e3 * t), False),  # zero at the end of every step
+        (lambda t: math.sin(2.0 * np.pi * 40e3 * t), False),
+        (lambda t: 1.0 + 0.01 * np.cos(2.0 * np.pi * 20e3 * t), False),
+        (lambda t: np.sin(2.0 * np.pi * 19e3 * t) * (t > 2e-3), False),
+        (lambda t: np.sin(2.0 * np.pi * 3e3 * t), False),
+        (lambda t: np.sin(2.0 * np.pi * 2.4e3 * t), True),
+        (lambda t: 0.0 * t + 0.3, True),
+        (lambda t: 1e3 * t, True),
+        (lambda t: 1.0 if t > 1.234e-3 else 0.0, True),
+    ],
+)
+def test_a_function_of_time_that_the_step_does_not_follow_is_refused(load, follows):
+    """50 us a step: 8 steps in a period are 2.5 kHz, and 20 kHz repeat with each step."""
+    check = partial(check_resolution, n_steps=100, steady=True)
+    system = LapJoint(elements=5).system
+    system = replace(system, loads=(AppliedLoad(np.eye(system.n)[-1], load, "tip"),))
+    if follows:
+        check(system, 5e-5)
+        return
+    with pytest.raises(sj.InputError, match="load on 'tip': a step of 5e-05 s does not") as caught:
+        check(system, 5e-5)
+    shorter = float(re.search("a step of at most (.*) s", str(caught.value))[1])
+    check_resolution(system, shorter, math.ceil(5e-3 / shorter), steady=True)

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import pressed, structure
-from stepping_systems import arm
+from stepping_systems import arm, struts
 
 import skfem_joint as sj
 from skfem_joint.stepping import steady
 from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.system import AppliedLoad
 
 
 def bar(frequency: float, share: float, elements: int = 50, beta: float = np.inf) -> sj.System:
@@ -30,6 +31,17 @@ def on_base() -> sj.System:
     mesh = sj.build_plate([("joint", 0.1, 3), ("free", 0.1, 3)], 0.05, 2)
     made = structure(mesh, [pressed(pressure=5e6, friction=0.5)], stiffness_damping=1e-6)
     return made.system([sj.Load("right", sj.Harmonic(4e3, 3000.0), (1.0, 0.2))], [])
+
+
+def loose(*parts: sj.Harmonic, share: float = 2.0) -> sj.System:
+    """Bar that friction alone holds, under harmonics in shares of so much of its limit."""
+    mesh = sj.build_bar([("joint", 0.1, 4), ("arm", 0.2, 4)], {"end": 0.3})
+    joint = pressed(beta=np.inf)
+    made = struts(mesh, [joint], fixed=(), free=True, stiffness_damping=0.0, damping_ratio=5e-3)
+    system = made.system([sj.Load("end", sj.Harmonic(1.0, 1500.0))], [])
+    scale = share * float(system.w.sum())
+    load = sj.MultiHarmonic(tuple(replace(a, amplitude=scale * a.amplitude) for a in parts))
+    return replace(system, loads=(replace(system.loads[0], amplitude=load),))
 
 
 def dense(system: sj.System) -> sj.System:
@@ -106,6 +118,70 @@ def test_the_period_of_several_harmonics_is_the_common_one():
     assert run.point_u[-1] == pytest.approx(run.point_u[0], rel=1e-5)
 
 
+@pytest.mark.parametrize("steps", [50, 52, 60, 100])
+@pytest.mark.parametrize("share", [0.7, 2.0, 6.0])
+def test_a_body_that_friction_alone_holds_vibrates_as_marching_says(steps, share):
+    system = loose(sj.Harmonic(1.0, 1500.0, 0.3), share=share)
+    run = sj.integrate(system, until="steady", steps_per_cycle=steps)
+    u = sj.integrate(system, cycles=1000, steps_per_cycle=steps).point_u[-steps - 1 :, 0]
+    amplitude = run.amplitude_of("end")
+    assert amplitude == pytest.approx(0.5 * np.ptp(u), rel=1e-3)
+    assert abs(run.offset_of("end")) < 1e-4 * amplitude  # the one without, which is no marching's
+    assert run.peak_of("end") == pytest.approx(amplitude, rel=1e-4)
+    assert run.steady.unstrained == 1
+    assert not run.steady.drift.any()
+
+
+def test_the_search_does_not_depend_on_where_a_loose_body_lies():
+    both = sj.Harmonic(1.0, 1500.0), sj.Harmonic(0.5, 3000.0, 1.0)
+    for system, moved in ((loose(both[0]), 0.0), (loose(*both), 1.0)):
+        shift = np.full(system.n, 1.0)  # of all nodes, m: a thousand amplitudes
+        assert np.abs(system.K @ shift).max() < 1e-12 * abs(system.K).max()
+        how = {"until": "steady", "steps_per_cycle": 80}
+        run = sj.integrate(system, **how)
+        other = sj.integrate(system, initial=(shift, 0.0 * shift), **how)
+        assert other.amplitude_of("end") == pytest.approx(run.amplitude_of("end"), rel=1e-4)
+        apart = other.offset_of("end") - run.offset_of("end")
+        assert apart == pytest.approx(moved, abs=1e-4 * run.amplitude_of("end"))
+
+
+def test_a_body_that_drifts_for_ever_has_a_steady_velocity():
+    system = loose(sj.Harmonic(1.0, 1500.0), sj.Harmonic(0.5, 3000.0, 1.0))
+    run = sj.integrate(system, until="steady", steps_per_cycle=80)
+    marched = sj.integrate(system, cycles=1000, steps_per_cycle=80)
+    u = marched.point_u[-81:, 0]
+    assert run.steady.drift[0] == pytest.approx(u[-1] - u[0], rel=1e-3)
+    assert abs(run.steady.drift[0]) > 0.05 * run.amplitude_of("end")
+    vibration = u - np.linspace(0.0, u[-1] - u[0], 81)
+    assert run.amplitude_of("end") == pytest.approx(0.5 * np.ptp(vibration), rel=1e-3)
+
+
+def test_amplitude_and_offset_are_of_every_step_whatever_is_stored():
+    system = loose(sj.Harmonic(1.0, 1500.0, 0.3))
+    whole, thin, none = (
+        sj.integrate(system, until="steady", steps_per_cycle=60, save=save)
+        for save in (sj.Save(), sj.Save(every=7), sj.Save(points=False))
+    )
+    u = whole.point("end")
+    assert whole.amplitude_of("end") == 0.5 * np.ptp(u)
+    assert whole.offset_of("end") == 0.5 * (u.max() + u.min())
+    for other in (thin, none):
+        assert other.amplitude_of("end") == whole.amplitude_of("end")
+        assert other.offset_of("end") == whole.offset_of("end")
+    with pytest.raises(sj.InputError, match="steady"):
+        sj.integrate(system, cycles=1, steps_per_cycle=60).amplitude_of("end")
+
+
+def test_linear_vibration_with_light_damping_takes_few_periods():
+    frequency, ratio = 1500.0, 1e-4
+    system = arm(None, None, (10, 10), damping_ratio=ratio)
+    parts = sj.Harmonic(1.0, frequency), sj.Harmonic(0.5, 2.0 * frequency)
+    load = AppliedLoad(system.P.toarray()[-1], sj.MultiHarmonic(parts), "end")
+    run = sj.integrate(replace(system, loads=(load,)), until="steady", steps_per_cycle=60)
+    assert run.friction_energy["joint"] == 0.0
+    assert run.steady.periods <= 40  # with twelve states 160, plainly tens of thousands
+
+
 def test_what_has_no_steady_vibration_is_refused(tmp_path):
     saved = Checkpoints(tmp_path, 1, False).of("full", "")
     system = bar(500.0, 0.0)
@@ -121,5 +197,5 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
 def test_vibration_that_friction_does_not_reach_is_no_fixed_point(monkeypatch):
     monkeypatch.setattr(steady, "PERIODS", 100)
     stuck = replace(bar(2000.0, 1e-9), C=None)
-    with pytest.raises(sj.ConvergenceError, match="no steady vibration"):
+    with pytest.raises(sj.ConvergenceError, match=r"no steady vibration.* give more of it"):
         sj.integrate(stuck, until="steady", steps_per_cycle=100)

@@ -115,3 +115,18 @@ def test_schemes_are_of_second_order_with_smooth_friction(scheme, quantity):
 def test_parameters_outside_their_range_are_refused(rho):
     with pytest.raises(sj.InputError, match=r"must be from 0 to 1"):
         generalized_alpha(rho)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 1.0])
+def test_frequency_shift_is_that_of_the_free_vibration(rho):
+    """Against the angle of the slow eigenvalue of a step of an undamped oscillator, omega h = a."""
+    scheme = generalized_alpha(rho)
+    am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
+    for angle in (0.02, 0.01):
+        # (1 - af) d1 = (1 - am) a1 + am a0 - af d0 with d = -angle^2 u, in units of the step.
+        new = np.array([[1.0, 0.0, -beta], [0.0, 1.0, -gamma], [(1 - af) * angle**2, 0.0, 1 - am]])
+        old = np.array([[1.0, 1.0, 0.5 - beta], [0.0, 1.0, 1.0 - gamma], [-af * angle**2, 0, -am]])
+        turned = np.angle(np.linalg.eigvals(np.linalg.solve(new, old)))
+        slow = turned[np.argmin(np.abs(turned - angle))]
+        assert 1.0 - slow / angle == pytest.approx(scheme.frequency_shift(angle), rel=1e-2)
+    assert generalized_alpha(1.0).frequency_shift(0.1) == pytest.approx(0.01 / 12.0)

@@ -164,10 +164,14 @@ TABLE = PressureTable((0.0, 1.0), (1.0, 1.0))
         (Bolts((BOLT,)), {"reach": -1.0}, "reach"),
         (TABLE, {"axis": (0.0, 0.0)}, "axis"),
         (TABLE, {"positions": (1.0, 0.0)}, "increasing"),
-        (TABLE, {"positions": (0.0, np.nan)}, "finite and increasing"),
+        (
+            TABLE,
+            {"positions": (0.0, np.nan)},
+            r"positions\[1\]: found nan, must be a finite number",
+        ),
         (TABLE, {"positions": (0.0,), "values": (1.0,)}, "at least two"),
         (TABLE, {"values": (1.0,)}, "as many of each"),
-        (TABLE, {"values": (1.0, -1.0)}, "not negative"),
+        (TABLE, {"values": (1.0, -1.0)}, r"values\[1\]: found -1.0, must be >= 0"),
         (TABLE, {"values": (1.0, np.inf)}, "finite"),
     ],
 )

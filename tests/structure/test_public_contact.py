@@ -14,6 +14,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.slips import SlipRows
+from skfem_joint.stepping.integrate import integrate
 from skfem_joint.structure import Bolt, Bolts, PressureTable, contact, point_friction
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.system import System
@@ -170,7 +171,7 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         replace(plain, K=K[:, :3])
     with pytest.raises(InputError, match="w: friction limits"):
         replace(plain, w=-plain.w)
-    with pytest.raises(InputError, match="beta: must be positive"):
+    with pytest.raises(InputError, match="beta: found nan, must be > 0"):
         plain.with_beta(np.nan)
     with pytest.raises(InputError, match="basis: found shape"):
         plain.project(np.ones((3, 2)))
@@ -206,3 +207,45 @@ def test_fixed_may_be_numbers_in_any_form_but_no_mask():
         assert System.from_matrices(M, K, fixed=fixed).expand(np.ones(2)).tolist() == [1, 0, 1, 0]
     with pytest.raises(InputError, match="mask"):
         System.from_matrices(M, K, fixed=np.array([False, True, False, True]))
+
+
+def test_the_only_unknown_of_a_system_is_named_by_its_number():
+    system = System.from_matrices(
+        np.eye(1), np.eye(1), loads={"push": (0, np.sin)}, points={"m": 0, "twice": [2.0]}
+    )
+    assert system.P.toarray().ravel().tolist() == [1.0, 1.0, 2.0]
+    assert system.loads[0].vector.tolist() == [1.0]
+    with pytest.raises(InputError, match=r"point 'm': found 1, must be whole numbers from 0 to 0"):
+        System.from_matrices(np.eye(1), np.eye(1), points={"m": 1})
+
+
+def test_contacts_of_a_sum_keep_their_names_and_energies_apart():
+    """Points of one name are one joint, wherever they stand in the sum."""
+    M, K = chain(4)
+    rows = np.eye(4)
+    limits = {0: 1.0, 1: 2.0, 3: 4.0}
+    names = {0: "left", 1: "right", 3: "left"}
+    parts = [point_friction(rows[k], limits[k], 1e4, name=names[k]) for k in names]
+    loads = {"tip": (rows[2], Harmonic(50.0, 40.0))}
+    system = System.from_matrices(M, K, contact=parts[0] + parts[1] + parts[2], loads=loads)
+    assert system.joints == ("left", "right")
+    run = integrate(system, cycles=1, steps_per_cycle=50)
+    work = run.friction_work
+    assert np.all(work > 0.0)
+    energies = {"left": work[0] + work[2], "right": work[1]}
+    assert run.friction_energy == pytest.approx(energies, rel=1e-12)
+
+
+def test_contacts_are_named_as_the_part_of_the_mesh_unless_told_otherwise():
+    basis = basis_of(block("quad", 1, 2, (0.2, 0.1)))
+    how = {"pressure": 8e6, "friction": 0.7}
+    both = contact(basis, "base", **how) + contact(basis, "top", name="lid", **how)
+    M, K = matrices(basis)
+    fixed = basis.get_dofs("right")
+    assert System.from_matrices(M, K, fixed=fixed, contact=both).joints == ("base", "lid")
+    nameless = SlipRows(np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.held[:0])
+    assert nameless.joint_of_point == ("contact",)
+    with pytest.raises(InputError, match="contact: found name ' '"):
+        contact(basis, "base", name=" ", **how)
+    with pytest.raises(InputError, match="point_friction: found name 3"):
+        point_friction([1.0], 1.0, name=3)

@@ -2,11 +2,25 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from bodies import LAP, PLANE, SIDE, SOLID, block, lap, mapped, pressed, side, structure, turned
+from bodies import (
+    LAP,
+    PLANE,
+    SIDE,
+    SOLID,
+    STEEL,
+    block,
+    lap,
+    mapped,
+    pressed,
+    side,
+    structure,
+    turned,
+)
 
 import skfem_joint as sj
 from skfem_joint.mesh import named
@@ -247,3 +261,24 @@ def test_a_sound_structure_raises_no_doubt():
 def test_what_looks_wrong_is_said(joint, changes, sentence):
     (found,) = said(joint, **changes)
     assert re.search(sentence, found)
+
+
+def test_a_structure_takes_the_file_of_its_mesh_and_no_other_thing(tmp_path):
+    section = {"width": 0.05, "thickness": 0.01}
+    file = Path(__file__).parents[2] / "meshes" / "lap_joint_250mm.msh"
+    K = sj.Structure(sj.load_meshes(file), STEEL, **section, free=True).matrices()[1]
+    for name in (file, str(file)):
+        assert (sj.Structure(name, STEEL, **section, free=True).matrices()[1] != K).nnz == 0
+    with pytest.raises(sj.InputError, match=r"nowhere\.msh: no such mesh file"):
+        sj.Structure(tmp_path / "nowhere.msh", STEEL, **section)
+    with pytest.raises(sj.InputError, match="mesh: found int, must be a mesh of scikit-fem"):
+        sj.Structure(3, STEEL, **section)
+
+
+def test_a_mesh_without_names_asks_for_physical_groups():
+    body = replace(block("tri"), points={})
+    bare = replace(body, mesh=replace(body.mesh, _boundaries=None, _subdomains=None))
+    (problem,) = problems(bare, [], ["wall"])
+    assert "support.fixed: found 'wall', but nothing in the mesh has a name" in problem
+    assert "name Physical Groups" in problem
+    assert "region:" not in problem

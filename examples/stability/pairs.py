@@ -1,0 +1,169 @@
+"""Steady vibration of pairs of plates of which friction alone holds one, beside marching from rest.
+
+    python examples/stability/pairs.py [--count 48] [--seed 0]
+
+Two plates in plan lie over each other; one is held at its far end, the other is pulled at its own
+by a harmonic load, along the plates or at an angle. Force, frequency, damping ratio, coefficient of
+friction and lengths are drawn; steps are 50, 52, 60, 100 a period in turn. The friction is
+Coulomb's, so that the loaded plate goes to where its transient leaves it. Half of peak to peak of
+its end must be that of marching from rest within 0.1 %; offsets are printed beside each other, for
+they depend on how the vibration began. The exit status is 1 where an amplitude is further off, a
+search fails, or marching does not settle. (One core: about twenty minutes.)
+"""
+
+import os
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+import argparse
+import sys
+from typing import NamedTuple
+
+import numpy as np
+
+import skfem_joint as sj
+from skfem_joint.mesh import merged
+
+STEEL = sj.Material(E=210e9, density=7800.0, poisson=0.3)
+WIDTH, THICKNESS, LAP, PRESSURE = 0.04, 0.01, 0.1, 8e6
+STEPS = (50, 52, 60, 100)
+#: Largest difference of amplitudes with what marching may still change by, relative; and the change
+#: by which marching ends.
+ALLOWED, SETTLED = 1e-3, 1e-4
+#: Periods that are marched first, and at most: a body's mean velocity may die away by the damping
+#: of its mass alone, for between two steps friction does not see it.
+FIRST, MOST = 100, 6400
+
+
+class Pair(NamedTuple):
+    """One pair of plates and its load."""
+
+    steps: int
+    share: float  # of the friction limit, the load's force
+    frequency: float  # Hz
+    ratio: float  # of the critical damping
+    friction: float
+    arm: float  # length beside the joint of each plate, m
+    angle: float  # of the load to the plates, rad
+
+    def system(self):
+        """System whose first point is the loaded end along the load."""
+        long = max(2, round(self.arm / 0.03))
+        lower = sj.build_plate(
+            [("lower_arm", self.arm, long), ("lower_lap", LAP, 4)], WIDTH, 2, prefix="lower_"
+        )
+        upper = sj.build_plate(
+            [("upper_lap", LAP, 4), ("upper_arm", self.arm, long)], WIDTH, 2, prefix="upper_",
+            origin=(self.arm, 0.0),
+        )  # fmt: skip
+        joint = sj.Joint("upper_lap", PRESSURE, self.friction, against="lower_lap", beta=np.inf)
+        structure = sj.Structure(
+            merged([lower, upper]), STEEL, joints=[joint], thickness=THICKNESS,
+            fixed=["lower_left"], damping_ratio=self.ratio,
+        )  # fmt: skip
+        force = self.share * self.friction * PRESSURE * LAP * WIDTH
+        direction = float(np.cos(self.angle)), float(np.sin(self.angle))
+        return structure.system([sj.Load("upper_right", sj.Harmonic(force, self.frequency),
+                                         direction)])  # fmt: skip
+
+
+def draw(count, seed=0):
+    """So many pairs."""
+    generator = np.random.default_rng(seed)
+    for k in range(count):
+        yield Pair(
+            steps=STEPS[k % len(STEPS)],
+            share=float(np.exp(generator.uniform(*np.log([0.3, 6.0])))),
+            frequency=float(np.exp(generator.uniform(*np.log([300.0, 3000.0])))),
+            ratio=float(np.exp(generator.uniform(*np.log([2e-3, 2e-2])))),
+            friction=float(generator.uniform(0.2, 0.8)),
+            arm=float(generator.uniform(0.08, 0.3)),
+            angle=float(generator.choice([0.0, 0.0, 0.4])),
+        )
+
+
+class Marched(NamedTuple):
+    """What marching from rest leads to."""
+
+    amplitude: float  # half of peak to peak, m
+    offset: float  # mean of both peaks, m
+    periods: int
+    changing: float  # by how much the amplitude may still change, relative
+
+
+def marched(system, steps):
+    """March from rest until the amplitude has settled."""
+    periods = FIRST
+    while True:
+        run = sj.integrate(system, cycles=periods, steps_per_cycle=steps)
+        quarters = [run.point_u[k * periods // 4 * steps :][: steps + 1, 0] for k in (2, 3)]
+        quarters.append(run.point_u[-steps - 1 :, 0])
+        sizes = [0.5 * np.ptp(u) for u in quarters]
+        before, last = np.abs(np.diff(sizes))
+        rest = last  # of a geometric series, or nothing but round-off
+        if last > 1e-6 * sizes[-1]:
+            rest = last * max(1.0, last / (before - last)) if last < before else np.inf
+        changing = float(rest / sizes[-1])
+        if changing <= SETTLED or periods >= MOST:
+            middle = 0.5 * (quarters[-1].max() + quarters[-1].min())
+            return Marched(float(sizes[-1]), float(middle), periods, changing)
+        periods *= 2
+
+
+class Compared(NamedTuple):
+    """Steady vibration of a pair beside marching; lengths in m."""
+
+    pair: Pair
+    vibration: object  # `Steady`
+    other: Marched
+
+    @property
+    def apart(self):
+        """Difference of the amplitudes, relative."""
+        return self.vibration.amplitude[0] / self.other.amplitude - 1.0
+
+    @property
+    def holds(self):
+        return abs(self.apart) + self.other.changing <= ALLOWED
+
+
+def compare(pair):
+    """Search for the steady vibration of a pair, and march to it."""
+    system = pair.system()
+    run = sj.integrate(system, until="steady", steps_per_cycle=pair.steps)
+    return Compared(pair, run.vibration, marched(system, pair.steps))
+
+
+HEAD = ("steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched",
+        "amplitude, um", "apart, %", "offset, um", "of marching")  # fmt: skip
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=48)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*HEAD))
+    good = 0
+    for pair in draw(options.count, options.seed):
+        try:
+            found = compare(pair)
+        except sj.ConvergenceError as error:
+            print(f"{pair}: {error}", flush=True)
+            continue
+        good += found.holds
+        v, other = found.vibration, found.other
+        print(
+            f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
+            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{v.periods:8}"
+            f"{other.periods:8}{1e6 * v.amplitude[0]:15.4f}{100 * found.apart:+11.4f}"
+            f"{1e6 * v.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
+            f"{'' if found.holds else '  UNSETTLED' if other.changing > SETTLED else '  WRONG'}",
+            flush=True,
+        )
+    print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %.")
+    return int(good < options.count)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,233 @@
+"""Rows of finished work, kept in a file as they finish, from which a command goes on.
+
+A long command is made of many parts: a frequency of a response, a level of a backbone, a run of a
+comparison, a scene of a sweep. Each that has finished is a row of a file, on the disk before the
+next one begins. A command that was interrupted or killed computes only the others when it is
+started again.
+
+A row is named by a digest of the version of the package and of all that the part is computed from,
+its *mark*: a row of another scene, another version or another state to begin with has another mark
+and is not used. Each line carries a digest of itself, so that a damaged one is not used either.
+Floats keep every bit. What a part has computed is read back from its row before it is used, so that
+later parts begin with the same bits in the same memory layout, whether it was computed now or
+earlier.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from skfem_joint import __version__
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+from skfem_joint.stepping.checkpoint import fingerprint
+
+T = TypeVar("T")
+
+#: First line of each file of rows; nobody else's file has it.
+HEADER = b'{"program": "skfem_joint", "file": "rows of finished work", "form": 1}\n'
+# A line is {"sha256": "...", "row": "...", "seconds": ..., "content": ...}: the digest is that of
+# all bytes from "row" to the end.
+_BEFORE, _BETWEEN, _ROW = b'{"sha256": "', b'", ', b'"row": "'
+_DIGEST = 64
+_START = len(_BEFORE) + _DIGEST + len(_BETWEEN)
+#: Key of an object of JSON that stands for an array, a tuple or a dataclass begins with this.
+_TAG = "!"
+
+
+class Rows:
+    """Finished parts of one command.
+
+    Parameters
+    ----------
+    path : Path, optional
+        File of the rows; the first row makes it. Without it nothing is kept. Whoever makes this
+        keeps others from writing to the folder, see `skfem_joint.files.holding`.
+    kinds : sequence of type
+        Dataclasses that rows may hold, beside arrays, numbers, texts, lists, tuples and mappings.
+
+    Attributes
+    ----------
+    taken, made : int
+        Rows taken up from the file so far, and computed so far.
+    asked : int
+        Rows in all, as far as that is known; whoever asks for them counts them.
+    earlier_s : float
+        Time that the rows taken up took to compute, s.
+    damaged : int
+        Lines of the file that are not used because they are damaged.
+
+    Raises
+    ------
+    InputError
+        If the file is there and is no file of rows.
+    """
+
+    def __init__(self, path: Path | None = None, kinds: Sequence[type] = ()) -> None:
+        self.path, self.kinds = path, {kind.__name__: kind for kind in kinds}
+        self._forms = {name: [part.name for part in fields(kind)] for name, kind in _items(kinds)}
+        self.taken = self.made = self.asked = self.damaged = 0
+        self.earlier_s = 0.0
+        self._places: dict[str, tuple[int, int]] = {}  # of lines in the file: start and size
+        if path is not None and path.exists():
+            self._read(path)
+        self.known = len(self._places)  #: rows in the file at the start
+
+    def _read(self, path: Path) -> None:
+        """Find the lines of the file; a last line that was cut is removed."""
+        place = len(HEADER)
+        with path.open("rb") as file:
+            if not path.is_file() or file.read(place) != HEADER:
+                raise InputError(
+                    f"{path}: line 1: is not that of a file of rows of this program; move the file "
+                    "away, or choose another folder"
+                )
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                if mark := _intact(line):
+                    self._places[mark] = place, len(line)
+                else:
+                    self.damaged += 1
+                place += len(line)
+        if place < path.stat().st_size:
+            os.truncate(path, place)
+
+    @property
+    def done(self) -> int:
+        """Rows taken up and computed so far."""
+        return self.taken + self.made
+
+    def mark(self, *parts: Any) -> str:
+        """Name of a row: a digest of what its content is computed from; empty without a file.
+
+        InputError as `fingerprint`, for plain functions of time.
+        """
+        return "" if self.path is None else fingerprint(__version__, self._forms, *parts)
+
+    def __contains__(self, mark: str) -> bool:
+        """Whether the file has a row of this name."""
+        return mark in self._places
+
+    def take(self, mark: str) -> Any:
+        """Content of a row of the file."""
+        if self.path is None:
+            raise KeyError(mark)
+        start, size = self._places[mark]
+        with self.path.open("rb") as file:
+            file.seek(start)
+            row = json.loads(b"{" + file.read(size)[_START:])
+        self.taken += 1
+        self.earlier_s += row["seconds"]
+        return self._decoded(row["content"])
+
+    def keep(self, mark: str, content: T, seconds: float = 0.0) -> T:
+        """Add a row to the file, and see that it is on the disk; its content as it reads there.
+
+        ``seconds`` is how long it took. OSError if it cannot be written.
+        """
+        if self.path is None:
+            self.made += 1
+            return content
+        given = {"row": mark, "seconds": seconds, "content": _encoded(content)}
+        text = json.dumps(given)[1:].encode()
+        line = _line(text)
+        if not self.path.exists():
+            with replacing(self.path) as temporary:
+                temporary.write_bytes(HEADER)
+        with self.path.open("ab") as file:
+            place = file.tell()
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+        self._places[mark] = place, len(line)
+        self.made += 1
+        kept: T = self._decoded(json.loads(b"{" + text)["content"])
+        return kept
+
+    def row(self, mark: str, compute: Callable[[], T]) -> T:
+        """Content of a row: that of the file, or else computed and kept there."""
+        if mark in self:
+            taken: T = self.take(mark)
+            return taken
+        begin = time.perf_counter()
+        content = compute()
+        return self.keep(mark, content, time.perf_counter() - begin)
+
+    def remove(self) -> None:
+        """Remove the file, when the results that the rows are parts of are written."""
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
+
+    def notes(self) -> list[str]:
+        """Sentences about what the file had at the start."""
+        found = []
+        if self.taken:
+            found.append(f"{self.taken} finished parts were taken up from {self.path}.")
+        if self.damaged:
+            found.append(f"{self.path}: {self.damaged} lines were damaged, and were not used.")
+        return found
+
+    def _decoded(self, value: Any) -> Any:
+        if isinstance(value, list):
+            return [self._decoded(item) for item in value]
+        if not isinstance(value, dict):
+            return value
+        tag = next(iter(value), "")
+        if tag == "!array":
+            return np.load(io.BytesIO(base64.b64decode(value[tag])), allow_pickle=False)[()]
+        if tag == "!tuple":
+            return tuple(self._decoded(item) for item in value[tag])
+        if tag.startswith(_TAG):
+            parts = {name: self._decoded(part) for name, part in value[tag].items()}
+            return self.kinds[tag.removeprefix(_TAG)](**parts)
+        return {name: self._decoded(part) for name, part in value.items()}
+
+
+def _items(kinds: Sequence[type]) -> list[tuple[str, Any]]:
+    return [(kind.__name__, kind) for kind in kinds]
+
+
+def _line(text: bytes) -> bytes:
+    """Line of a file from what stands behind its digest."""
+    return _BEFORE + sha256(text).hexdigest().encode() + _BETWEEN + text + b"\n"
+
+
+def _intact(line: bytes) -> str:
+    """Name of the row of a line; empty if the line is damaged."""
+    text = line[_START:-1]
+    good = text.startswith(_ROW) and line == _line(text)
+    return text[len(_ROW) :][:_DIGEST].decode() if good else ""
+
+
+def _encoded(value: Any) -> Any:
+    """What JSON can say; arrays, and numbers of numpy, as base64 of their ``.npy`` form."""
+    if isinstance(value, np.ndarray | np.generic):
+        file = io.BytesIO()
+        np.save(file, value, allow_pickle=False)
+        return {"!array": base64.b64encode(file.getvalue()).decode()}
+    if isinstance(value, tuple):
+        return {"!tuple": [_encoded(item) for item in value]}
+    if isinstance(value, list):
+        return [_encoded(item) for item in value]
+    if is_dataclass(value):
+        parts = {part.name: _encoded(getattr(value, part.name)) for part in fields(value)}
+        return {f"{_TAG}{type(value).__name__}": parts}
+    if isinstance(value, Mapping):
+        if not all(isinstance(name, str) and not name.startswith(_TAG) for name in value):
+            raise TypeError(f"names of a row's mapping must be texts without {_TAG!r} in front")
+        return {name: _encoded(part) for name, part in value.items()}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"a {type(value).__name__} cannot be kept in a row")

@@ -1,0 +1,95 @@
+"""Numbers that users give: whether each is one, and in the range that it must be in.
+
+The tables of a scene are checked by pydantic; these are for those who call from Python. (pydantic
+takes a tenth of a second to import, and refuses the whole numbers of numpy.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.errors import InputError, refuse
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of numbers that a value may be."""
+
+    words: str  #: what is allowed, to follow "must be"
+    holds: Callable[[float], bool]  #: whether a number is in range; false for nan
+    whole: bool = False  #: whether only whole numbers will do
+
+    def __contains__(self, value: object) -> bool:
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value.item()
+        if isinstance(value, bool) or not isinstance(value, Integral if self.whole else Real):
+            return False
+        return bool(self.holds(float(value)))
+
+
+#: Kinds of numbers: all are finite, but a beta.
+FINITE = Kind("a finite number", math.isfinite)
+POSITIVE = Kind("> 0 and finite", lambda x: 0.0 < x < math.inf)
+NOT_NEGATIVE = Kind(">= 0 and finite", lambda x: 0.0 <= x < math.inf)
+BETA = Kind("> 0 (inf is Coulomb's law)", lambda x: x > 0.0)
+POISSON = Kind("between -1 and 0.5", lambda x: -1.0 < x < 0.5)
+#: Whole numbers.
+COUNT = Kind(">= 1, a whole number", lambda x: x >= 1.0, whole=True)
+WHOLE = Kind(">= 0, a whole number", lambda x: x >= 0.0, whole=True)
+
+
+def between(low: float, high: float, why: str = "") -> Kind:
+    """Kind of numbers from the lowest to the highest that is allowed."""
+    return Kind(f"from {low:g} to {high:g}{why}", lambda x: low <= x <= high)
+
+
+def at_least(count: int, why: str = "") -> Kind:
+    """Kind of whole numbers from the lowest that is allowed."""
+    return Kind(f">= {count}, a whole number{why}", lambda x: x >= count, whole=True)
+
+
+def problems(where: str, value: Any, kind: Kind, *words: str) -> Iterator[str]:
+    """Sentence about a value that is neither of a kind nor one of the words; none if it is."""
+    if isinstance(value, str) and value in words:
+        return
+    if value not in kind:
+        found = f"{value}" if isinstance(value, Real) else repr(value)
+        others = "".join(f"{word!r}, or " for word in words)
+        found = found if len(found) <= 60 else f"{found[:57]}..."
+        yield f"{where}: found {found}, must be {others}{kind.words}"
+
+
+def check(where: str, value: Any, kind: Kind, *words: str) -> None:
+    """Raise InputError with the sentence of :func:`problems`, if there is one."""
+    refuse(problems(where, value, kind, *words))
+
+
+def check_some(kind: Kind, **values: Any) -> None:
+    """Raise InputError with a sentence for each value that is given, not None, and not right."""
+    refuse(
+        problem
+        for where, value in values.items()
+        if value is not None
+        for problem in problems(where, value, kind)
+    )
+
+
+def check_each(where: str, values: Any, kind: Kind) -> None:
+    """Raise InputError for the first of several values that is not of a kind, or if none is given.
+
+    ``values`` may be any sequence or array of one dimension.
+    """
+    try:
+        entries = list(values)
+    except TypeError:
+        entries = []
+    if not entries or isinstance(values, str):
+        raise InputError(f"{where}: found {values!r}, must be a list of numbers, each {kind.words}")
+    for number, value in enumerate(entries):
+        check(f"{where}[{number}]", value, kind)

@@ -1,0 +1,48 @@
+"""Pictures of damping curves."""
+
+import numpy as np
+import pytest
+
+from skfem_joint.analysis.scene_vibration import scene_backbone
+from skfem_joint.mesh import build_plate
+from skfem_joint.output.damping import backbone_figure, write_backbone
+from skfem_joint.scene import Scene, scene_from
+
+
+def cantilever() -> Scene:
+    """Plate on a base near its held end, pulled along it; its first mode bends it across."""
+    mesh = build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4)
+    tables = {
+        "mesh": {"file": "plate.msh"},
+        "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
+        "section": {"thickness": 0.01},
+        "support": {"fixed": ["left"]},
+        "joint": [{"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}],
+        "load": [{"on": "right", "kind": "harmonic", "amplitude": 1e3, "frequency": 500.0,
+                  "direction": [1.0, 0.0]}],
+        "time": {"cycles": 1},
+        "models": {"run": ["full"]},
+        "backbone": {"modes": [1], "levels": 5, "up_to": 0.5},
+    }  # fmt: skip
+    return scene_from(tables, mesh)
+
+
+def test_a_mode_across_the_load_is_drawn_over_where_it_moves_most(tmp_path):
+    scene = cantilever()
+    found = scene_backbone(scene)
+    (curve,) = found.models[0].curves
+    assert curve.displacement.max() < 1e-9 * curve.amplitude.max()  # the loaded end, along the load
+    moved = np.linalg.norm(scene.structure().expand(curve.states[-1]), axis=1)
+    figure = backbone_figure(found.models, found.largest)
+    for panel in figure.axes:
+        x = np.asarray(panel.get_lines()[0].get_xdata())
+        assert panel.get_xlabel() == "amplitude where the mode moves most, µm"
+        assert np.all(np.diff(x) > 0.0)
+        assert x == pytest.approx(1e6 * found.largest[0] * curve.amplitude, rel=1e-12)
+        assert x[-1] == pytest.approx(1e6 * moved.max(), rel=0.1)  # but for a change of its shape
+    assert {path.name for path in write_backbone(tmp_path, found)} == {
+        "backbone.csv", "backbone.png", "summary.json"
+    }  # fmt: skip
+    without = backbone_figure(found.models)
+    assert without.axes[0].get_xlabel() == "modal amplitude, m·√kg"
+    np.testing.assert_array_equal(without.axes[0].get_lines()[0].get_xdata(), curve.amplitude)

@@ -1,0 +1,108 @@
+"""Processes of a command: they run no code of the current folder and leave interrupts to it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from scene_texts import written
+
+from skfem_joint.analysis.error_time import THREADS
+from skfem_joint.cli import INTERRUPTED
+
+MORE = """
+[response]
+frequencies = { from = 2200.0, to = 2300.0, points = 2 }
+levels = [0.1]
+[sweep]
+"joint[0].friction" = [0.5, 0.6, 0.7, 0.8]
+"""
+#: What the first process that a command starts imports, and what those do that compute.
+EARLY = ("multiprocessing", "pickle", "signal", "socket", "tempfile", "threading")
+LATE = ("distributed", "numba", "numpy", "pyvista", "scipy", "skfem", "vtk")
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A short scene, and the installed command, which is a file of its own."""
+    (tmp_path / "bin").mkdir()
+    lines = "import sys", "from skfem_joint.cli import main"
+    guarded = "if __name__ == '__main__':", "    sys.exit(main())", ""
+    (tmp_path / "bin" / "skfem-joint").write_text("\n".join(lines + guarded))
+    (tmp_path / "here").mkdir()
+
+    def write(cycles: int = 1, plots: bool = False) -> Path:
+        output = ("every = 1", f"plots = {str(plots).lower()}\nvtk = false\nframes = 3")
+        run = ('run = ["full", "reduced"]', 'run = ["full"]')
+        changes = ("cycles = 3", f"cycles = {cycles}"), output, run
+        return written(tmp_path / "here", *changes, more=MORE)
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("command", "of_module"),
+    [
+        ("run", False),
+        ("sweep --workers 2", False),
+        ("sweep --workers 2", True),
+        ("sweep --workers 2 --executor dask", False),
+        ("response --workers 2", False),
+        ("error-time --quick", False),
+        ("error-time --quick", True),
+    ],
+)
+def test_no_command_runs_code_of_the_current_folder(command, of_module, scene, tmp_path):
+    if "dask" in command:
+        pytest.importorskip("distributed")
+    path = scene(plots=command == "run")
+    # With -m Python itself looks there, until the command begins.
+    for name in LATE if of_module else (*EARLY, *LATE):
+        hostile = f"open({str(tmp_path / 'hit')!r}, 'a').write('{name} ')\n"
+        (path.parent / f"{name}.py").write_text(hostile)
+    start = ["-m", "skfem_joint"] if of_module else [str(tmp_path / "bin" / "skfem-joint")]
+    name, *options = command.split()
+    ended = subprocess.run(
+        [sys.executable, *start, name, str(path), "--out", "out", *options],
+        cwd=path.parent, capture_output=True, text=True, timeout=300,
+        env={key: value for key, value in os.environ.items() if key not in THREADS},
+    )  # fmt: skip
+    assert not (tmp_path / "hit").exists(), (tmp_path / "hit").read_text()
+    assert ended.returncode == 0, ended.stderr
+
+
+def children(pid: int) -> int:
+    """Number of processes that one has started."""
+    count = 0
+    with suppress(OSError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            count += len((thread / "children").read_text().split())
+    return count
+
+
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+@pytest.mark.parametrize("delay", [0.0, 0.2, 1.0, 3.0])
+def test_an_interrupt_is_a_sentence_whenever_it_comes(executor, delay, scene, tmp_path):
+    """Ctrl-C reaches all processes of a terminal, here while the second one is being started."""
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    script, path = tmp_path / "bin" / "skfem-joint", scene(cycles=3000)
+    options = "--out", str(tmp_path / "out"), "--workers", "2", "--executor", executor
+    process = subprocess.Popen(
+        [sys.executable, str(script), "sweep", str(path), *options],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # A shell's job ignores it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    while process.poll() is None and children(process.pid) < 2:
+        time.sleep(0.002)
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    said, errors = process.communicate(timeout=120)
+    assert process.returncode == INTERRUPTED
+    assert errors in ("", "skfem-joint: interrupted\n")
+    assert errors or "The same command goes on." in said

@@ -1,0 +1,159 @@
+"""Numbers that users give to public functions: refused by name where they are none or too large."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skfem_joint as sj
+from skfem_joint import values
+from skfem_joint.loads import Harmonic, Rectangle, Table, Triangle
+from skfem_joint.stepping.schemes import generalized_alpha
+
+NAN, INF = math.nan, math.inf
+#: What is never a number.
+NONE = ("1", True, 1j, [1.0], (), np.array([1.0, 2.0]), object)
+WRONG: dict[str, tuple[Any, ...]] = {
+    "positive": (*NONE, 0, 0.0, -1.0, NAN, INF, -INF, np.float64(-1.0)),
+    "not_negative": (*NONE, -1, -1e-300, NAN, INF),
+    "finite": (*NONE, NAN, INF),
+    "beta": (*NONE, 0.0, -1.0, NAN),
+    "count": (*NONE, 0, -3, 10.5, 10.0, NAN, INF, np.float64(3.0)),
+    "whole": (*NONE, -3, 1.5, NAN),
+}
+
+
+def bar(**changes: Any) -> sj.Structure:
+    mesh = sj.build_bar([("joint", 0.1, 4), ("free", 0.3, 6)], {"wall": 0.0, "tip": 0.4})
+    pressed = sj.Joint("joint", **{"pressure": 8e6, "friction": 0.7} | changes.pop("joint", {}))
+    made: dict[str, Any] = {"width": 0.05, "thickness": 0.01, "mass_damping": 50.0}
+    material = sj.Material(**{"E": 2e11, "density": 8e3} | changes.pop("material", {}))
+    return sj.Structure(mesh, material, joints=[pressed], fixed=["wall"], **made | changes)
+
+
+SYSTEM = bar().system([sj.Load("tip", Harmonic(1e4, 500.0))])
+CYCLES: dict[str, Any] = {"cycles": 1, "steps_per_cycle": 20}
+STEPS: dict[str, Any] = {"step": 1e-4, "n_steps": 2}
+(CURVE,) = sj.backbone(SYSTEM, levels=2)
+
+
+def run(**changes: Any) -> sj.System:
+    return sj.integrate(SYSTEM, **changes)
+
+
+def point(**changes: Any) -> Any:
+    return sj.point_friction(**{"row": [1.0, 0.0], "limit": 1.0} | changes)
+
+
+def bolt(**changes: Any) -> Any:
+    return sj.Bolt(**{"at": (0.1, 0.0), "force": 1.0, "head_radius": 0.01} | changes)
+
+
+def matrices(**changes: Any) -> Any:
+    return sj.System.from_matrices(np.eye(2), np.eye(2), **changes)
+
+
+def box(**changes: Any) -> Any:
+    return sj.build_plate(**{"strips": [("a", 0.1, 2)], "width": 0.1, "elements": 2} | changes)
+
+
+#: Argument, kind of number that it is, and a call with it.
+ARGUMENTS: list[tuple[str, str, Any]] = [
+    ("step", "positive", lambda x: run(step=x, n_steps=2)),
+    ("n_steps", "count", lambda x: run(step=1e-4, n_steps=x)),
+    ("duration", "positive", lambda x: run(step=1e-4, duration=x)),
+    ("cycles", "count", lambda x: run(cycles=x, steps_per_cycle=20)),
+    ("steps_per_cycle", "count", lambda x: run(cycles=1, steps_per_cycle=x)),
+    ("cycle_steps", "count", lambda x: run(**STEPS, cycle_steps=x)),
+    ("tolerance", "not_negative", lambda x: run(**STEPS, tolerance=x)),
+    ("every", "count", lambda x: sj.Save(every=x)),
+    ("fields_every", "count", lambda x: sj.Save(fields_every=x)),
+    ("rho_infinity", "not_negative", generalized_alpha),
+    ("modes", "count", lambda x: sj.reduce(SYSTEM, modes=x)),
+    ("interface_modes", "whole", lambda x: sj.reduce(SYSTEM, interface_modes=x)),
+    ("duration", "positive", lambda x: sj.reduce(SYSTEM, duration=x)),
+    ("friction_points", "count", lambda x: sj.reduce(SYSTEM, friction_points=x)),
+    ("beta", "beta", lambda x: sj.reduce(SYSTEM, beta=x)),
+    ("interface_modes", "whole", lambda x: sj.condense(SYSTEM, x)),
+    ("frequencies[0]", "positive", lambda x: sj.response(SYSTEM, [x])),
+    ("levels[0]", "positive", lambda x: sj.response(SYSTEM, [500.0], [x])),
+    ("steps_per_cycle", "count", lambda x: sj.response(SYSTEM, [500.0], steps_per_cycle=x)),
+    ("modes[0]", "count", lambda x: sj.backbone(SYSTEM, [x])),
+    ("levels", "count", lambda x: sj.backbone(SYSTEM, levels=x)),
+    ("up_to", "positive", lambda x: sj.backbone(SYSTEM, up_to=x)),
+    ("slips_at", "positive", lambda x: sj.backbone(SYSTEM, slips_at=x)),
+    ("cycles", "count", lambda x: sj.ring_down(SYSTEM, CURVE, x)),
+    ("steps_per_cycle", "count", lambda x: sj.ring_down(SYSTEM, CURVE, 8, x)),
+    ("limit", "not_negative", lambda x: point(limit=x)),
+    ("beta", "beta", lambda x: point(beta=x)),
+    ("amplitude", "finite", lambda x: Harmonic(x, 1.0)),
+    ("frequency", "positive", lambda x: Harmonic(1.0, x)),
+    ("phase", "finite", lambda x: Harmonic(1.0, 1.0, x)),
+    ("rise_time", "positive", lambda x: Triangle(1.0, x)),
+    ("start", "not_negative", lambda x: Triangle(1.0, 1.0, x)),
+    ("duration", "positive", lambda x: Rectangle(1.0, x)),
+    ("material.E", "positive", lambda x: bar(material={"E": x})),
+    ("material.density", "positive", lambda x: bar(material={"density": x})),
+    ("section.width", "positive", lambda x: bar(width=x)),
+    ("section.thickness", "positive", lambda x: bar(thickness=x)),
+    ("damping.stiffness", "not_negative", lambda x: bar(stiffness_damping=x)),
+    ("damping.mass", "not_negative", lambda x: bar(mass_damping=x)),
+    ("pressure", "not_negative", lambda x: bar(joint={"pressure": x})),
+    ("friction", "not_negative", lambda x: bar(joint={"friction": x})),
+    ("beta", "beta", lambda x: bar(joint={"beta": x})),
+    ("regions.free.E", "positive", lambda x: bar(regions={"free": {"E": x}})),
+    ("force", "not_negative", lambda x: bolt(force=x)),
+    ("head_radius", "positive", lambda x: bolt(head_radius=x)),
+    ("hole_radius", "not_negative", lambda x: bolt(hole_radius=x)),
+    ("spreading_angle", "not_negative", lambda x: bolt(spreading_angle=x)),
+    ("bolts.reach", "not_negative", lambda x: sj.Bolts((bolt(),), x)),
+    ("pressure.values[1]", "not_negative", lambda x: sj.PressureTable((0.0, 1.0), (1.0, x))),
+    ("pressure.positions[1]", "finite", lambda x: sj.PressureTable((0.0, x), (1.0, 1.0))),
+    ("stiffness_damping", "not_negative", lambda x: matrices(stiffness_damping=x)),
+    ("mass_damping", "not_negative", lambda x: matrices(mass_damping=x)),
+    ("damping.ratio", "positive", lambda x: matrices(damping_ratio=x)),
+    ("beta", "beta", SYSTEM.with_beta),
+    ("length of strip 'a'", "positive", lambda x: sj.build_bar([("a", x, 2)])),
+    ("strip 'a' has", "count", lambda x: sj.build_bar([("a", 1.0, x)])),
+    ("length of width", "positive", lambda x: box(width=x)),
+    ("width has", "count", lambda x: box(elements=x)),
+    ("origin", "finite", lambda x: box(origin=(0.0, x))),
+    ("scale", "positive", lambda x: sj.load_meshes("any.msh", scale=x)),
+]
+
+
+@pytest.mark.parametrize(("name", "kind", "call"), ARGUMENTS)
+def test_what_is_no_such_number_is_refused_by_name(name, kind, call):
+    for value in WRONG[kind]:
+        with pytest.raises(sj.InputError) as caught:
+            call(value)
+        assert all(name in problem for problem in caught.value.problems), caught.value
+        assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("value", [1e3, 0.1, 0.0011])
+def test_a_tolerance_that_lets_everything_pass_is_refused(value):
+    with pytest.raises(sj.InputError, match=r"tolerance: found .* must be from 0 to 0\.001"):
+        run(**STEPS, tolerance=value)
+
+
+def test_numbers_of_numpy_do_as_well_as_others():
+    plain = run(**CYCLES)
+    for count in (np.int64, np.int32, np.uint8):
+        again = run(cycles=count(1), steps_per_cycle=count(20), tolerance=np.float64(1e-11))
+        np.testing.assert_array_equal(again.point_u, plain.point_u)
+    assert np.float32(2.0) in values.POSITIVE
+    assert np.array(2.0) in values.POSITIVE
+    assert sj.reduce(SYSTEM, modes=np.int64(2), beta=np.float32(1e4)).n <= 6
+    assert replace(SYSTEM, notes=()).with_beta(INF).beta[0] == INF
+
+
+def test_tables_and_lists_hold_real_numbers():
+    for wrong in (["a", "b"], [1j, 2j], [True, False]):
+        with pytest.raises(sj.InputError, match=r"times: found .* must be real"):
+            Table(wrong, [1.0, 2.0])
+    for wrong in (3.0, "abc", [], None):
+        with pytest.raises(sj.InputError, match="levels: found"):
+            sj.response(SYSTEM, [500.0], wrong)
