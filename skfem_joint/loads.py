@@ -467,9 +467,11 @@ def read_table(path: str | Path) -> Table:
     lines = content.splitlines()
     rows: list[list[float]] = []
     mistakes: list[str] = []
+    more = 0
     for number, line in enumerate(lines, start=1):
-        if len(mistakes) > _MOST_PROBLEMS_LISTED:
-            break
+        if len(mistakes) > _MOST_PROBLEMS_LISTED:  # counted, not kept
+            more += len(mistakes) - _MOST_PROBLEMS_LISTED
+            del mistakes[_MOST_PROBLEMS_LISTED:]
         text = line.split("#", 1)[0].strip()
         values = [_number(column) for column in text.split(",")]
         is_header = values == [None, None] and not rows and not mistakes
@@ -490,8 +492,10 @@ def read_table(path: str | Path) -> Table:
                 )
     if not mistakes and len(rows) < 2:
         mistakes = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
-    if len(mistakes) > _MOST_PROBLEMS_LISTED:
-        mistakes = [*mistakes[:_MOST_PROBLEMS_LISTED], f"{path}: and more lines like these"]
+    more += len(mistakes[_MOST_PROBLEMS_LISTED:])
+    if more:
+        mistakes = mistakes[:_MOST_PROBLEMS_LISTED]
+        mistakes.append(f"{path}: and {more} more lines like these")
     refuse(mistakes)
     return Table(*np.array(rows).T)
 

@@ -193,8 +193,10 @@ def run_scene(
 
 def origin_of(scene: Scene) -> str:
     """Fingerprint of a scene, its mesh and the tables of its loads."""
+    # `Scene.changed` takes values as they are: here a list is as good as a tuple.
+    content = scene.model_dump(mode="json", exclude={"sweep"}, warnings=False)
     return fingerprint(
-        scene.model_dump(mode="json", exclude={"sweep"}),
+        content,
         [load.amplitude for load in scene.loads()],
         *scene.structure().identity,
     )

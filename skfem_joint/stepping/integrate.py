@@ -132,10 +132,7 @@ def integrate(
     saved = checkpoint.load(identity) if checkpoint else None
     driver = _Driver(system, save, step, n_steps, scheme, start, float(tolerance))
     if saved is not None and checkpoint is not None:
-        try:
-            driver.check(saved[0], saved[1], cycle_steps)
-        except ValueError as error:
-            raise checkpoint.unreadable(str(error)) from error
+        driver.check(checkpoint, saved[0], saved[1], cycle_steps)
         driver.take_up(*saved)
     if until == "steady":
         return driver.steady(cycle_steps, progress)
@@ -284,15 +281,24 @@ class _Driver:
         self.recorder.store(0, self.stepper.state())
         self.recorder.observe(self.stepper.state().u)
 
-    def check(self, parts: Mapping[str, Arrays], done: int, cycle_steps: int | None) -> None:
-        """See that a checkpoint is one of this run after ``done`` steps; ValueError."""
-        if done > self.n_steps:
-            raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
-        if parts.keys() != {"recorder", "stepper"}:
-            raise ValueError("it holds other parts than a run")
-        cycles = 0 if cycle_steps is None else done // cycle_steps
-        self.recorder.check(parts["recorder"], done, cycles)
-        self.stepper.check(parts["stepper"])
+    def check(
+        self,
+        checkpoint: Checkpoint,
+        parts: Mapping[str, Arrays],
+        done: int,
+        cycle_steps: int | None,
+    ) -> None:
+        """See that a checkpoint is one of this run after ``done`` steps; InputError if not."""
+        try:
+            if done > self.n_steps:
+                raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
+            if parts.keys() != {"recorder", "stepper"}:
+                raise ValueError("it holds other parts than a run")
+            cycles = 0 if cycle_steps is None else done // cycle_steps
+            self.recorder.check(parts["recorder"], done, cycles)
+            self.stepper.check(parts["stepper"])
+        except ValueError as error:
+            raise checkpoint.unreadable(str(error)) from error
 
     def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
         """Go on from a checkpoint, or from a `mark`, wherever a chunk has stopped."""
