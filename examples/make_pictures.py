@@ -50,7 +50,9 @@ LONG = {
 def active_region(found):
     structure, system, peak = found["structure"], found["system"], found["run"].slip_peak
     active, points = slips(structure, system, peak, 1.0 / 500.0), structure.patches[0].points
-    return plots.active_region_figure(structure, 0, peak[points], active[points])
+    return plots.active_region_figure(
+        structure.body, structure.patches[0], peak[points], active[points]
+    )
 
 
 def tips(found):

@@ -31,8 +31,8 @@ from skfem_joint.loads import Harmonic, Triangle
 from skfem_joint.mesh import build_bar, build_plate, load_meshes, merged
 from skfem_joint.modes import straining_modes
 from skfem_joint.reduction.active_length import THRESHOLD, measured
+from skfem_joint.slips import SlipRows
 from skfem_joint.stepping.recording import Run
-from skfem_joint.system import Contact
 
 STEEL = Material(E=200e9, density=8000.0, poisson=0.3)
 WIDTH, THICKNESS, DAMPING = 0.05, 0.01, 1e-5
@@ -109,7 +109,7 @@ def strut_in_series(elements=50, arm=50):
     M, K = (G.T @ sparse.block_diag(matrices) @ G for matrices in zip(*parts, strict=True))
     limits = TAU * HALF / elements * np.r_[1.0, np.full(elements - 1, 2.0), 1.0]
     slips, none = sparse.eye_array(k, size, k=n, format="csr"), sparse.csr_array((0, size))
-    ways = {"contact": Contact(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)}
+    ways = {"contact": SlipRows(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)}
     ways |= {"loads": {"end": (0, Harmonic(FORCE, FREQUENCY))}, "stiffness_damping": DAMPING}
     points = {"edge": edge.toarray()[0]}
     system = System.from_matrices(M, K, fixed=[size - 1], points=points, **ways)

@@ -3,13 +3,14 @@
 The house, room by room; a room uses only those above it:
 
 ===========  =====================================================================================
-(here)       errors, files, arrays in files, progress, friction law, loads (force over time), modes,
-             unknowns, and `System`, the one type of all models:
+(here)       errors, files, arrays in files, checks of numbers, progress, friction law, loads (force
+             over time), modes, unknowns, slips, and `System`, the one type of all models:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
-structure    material, joints, pressure, preload, the contact manifold, assembly to a `System`;
-             `contact`, `point_friction` and `MatrixModel` for matrices of one's own
+structure    the elastic body (mass, stiffness, stress), joints, pressure, preload, the contact
+             manifold, and the `Structure` that makes a `System` of them; `contact`,
+             `point_friction` and `MatrixModel` for given matrices
 stepping     time integration: schemes, the steppers for what a system's matrices allow, recording,
              checkpoints, and whether a step is short enough
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points

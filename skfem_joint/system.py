@@ -1,8 +1,11 @@
-"""The one system type: full, coarse, reduced and hyper-reduced models are all of it.
+"""The one type of all models, full, condensed, reduced and hyper-reduced.
+
+It is a system of equations
 
     M a + C v + K u + B^T (w * sigma(B v)) = sum_k load_k amplitude_k(t)        (Eq. (1))
 
-Every map between models takes a system and returns a system.
+with displacements u, velocities v, accelerations a and friction sigma at slip rows B. Every map
+between models takes a system and returns a system.
 """
 
 from __future__ import annotations
@@ -21,9 +24,9 @@ from skfem_joint.factors import pivots
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
-    Arrangement,
-    Contact,
+    ChangeOfUnknowns,
     change_of_unknowns,
     congruent,
     dof_numbers,
@@ -32,20 +35,19 @@ from skfem_joint.unknowns import (
 )
 from skfem_joint.values import BETA, NOT_NEGATIVE, check, check_some
 
-#: Share of a matrix's norm by which it may differ from its transpose.
-_UNSYMMETRIC = 1e-10
-#: Share of a damping's largest entry, and of each entry, that counts as round-off where it must
-#: not be negative.
-_ROUND_OFF, _SMALL_SHARE = 1e-12, 1e-9
-
 
 @dataclass(frozen=True)
 class AppliedLoad:
     """A spatial load vector times a scalar amplitude of time.
 
-    ``vector`` (n,) is dimensionless for a point load (1 at the loaded unknown), ``amplitude`` the
-    force (N) as a function of time (s), see :mod:`skfem_joint.loads`, or a plain function, and
-    ``on`` the name of the loaded place.
+    Attributes
+    ----------
+    vector : ndarray, shape (n,)
+        Dimensionless; for a point load 1 at the loaded unknown.
+    amplitude : Amplitude
+        Force (N) as a function of time (s): one of :mod:`skfem_joint.loads`, or a plain function.
+    on : str
+        Name of the loaded place.
     """
 
     vector: FloatArray
@@ -82,14 +84,14 @@ class System:
         Directions in which each contact point can slip, 1 or 2; all 1 if not given. The friction
         force of a point with two is opposite to its slip vector and depends on the norm of it.
     T : ndarray or sparse array, shape (N, n), or None
-        Displacement of all that the structure has, supports included, from the unknowns; None
-        where the unknowns are all there is. See :meth:`expand`.
+        Displacement of all degrees of freedom, supported ones included, from the unknowns; None
+        where both are the same. See :meth:`expand`.
     J : ndarray or sparse array, shape (joints, m)
-        Part of the friction of each contact point that each named joint has.
+        Share of each named joint in the friction of each contact point.
     joints : tuple of str
         Names of the rows of ``J``; without both, all contact points are one joint.
     notes : tuple of str
-        Sentences about what it was made with.
+        Sentences that users should read about how the system was made.
     made_for : str
         What a reduced model was made for, in words, where it is good for nothing else; empty for a
         system that may be loaded in any way.
@@ -126,7 +128,7 @@ class System:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
-        given = {
+        completed = {
             "w": w,
             "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
             "C": 0.0 * self.K if self.C is None else self.C,
@@ -135,20 +137,20 @@ class System:
             "J": sparse.csr_array(np.ones((min(m, 1), m))) if self.J is None else self.J,
             "joints": ("contact",) * min(m, 1) if self.J is None else self.joints,
         }
-        for name, value in given.items():
+        for name, value in completed.items():
             object.__setattr__(self, name, value)
         if self.directions.shape != (m,) or not np.isin(self.directions, (1, 2)).all():
             raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
         square = dict.fromkeys(("M", "C", "K"), (n, n))
         shapes = square | {"B": (int(self.directions.sum()), n), "P": (len(self.points), n)}
         shapes |= {"w": (m,), "beta": (m,), "J": (len(self.joints), m)}
-        found = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
-        found += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
+        compared = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
+        compared += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
         if self.T is not None:
-            found.append(("T", self.T.shape, (self.T.shape[0], n)))
+            compared.append(("T", self.T.shape, (self.T.shape[0], n)))
         problems = [
             f"{name}: found shape {shape}, must be {right}"
-            for name, shape, right in found
+            for name, shape, right in compared
             if shape != right
         ]
         if not problems:
@@ -180,7 +182,7 @@ class System:
 
     @property
     def joint_points(self) -> list[IntArray]:
-        """Contact points with friction of each joint that has any."""
+        """Numbers of the contact points with friction, for each joint that has any."""
         parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
         return [np.flatnonzero(part) for part in parts if part.any()]
 
@@ -196,7 +198,7 @@ class System:
 
     @property
     def first_row(self) -> NDArray[np.int64]:
-        """Row of ``B`` at which each contact point starts, and the number of rows, (m + 1,)."""
+        """First row of ``B`` of each contact point, and the number of rows at the end, (m + 1,)."""
         return np.concatenate([[0], np.cumsum(self.directions)])
 
     def on_rows(self, values: FloatArray) -> FloatArray:
@@ -215,7 +217,7 @@ class System:
 
     @property
     def mean_square_frequency(self) -> float:
-        """Trace of the stiffness over that of the mass, 1/s²: a scale for small shares."""
+        """Trace of the stiffness over trace of the mass, 1/s²: a scale for small shifts of K."""
         return float(self.K.diagonal().sum() / self.M.diagonal().sum())
 
     @property
@@ -224,10 +226,22 @@ class System:
         return isinstance(self.M, np.ndarray)
 
     def project(self, V: FloatArray) -> System:
-        """Galerkin projection on the columns of ``V``, Eqs. (4)-(9).
+        """Galerkin projection on the columns of ``V``, u = V q, Eqs. (4)-(9).
 
-        ``V`` is a basis of shape (n, j), u = V q. Gives a dense system of size j with the same
-        contact points and named points.
+        Parameters
+        ----------
+        V : ndarray, shape (n, j)
+            Basis.
+
+        Returns
+        -------
+        System
+            Dense, of size j, with the same contact points and named points.
+
+        Raises
+        ------
+        InputError
+            If the basis has another number of rows, or entries that are not finite.
         """
         if V.ndim != 2 or V.shape[0] != self.n or not np.all(np.isfinite(V)):
             raise InputError(
@@ -236,14 +250,17 @@ class System:
         return self._with(V, self.B @ V)
 
     def widened(self, small: System, V: FloatArray, W: FloatArray) -> System:
-        """Projection on the columns of both, from the one on those of ``V``, which is ``small``."""
+        """Projection on [V W] that reuses the projection ``small`` on V.
 
-        def wide(A: Matrix, part: FloatArray) -> FloatArray:
+        ``V`` has shape (n, j) and ``W`` shape (n, k).
+        """
+
+        def bordered(A: Matrix, projected: FloatArray) -> FloatArray:
             AW = A @ W
-            return np.block([[part, V.T @ AW], [AW.T @ V, 0.5 * (W.T @ AW + AW.T @ W)]])
+            return np.block([[projected, V.T @ AW], [AW.T @ V, 0.5 * (W.T @ AW + AW.T @ W)]])
 
-        def beside(part: Matrix, more: Matrix) -> Matrix:
-            return np.hstack([as_dense(part), as_dense(more)])
+        def side_by_side(left: Matrix, right: Matrix) -> Matrix:
+            return np.hstack([as_dense(left), as_dense(right)])
 
         vectors = (
             np.append(a.vector, W.T @ b.vector)
@@ -251,25 +268,39 @@ class System:
         )
         return replace(
             small,
-            M=wide(self.M, small.M),
-            C=wide(self.C, small.C),
-            K=wide(self.K, small.K),
-            B=beside(small.B, self.B @ W),
+            M=bordered(self.M, small.M),
+            C=bordered(self.C, small.C),
+            K=bordered(self.K, small.K),
+            B=side_by_side(small.B, self.B @ W),
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
-            P=beside(small.P, self.P @ W),
-            T=beside(small.T, W if self.T is None else self.T @ W),
+            P=side_by_side(small.P, self.P @ W),
+            T=side_by_side(small.T, W if self.T is None else self.T @ W),
         )
 
-    def in_unknowns(self, new: Arrangement) -> System:
-        """Same system in other unknowns, for which every slip row picks one of them.
+    def in_unknowns(self, new: ChangeOfUnknowns) -> System:
+        """Same system in other unknowns, one of which each slip row picks.
 
-        ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; this system's unknowns are
-        its outer ones.
+        ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; its outer unknowns are
+        those of this system.
         """
         return self._with(new.forward, selection(new.slips, new.forward.shape[1]))
 
+    def with_slips_as_unknowns(self) -> tuple[System, ChangeOfUnknowns]:
+        """Same system whose unknowns are the slips and the displacements that slips leave.
+
+        Each slip row then picks an unknown of its own. Second comes the change of unknowns.
+
+        Raises
+        ------
+        InputError
+            If slip rows depend on each other.
+        """
+        nothing = np.zeros(0, dtype=np.intp), sparse.csr_array((0, self.n))
+        new = change_of_unknowns(self.n, *nothing, self.B)
+        return self.in_unknowns(new), new
+
     def _with(self, T: Matrix, B: Matrix) -> System:
-        """System in the unknowns q, u = T q."""
+        """System in the unknowns q, u = T q, with the slip operator ``B`` in these."""
         return replace(
             self,
             M=congruent(self.M, T),
@@ -288,25 +319,25 @@ class System:
         C: Matrix = None,
         *,
         fixed: ArrayLike = (),
-        contact: Contact | None = None,
+        contact: SlipRows | None = None,
         loads: Mapping[str, tuple[ArrayLike, Callable[..., Any]]] | None = None,
         points: Mapping[str, ArrayLike] | None = None,
         stiffness_damping: float = 0.0,
         mass_damping: float = 0.0,
         damping_ratio: float | None = None,
     ) -> System:
-        """System of matrices of one's own, from scikit-fem or from anywhere.
+        """System from given matrices, assembled by scikit-fem or by any other program.
 
         Parameters
         ----------
         M, K, C : ndarray or sparse array, shape (N, N)
-            Mass (kg), positive definite, stiffness (N/m), positive semidefinite, and damping
-            (N s/m), positive semidefinite too, so that it takes energy and never gives any;
-            ``stiffness_damping * K + mass_damping * M`` (s, 1/s) if not given, or that of the
+            Mass (kg), positive definite; stiffness (N/m), positive semidefinite; and damping
+            (N s/m), positive semidefinite too, so that it never creates energy. If not given, C is
+            ``stiffness_damping * K + mass_damping * M`` (s, 1/s), or follows from the
             ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
-        contact : Contact, optional
+        contact : SlipRows, optional
             From `contact` or `point_friction`, or a sum of them; each of their names is a joint.
         loads : mapping, optional
             By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
@@ -324,7 +355,7 @@ class System:
         ------
         InputError
             For shapes that do not fit, matrices that are complex, not symmetric or indefinite, such
-            as gyroscopic ones, degrees of freedom that are not there, and slip rows that depend on
+            as gyroscopic ones, numbers that are no degrees of freedom, and slip rows that depend on
             each other.
         """
         factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
@@ -335,7 +366,7 @@ class System:
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
         n = square["M"].shape[0]
         fixed = dof_numbers(fixed, n)
-        joined = _joined(Contact.none(n) if contact is None else contact, n)
+        joined = _joined(SlipRows.none(n) if contact is None else contact, n)
         _check_enough_mass(square["M"], n - fixed.size - joined.held.shape[0])
         joined = joined.without(fixed)
         M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
@@ -366,12 +397,13 @@ class System:
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
     def with_damping_ratio(self, ratio: float) -> System:
-        """Damping C = a M + b K with this ratio of the critical one at two frequencies.
+        """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
-        They are the first natural frequency with all joints stuck (loose, where that leaves nothing
-        to vibrate) and the highest of the harmonic loads; the third natural frequency where there
-        is none or it is within a tenth of the first. Between the two the ratio is less, beyond them
-        more; ``notes`` say how much. The system is sparse, each of its slip rows picks an unknown.
+        The ratio is met at two frequencies: the first natural frequency with all joints stuck (or
+        loose, where nothing vibrates otherwise), and the highest frequency of the harmonic loads.
+        The third natural frequency takes the latter's place if there is none, or if it is within a
+        tenth of the first. Between the two frequencies damping is lower, beyond them higher;
+        ``notes`` say by how much. The system must be sparse, with slip rows that pick unknowns.
 
         Raises
         ------
@@ -384,11 +416,11 @@ class System:
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
-        """Displacement of all that the structure has, (..., N), from unknowns (..., n)."""
+        """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
         return u if self.T is None else expanded(self.T, u)
 
     def with_beta(self, beta: float) -> System:
-        """Give every contact point the scaling constant ``beta`` (s/m)."""
+        """System whose contact points all have the scaling constant ``beta`` (s/m)."""
         check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
@@ -413,7 +445,7 @@ class System:
 
 
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
-    """Vector of all ``n`` unknowns, given as such or by the number of one, from ``first`` on."""
+    """Vector of shape (n,), given as such or by the number of one unknown, from ``first`` on."""
     array = np.asarray(value)
     real = as_real(array, what)
     # A list of one whole number is a vector where there is one unknown.
@@ -429,19 +461,19 @@ def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray
 
 def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
     """Real matrices by name, all of the shape of the first, which must be square."""
-    found = {name: as_real(A, name) for name, A in given.items()}
-    first = next(iter(found.values())).shape
+    real = {name: as_real(A, name) for name, A in given.items()}
+    first = next(iter(real.values())).shape
     n = first[0] if len(first) == 2 else "N"
     refuse(
         f"{name}: found shape {A.shape}, must be ({n}, {n})"
-        for name, A in found.items()
+        for name, A in real.items()
         if A.shape != (n, n)
     )
-    return found
+    return real
 
 
-def _joined(contact: Contact, n: int) -> Contact:
-    """Contact with real rows, which must be of ``n`` unknowns."""
+def _joined(contact: SlipRows, n: int) -> SlipRows:
+    """Slip rows with real entries, which must be of ``n`` unknowns."""
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "held")}
     refuse(
         f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
@@ -461,13 +493,16 @@ def _check_enough_mass(M: Matrix, unknowns: int) -> None:
 
 
 def _unsymmetric(name: str, A: Matrix) -> list[str]:
-    """What is wrong with a matrix that must be symmetric; two random vectors tell."""
+    """What is wrong with a matrix A that must be symmetric.
+
+    For two random vectors x and y, x^T A y and y^T A x must agree to 1e-10 of the norm of A.
+    """
     values = A if isinstance(A, np.ndarray) else sparse.csr_array(A).data
     if not np.all(np.isfinite(values)):
         return [f"{name}: must be finite"]
     x, y = np.random.default_rng(0).normal(size=(2, A.shape[0]))
     difference = abs(float(x @ (A @ y) - y @ (A @ x)))
-    if difference <= _UNSYMMETRIC * float(np.linalg.norm(values)):
+    if difference <= 1e-10 * float(np.linalg.norm(values)):
         return []
     gyroscopic = ""
     if name == "C":
@@ -479,9 +514,10 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
 
 
 def _check_definite(system: System, damped: bool) -> None:
-    """Refuse a mass that is not positive definite, and what is negative somewhere.
+    """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
-    That is a stiffness, or, if it is ``damped`` by a matrix of its own, a damping.
+    The stiffness is shifted by 1e-9 of its size, so that it may be singular. The damping is checked
+    only if it is ``damped`` by a matrix of its own.
     """
     mass = float(system.M.diagonal().sum())
     small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
@@ -503,23 +539,24 @@ def _takes_energy(C: Matrix) -> bool:
     """Whether a symmetric matrix is positive semidefinite, but for round-off.
 
     It is divided by the roots of its diagonal on both sides, so that the units of its unknowns do
-    not count, and the pivots are those of its sum with a small multiple of the unit matrix.
+    not count. The pivots are those of its sum with 1e-9 of the unit matrix. Diagonal entries below
+    1e-12 of the largest are round-off.
     """
     C = sparse.csr_array(C)
     C.eliminate_zeros()
     if not C.nnz:
         return True
     diagonal = C.diagonal()
-    least = _ROUND_OFF * float(np.abs(diagonal).max())
+    least = 1e-12 * float(np.abs(diagonal).max())
     if least == 0.0 or diagonal.min() < -least:
         return False
     divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
-    return _is_definite(divided @ C @ divided + _SMALL_SHARE * sparse.eye_array(C.shape[0]))
+    return _is_definite(divided @ C @ divided + 1e-9 * sparse.eye_array(C.shape[0]))
 
 
 def _is_definite(A: Matrix) -> bool:
-    """Whether a symmetric matrix is positive definite, by the signs of its pivots."""
+    """Whether a symmetric matrix is positive definite: all pivots of its factors are positive."""
     try:
         return bool(np.all(pivots(A) > 0.0))
-    except RuntimeError:  # exactly singular
+    except RuntimeError:  # the factorisation stops at a pivot that is exactly zero
         return False

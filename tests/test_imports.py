@@ -1,9 +1,11 @@
-"""Imports go one way: a module imports only from floors below its own."""
+"""Imports go one way: from a folder to those before it in the list, and in no circle inside one.
+
+Imports that serve annotations alone count like all others.
+"""
 
 import ast
 import subprocess
 import sys
-from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -11,8 +13,13 @@ import pytest
 import skfem_joint
 
 PACKAGE = Path(skfem_joint.__file__).parent
-#: The floors, lowest first: the package's own modules, then its folders, then the command line.
-FLOORS = ["", "mesh", "structure", "stepping", "reduction", "scene", "analysis", "output", "cli"]
+#: The folders in which a module may import from its own and those before; "" is the package itself.
+FOLDERS = ["", "mesh", "structure", "stepping", "reduction", "scene", "analysis", "output", "cli"]
+#: Circles that are still to be broken. This list only ever gets shorter.
+KNOWN_CIRCLES = [
+    {"analysis.study", "analysis.summary"},
+    {"reduction.basis", "reduction.friction_points", "reduction.static_path"},
+]
 MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
 )
@@ -33,7 +40,11 @@ def imported(module: str, tree: ast.AST) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             assert not node.level, f"{module}: imports name the package in full"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names} | {str(node.module)}
+            full = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= full
+            # `from skfem_joint.mesh import cells` needs the module, not what the folder's init has.
+            if not all(name.removeprefix("skfem_joint.") in MODULES for name in full):
+                names.add(str(node.module))
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
     inside = {name.removeprefix("skfem_joint.") for name in names if name.startswith("skfem_joint")}
@@ -41,40 +52,33 @@ def imported(module: str, tree: ast.AST) -> set[str]:
     return found | {f"{name}.__init__" for name in inside if f"{name}.__init__" in MODULES}
 
 
-def floor(module: str) -> int:
-    top = module.split(".")[0] if "." in module or module == "cli" else ""
-    return len(FLOORS) if module in ("__init__", "__main__") else FLOORS.index(top)
+def place(module: str) -> int:
+    folder = module.split(".")[0] if "." in module or module == "cli" else ""
+    return len(FOLDERS) if module in ("__init__", "__main__") else FOLDERS.index(folder)
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])
-def test_module_imports_only_from_its_own_floor_and_those_below(module):
+def test_module_imports_only_from_its_own_folder_and_those_before(module):
     found = imported(module, tree_of(module)) - {"__init__"}
-    too_high = sorted(name for name in found if floor(name) > floor(module))
-    assert not too_high, f"{module} must not import {too_high}"
+    too_late = sorted(name for name in found if place(name) > place(module))
+    assert not too_late, f"{module} must not import {too_late}"
 
 
 def test_imports_run_in_no_circle():
-    graph = {
-        module: {
-            name
-            for name in imported(module, _without_typing(tree_of(module)))
-            if name not in ("__init__", module)
-            # A module may import its own folder's other modules through their full names only.
-            and name != f"{module.rpartition('.')[0]}.__init__"
-        }
+    """A circle is a set of modules each of which leads to each other by imports."""
+    reached = {module: imported(module, tree_of(module)) for module in MODULES}
+    # `skfem_joint` itself imports all for its annotations, and is imported by name alone.
+    reached = {module: names - {"__init__", module} for module, names in reached.items()}
+    for through in MODULES:
+        for module in MODULES:
+            if through in reached[module]:
+                reached[module] |= reached[through]
+    circles = {
+        frozenset(name for name in reached[module] if module in reached[name])
         for module in MODULES
-        if module != "__init__"
+        if module != "__init__" and module in reached[module]
     }
-    assert len(list(TopologicalSorter(graph).static_order())) >= len(MODULES) - 1
-
-
-def _without_typing(tree: ast.Module) -> ast.Module:
-    tree.body = [
-        node
-        for node in tree.body
-        if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING")
-    ]
-    return tree
+    assert sorted(map(sorted, circles)) == sorted(map(sorted, KNOWN_CIRCLES))
 
 
 @pytest.mark.parametrize("module", MODULES)

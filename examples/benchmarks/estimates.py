@@ -30,7 +30,7 @@ from skfem_joint.scene import scene_from, tables
 #: Errors below this are not judged; of large ones no less than a part may be stated.
 JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
 WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
-REFERENCES = get_args(tables.Reduction.model_fields["reference"].annotation)
+REFERENCES = get_args(tables.ReductionTable.model_fields["reference"].annotation)
 ACCURACY = {"displacement": 0.01, "energy": 0.02}
 #: Steps in a period or rise of full models.
 STEPS = (8, 12, 20, 40, 80, 150, 400)

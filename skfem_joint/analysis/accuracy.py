@@ -23,7 +23,7 @@ from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
-from skfem_joint.scene.tables import Accuracy
+from skfem_joint.scene.tables import AccuracyTable
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
 
@@ -35,7 +35,7 @@ STALLED = 0.9
 WORTHWHILE = 0.4
 
 
-def excess(accuracy: Accuracy, found: Estimate, source: str = "total") -> float:
+def excess(accuracy: AccuracyTable, found: Estimate, source: str = "total") -> float:
     """Largest of the errors from a source over what is asked for."""
     motion, energy = largest(found, source)
     asked = ((motion, accuracy.displacement), (energy, accuracy.energy))

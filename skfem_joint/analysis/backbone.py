@@ -347,7 +347,7 @@ def _own_law(
         slip = system.slip_norm((system.B @ np.diff(half, axis=0).T).T).T
         limits = friction.force(slip * (n * omega[k] / np.pi), beta) * system.w[:, np.newaxis]
         q = 0.5 * float(np.ptp(half @ force))
-        return 2.0 * float(np.vdot(limits, slip)) / (2.0 * np.pi * level[k] * q)
+        return float(2.0 * np.vdot(limits, slip) / (2.0 * np.pi * level[k] * q))
 
     marks = [path.rows.mark(path.of, "own law", level[k], force, states[k], omega[k]) for k in at]
     return at, np.array(

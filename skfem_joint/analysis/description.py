@@ -25,8 +25,8 @@ from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.structure import AnyStructure, Preload, PressureTable, Structure
-from skfem_joint.structure.checks import loose_bodies, per_wavelength
+from skfem_joint.structure import AnyStructure, PressureTable
+from skfem_joint.structure.doubts import per_wavelength
 from skfem_joint.system import System
 
 #: Frequencies that are shown; steps over which the stuck structure is followed.
@@ -57,10 +57,8 @@ def describe(scene: Scene) -> Description:
     """
     structure, system = scene.structure(), scene.system()
     found = Description(list(_parts(structure)))
-    if isinstance(structure, Structure):
-        size = np.ptp(structure.positions, axis=0)
-        density = structure.properties["density"] * structure.across
-        mass = float(structure.basis.dx.sum(axis=1) @ density)
+    if structure.body is not None:
+        size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
         found.values |= {"mass_kg": mass, "length_m": float(size.max())}
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
         found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
@@ -75,18 +73,7 @@ def describe(scene: Scene) -> Description:
 
 def _parts(structure: AnyStructure) -> Iterator[str]:
     """Sentences about bodies and joints."""
-    if isinstance(structure, Structure):
-        mesh = structure.mesh
-        bodies = int(mesh.body.max()) + 1
-        yield (
-            f"{bodies} {'body' if bodies == 1 else 'bodies'}, {mesh.n_elements} elements of order "
-            f"{mesh.order}."
-        )
-    else:
-        yield (
-            f"Matrices of {structure.n_nodes} degrees of freedom, {structure.fixed.size} of them "
-            "fixed; without positions there are no fields, pictures and active lengths."
-        )
+    yield structure.overview()
     for patch in structure.patches:
         joint = patch.joint
         against = f" against {joint.against}" if joint.against else ""
@@ -95,37 +82,14 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
             f"{joint.friction * patch.normal_force.sum():.6g} N."
         )
-        if isinstance(joint.pressure, PressureTable) and patch.nodes.size:
-            along = joint.pressure.along(structure.nodes[patch.nodes])
+        body = structure.body
+        if isinstance(joint.pressure, PressureTable) and patch.nodes.size and body is not None:
+            along = joint.pressure.along(body.nodes[patch.nodes])
             first = patch.nodes[along.argmin()]
-            place = ", ".join(f"{x:.6g}" for x in structure.positions[first])
+            place = ", ".join(f"{x:.6g}" for x in body.positions[first])
             text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
         yield text
-    if isinstance(structure, Structure) and structure.preload is not None:
-        yield from _clamped(structure, structure.preload)
-    for body in loose_bodies(structure, friction=False) if isinstance(structure, Structure) else ():
-        yield f"Friction alone holds {body}: it may slip away, and creeps under the arctan law."
-
-
-def _clamped(structure: Structure, preload: Preload) -> Iterator[str]:
-    """Sentences about what clamping bolts do."""
-    moved = float(np.linalg.norm(preload.displacement, axis=1).max())
-    yield (
-        f"Preload by {len(structure.bolts)} bolts, at rest and without friction: contact found in "
-        f"{preload.active_sets} steps and {preload.seconds:.3g} s, largest displacement "
-        f"{moved:.4g} m."
-    )
-    for joint, pressed in zip(structure.joints, preload.joints, strict=True):
-        if pressed is not None:
-            touches, area = pressed.force > 0.0, float(pressed.area.sum())
-            touching = float(pressed.area[touches].sum())
-            peak = float((pressed.force[touches] / pressed.area[touches]).max())
-            yield (
-                f"Joint {joint.name} is pressed by {pressed.force.sum():.6g} N: {touching:.4g} of "
-                f"{area:.4g} m2 touch, {100.0 * touching / area:.3g} %; peak pressure {peak:.4g} "
-                f"Pa, mean of what touches {pressed.force.sum() / touching:.4g} Pa, largest gap "
-                f"{pressed.gap.max():.3g} m."
-            )
+    yield from structure.at_rest()
 
 
 def _moves(scene: Scene, structure: AnyStructure, system: System, found: Description) -> None:
@@ -148,7 +112,7 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     looked_at = min(LOOKED_AT, system.n), min(LOOKED_AT, system.n - held.size)
     rigid = [most - some.size for most, some in zip(looked_at, (loose, stuck[0]), strict=True)]
     values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
-    if not isinstance(structure, Structure):
+    if structure.body is None:
         facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
     if rigid[1]:
         found.doubts.append(
@@ -156,8 +120,8 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
             "floats. Is something to be fixed, or do joints lack pressure or pairs?"
         )
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    if frequency > 0.0 and isinstance(structure, Structure):
-        speed, count = per_wavelength(structure, frequency)
+    if frequency > 0.0 and structure.body is not None:
+        speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
         facts.append(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
@@ -230,12 +194,13 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, found: De
     names = dict.fromkeys(load.on for load in system.loads)
     by_load = {name: float(moved[system.points.index(name)]) for name in names}
     found.values["static_displacement_m"] = by_load
-    if not isinstance(structure, Structure):
+    body = structure.body
+    if body is None:
         shown = ", ".join(f"{name} {x:.4g} m" for name, x in by_load.items())
         found.facts.append(f"Under the peak of the loads at rest: {shown}.")
         return
-    length, full = found.values["length_m"], structure.expand(u)
-    largest, slope = float(np.linalg.norm(full, axis=1).max()), structure.gradient(full)
+    length, full = found.values["length_m"], body.unpacked(system.expand(u))
+    largest, slope = float(np.linalg.norm(full, axis=1).max()), body.gradient(full)
     strains = 0.5 * (slope + slope.swapaxes(1, 2))  # means of the elements
     strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
     found.values["static_strain"] = strain

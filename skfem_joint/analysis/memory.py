@@ -63,7 +63,8 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     structure, system = (like or scene).structure(), (like or scene).system()
     n, rows, named, loads = system.n, system.B.shape[0], len(system.points), len(system.loads)
     joints = len(system.joints)
-    nodes, dim, save = structure.n_nodes, structure.dim, save_of(scene)
+    body, save = structure.body, save_of(scene)
+    nodes, dim = (structure.n_dofs, 3) if body is None else (body.n_nodes, body.dim)
     models, reduced = len(scene.models.run), "reduced" in scene.models.run
     condensed = "condensed" in scene.models.run
     every, fields_every = save.strides
@@ -109,7 +110,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     kept = np.count_nonzero(system.on_rows(system.w)) + _OF_MODES if condensed else 0
     unknowns = _OF_A_SCENE + nodes * _OF_A_NODE + structure.n_entries * _OF_AN_ENTRY
     share, power = _FILL[dim]
-    largest = structure.dim * nodes if scene.bolt else n  # a preload is solved for all nodes
+    largest = dim * nodes if scene.bolt else n  # a preload is solved for all nodes
     factor = int(_OF_THE_FACTOR * share * largest ** (1.0 + power))
     factor += factor if reduced and models > 1 else 0  # that of the static path is kept
     cycle = _OF_A_CYCLE + 2 * _NUMBER * (2 * named + loads + joints)
@@ -117,7 +118,7 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
         _POINTS: _NUMBER * (stored * history + estimated),
         _FIELDS: _NUMBER * frames * frame,
         "training run of the reduced model": _NUMBER * training,
-        "condensed model": _NUMBER * kept * (2 * structure.dim * nodes + 2 * n + 16 * kept),
+        "condensed model": _NUMBER * kept * (2 * dim * nodes + 2 * n + 16 * kept),
         "unknowns": unknowns + factor + _NUMBER * states,
         "works of cycles": models * (scene.time.cycles or 0) * cycle,
     }

@@ -42,7 +42,7 @@ from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.structure import Structure, doubts
+from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
 #: Errors of a step that are told in a sentence, and that the steps which it asks for leave.
@@ -304,8 +304,9 @@ def scene_backbone(
     curves = backbone(system, asked.modes, asked.levels, asked.up_to, progress=full, rows=rows)
     found = SceneBackbone(scene, warnings=list(doubts(structure, system)))
     found.warnings += [warning for curve in curves for warning in curve.warnings]
-    if isinstance(structure, Structure):
-        moved = (np.linalg.norm(structure.expand(curve.shape), axis=1) for curve in curves)
+    if structure.body is not None:
+        shapes = (structure.body.unpacked(system.expand(curve.shape)) for curve in curves)
+        moved = (np.linalg.norm(shape, axis=1) for shape in shapes)
         found.largest = [float(distance.max()) for distance in moved]
     start = None
     if asked.ring_down and asked.released == "loads":

@@ -14,7 +14,7 @@ from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import Bolts, Patch
+from skfem_joint.structure import Bolts
 
 if TYPE_CHECKING:
     from skfem_joint.analysis.study import Model, Study
@@ -25,8 +25,6 @@ LARGE = 0.1
 OPEN = 1e-8
 #: Estimated errors above this are told; a distance from the full model below this never is.
 DOUBTFUL, UNSEEN = 0.05, 1e-3
-#: Estimated errors above this are told.
-DOUBTFUL = 0.05
 #: A drift in a period above this share of the amplitude is told.
 DRIFTS = 1e-3
 #: Joints that creep by more than this share of their slip are told: half of the limit makes them
@@ -99,16 +97,17 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             "active_length_m": model.active_length.get(name),
             "active_area_fraction": model.active_area_fraction.get(name),
         }
-        if isinstance(patch.joint.pressure, Bolts):
+        body = study.structure.body
+        if isinstance(patch.joint.pressure, Bolts) and body is not None:
             part = study.system.J[[k]].toarray()[0] * work
-            by_bolt = _by_bolt(study, patch, patch.joint.pressure, part[patch.points])
+            nodes = body.nodes[patch.nodes]
+            by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
             found[name]["friction_energy_by_bolt_J"] = by_bolt
     return found
 
 
-def _by_bolt(study: Study, patch: Patch, bolts: Bolts, work: FloatArray) -> list[float]:
-    """Work (J) of the contact points of a joint, summed for the bolt that each is nearest to."""
-    nodes = study.structure.nodes[patch.nodes]
+def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> list[float]:
+    """Work (J) of contact points at nodes (k, dim), summed for the bolt that each is nearest to."""
     at = np.array([bolt.at[: nodes.shape[1]] for bolt in bolts.bolts])
     nearest = np.linalg.norm(nodes[:, np.newaxis] - at, axis=2).argmin(axis=1)
     return list(np.bincount(nearest, work, len(at)))
@@ -137,7 +136,7 @@ def violated(study: Study, model: Model) -> list[str]:
         found += gross_slip(study.structure, model.slip_peak, study.period)
         found += _creeping(study, model)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
-    size = study.structure.size
+    size = np.inf if study.structure.body is None else study.structure.body.size
     if largest > LARGE * size:
         found.append(
             f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "

@@ -1,4 +1,4 @@
-"""Meshes with names: built, read and checked, merged, refined and written, in every dimension."""
+"""Meshes with named parts, in every dimension: built, read, checked, merged, refined, written."""
 
 from skfem_joint.mesh.building import build_bar as build_bar
 from skfem_joint.mesh.building import build_box as build_box

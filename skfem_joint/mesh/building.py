@@ -19,7 +19,7 @@ from skfem_joint.values import COUNT, FINITE, POSITIVE
 Strip = tuple[str, float, int]
 #: A side, or a side and the strip to which it is limited.
 Place = str | tuple[str, str]
-# Sides across x, y and z, named as by scikit-fem.
+# Sides perpendicular to x, y and z, with scikit-fem's names.
 _SIDES = ("left", "right", "bottom", "top", "front", "back")
 
 
@@ -61,10 +61,10 @@ def build_plate(
     boundaries: Mapping[str, Place] | None = None,
     points: Mapping[str, Sequence[float]] | None = None,
 ) -> NamedMesh:
-    """Rectangle of equal elements in each of consecutive strips along x.
+    """Rectangle of consecutive strips along x, each of equal elements.
 
-    Vertices and elements are numbered column by column, upwards in each; two triangles share each
-    cell, with diagonals in turn.
+    Vertices and elements are numbered column by column, upwards in each. Triangles share a cell in
+    pairs, with diagonals that alternate.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def build_plate(
     order : {1, 2}
         Of the displacement.
     prefix : str
-        Put before the names of the default boundaries, e.g. "upper_".
+        Prefix of the names of the default boundaries, e.g. "upper_".
     boundaries : mapping of str to str or (str, str), optional
         By name: a side ("left", "right", "bottom", "top"), or a side and the strip to whose edge
         it is limited, e.g. ``{"contact": ("bottom", "joint")}``. Default: the four sides under
@@ -110,11 +110,11 @@ def build_box(
     boundaries: Mapping[str, Place] | None = None,
     points: Mapping[str, Sequence[float]] | None = None,
 ) -> NamedMesh:
-    """Box of equal elements in each of consecutive strips along x; six tetrahedra share each cell.
+    """Box of consecutive strips along x, each of equal elements; six tetrahedra share a cell.
 
-    As `build_plate`, with three coordinates, sizes along y and z (m), and numbers of elements along
-    these. The sides are "left" and "right" (x), "bottom" and "top" (y), "front" and "back" (z), as
-    scikit-fem calls them.
+    Parameters and errors are those of `build_plate`, with three coordinates, and with sizes (m) and
+    numbers of elements along y and z. The sides are "left" and "right" (x), "bottom" and "top" (y),
+    "front" and "back" (z), as scikit-fem calls them.
     """
     return _built(kind, strips, size, elements, order, origin, points, boundaries, prefix)
 
@@ -130,7 +130,7 @@ def _built(
     boundaries: Mapping[str, Place] | None,
     prefix: str = "",
 ) -> NamedMesh:
-    """Grid of any dimension; bars are measured from their first end, wherever it is."""
+    """Grid of any dimension; the coordinate of a bar starts at 0, whatever its origin."""
     if boundaries is None:
         boundaries = {prefix + side: side for side in _SIDES[: 2 + 2 * len(size)]}
     limits = {n: (at, None) if isinstance(at, str) else at for n, at in boundaries.items()}
@@ -161,7 +161,7 @@ def _built(
             facets=_sides(kind, t, strip_of, shape, limits, names),
             points=_vertices(p, points or {}),
             body=np.zeros(t.shape[1], dtype=np.intp),
-            as_it_is=len(axes) == 1,  # nodes ascend already
+            as_it_is=len(axes) == 1,  # nodes of bars ascend already
         )
     except ValueError as error:
         raise InputError(f"{kind}s: {error}") from error
@@ -169,22 +169,22 @@ def _built(
 
 def _vertices(p: FloatArray, points: Mapping[str, Any]) -> dict[str, int]:
     """Vertices at the given places; ValueError where there are none."""
-    found, problems = {}, []
+    vertices, problems = {}, []
     for name, place in points.items():
         wanted = np.atleast_1d(np.asarray(place, dtype=np.float64))
         if wanted.shape != (len(p),):
             problems.append(f"point {name!r} at {place}: give {len(p)} coordinates (m)")
             continue
         distance = np.linalg.norm(p - wanted[:, np.newaxis], axis=0)
-        found[name] = int(np.argmin(distance))
-        if not distance[found[name]] <= TOLERANCE * np.ptp(p, axis=1).max():
+        vertices[name] = int(np.argmin(distance))
+        if not distance[vertices[name]] <= TOLERANCE * np.ptp(p, axis=1).max():
             problems.append(
                 f"point {name!r} at {spot(wanted)} is not on a node; the nearest one is at "
-                f"{spot(p[:, found[name]])}"
+                f"{spot(p[:, vertices[name]])}"
             )
     if problems:
         raise ValueError("\n".join(problems))
-    return found
+    return vertices
 
 
 def _mistakes(
@@ -196,7 +196,7 @@ def _mistakes(
     origin: Sequence[float],
     limits: Mapping[str, tuple[str, str | None]],
 ) -> list[str]:
-    """What is wrong with the parameters of a grid, but for names."""
+    """What is wrong with the parameters of a grid, except names."""
     parts = [(f"strip {name!r}", length, count) for name, length, count in strips]
     parts += zip(("width", "depth"), size, elements, strict=False)
     problems = [] if strips else ["a mesh needs at least one strip"]
@@ -222,7 +222,7 @@ def _mistakes(
     ]
 
 
-# Corners of the elements that share an even cell of the grid, and an odd one.
+# Corners of the elements that share an even cell of the grid, and those that share an odd one.
 _SIX = ((0, 1, 3, 4), (0, 3, 2, 4), (2, 3, 4, 6), (3, 4, 6, 7), (3, 4, 5, 7), (1, 3, 4, 5))
 _SHARED: dict[str, Any] = {
     "triangle": (((0, 1, 2), (0, 2, 3)), ((0, 1, 3), (1, 2, 3))),
@@ -259,7 +259,7 @@ def _sides(
     known, t2f = CELLS[kind].facets(t, math.prod(shape))
     owner = np.empty(known.shape[1], dtype=np.intp)
     owner[t2f] = strip_of
-    found = {}
+    boundaries = {}
     for name, (side, strip) in limits.items():
         axis, end = divmod(_SIDES.index(side), 2)
         on_side = np.indices(shape)[axis].ravel() == end * (shape[axis] - 1)
@@ -268,5 +268,5 @@ def _sides(
             chosen &= owner == names.index(strip)
         if not chosen.any():
             raise ValueError(f"boundary {name!r}: strip {strip!r} does not reach side {side!r}")
-        found[name] = known[:, chosen]
-    return found
+        boundaries[name] = known[:, chosen]
+    return boundaries

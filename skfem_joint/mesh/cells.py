@@ -1,8 +1,11 @@
 """Kinds of elements, from scikit-fem's own tables, and the checks that hold for all of them.
 
-Each check raises ValueError with the place and the reason. In all functions ``p`` (dim, n_vertices)
-are the positions of the vertices, m, ``at`` (n_vertices, 3) those in space, for messages, ``t``
-(corners, n_elements) the vertices of the elements and ``facets`` (corners, n_facets) of the facets.
+Each check raises ValueError, which states place and reason. In all functions
+
+- ``p``, shape (dim, n_vertices), are the positions of the vertices, m;
+- ``at``, shape (n_vertices, 3), are their positions in space, m, for messages;
+- ``t``, shape (corners, n_elements), are the vertices of the elements;
+- ``facets``, shape (corners, n_facets), are the vertices of the facets.
 """
 
 from __future__ import annotations
@@ -21,18 +24,31 @@ from skfem.element import BOUNDARY_ELEMENT_MAP
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 
-TOLERANCE = 1e-9  # of the mesh's size: straightness, coincident nodes, positions of points
-# Of the mesh, m: its stiffness, mass and energies must not overflow.
+#: Share of the mesh's size below which positions are the same: straightness, coincident nodes,
+#: positions of points.
+TOLERANCE = 1e-9
+#: Smallest size and largest coordinate of a mesh, m: energies must neither vanish nor overflow.
 SHORTEST, LONGEST = 1e-20, 1e20
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One kind of element: its name, and its mesh (of first order) and elements in scikit-fem.
+    """One kind of element.
 
-    The degrees of freedom of its ``elements`` of first and second order are the nodes; ``turned``
-    are the corners of the mirrored element, ``sign`` is that of scikit-fem's Jacobian determinant
-    where Gmsh's is positive, ``gmsh`` the nodes in Gmsh's order where it is not scikit-fem's.
+    Attributes
+    ----------
+    name : str
+    mesh : type
+        Mesh of first order in scikit-fem.
+    elements : tuple of type
+        Scalar elements of first and second order in scikit-fem; their degrees of freedom are the
+        nodes.
+    turned : tuple of int
+        Corners of the mirrored element.
+    sign : int
+        Sign of scikit-fem's Jacobian determinant where that of Gmsh is positive.
+    gmsh : tuple of int
+        Nodes in the order of Gmsh, where it differs from scikit-fem's.
     """
 
     name: str
@@ -49,12 +65,12 @@ class Cell:
 
     @property
     def measure(self) -> str:
-        """What its size is called."""
+        """Word for the size of an element."""
         return ("length", "area", "volume")[self.dim - 1]
 
     def facets(self, t: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
         """Vertices of each facet and facets of each element, numbered as scikit-fem does."""
-        if self.dim == 1:  # the vertices themselves: millions of them need no sorting
+        if self.dim == 1:  # facets are the vertices: no sorting of millions of numbers
             return np.arange(n_vertices)[np.newaxis], t
         facets, t2f = skfem.Mesh.build_entities(t, self.elements[0].refdom.facets, sort=False)
         return np.asarray(facets, dtype=np.intp), np.asarray(t2f, dtype=np.intp)
@@ -94,7 +110,10 @@ def cell_of(mesh: skfem.Mesh) -> tuple[Cell, int]:
 
 
 def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """First of each set of equal columns, sorted by content, and the set of each column."""
+    """Index of the first column in each set of equal columns, and the set of each column.
+
+    The sets are sorted by the columns' content.
+    """
     order = np.lexsort(a[::-1])
     new = np.ones(order.size, dtype=np.bool_)
     new[1:] = (np.diff(a[:, order], axis=1) != 0).any(axis=0)
@@ -106,12 +125,26 @@ def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
 def split(
     mesh: skfem.Mesh, values: FloatArray | None = None
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:
-    """Elements and facets of a first-order mesh, split at the middles of their edges.
+    """Split the elements and facets of a first-order mesh at the middles of their edges.
 
-    Nodes are numbered as the degrees of freedom of the second-order element. Returns values (k, N)
-    at the nodes from those at the vertices, by default their positions; nodes of the elements and
-    of the facets (nodes, n); parts of the elements and of the facets (parts, corners, n). Of eight
-    parts of a tetrahedron, the inner four meet at the shortest diagonal.
+    Nodes are numbered as the degrees of freedom of the second-order element. Of the eight parts of
+    a tetrahedron, the inner four meet at the shortest diagonal.
+
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Of first order, with n elements or facets.
+    values : ndarray, shape (k, n_vertices), optional
+        Values at the vertices; their positions if not given.
+
+    Returns
+    -------
+    values : ndarray, shape (k, N)
+        Values interpolated at the nodes.
+    element_nodes, facet_nodes : ndarray of int, shape (nodes, n)
+        Nodes of the elements and of the facets.
+    element_parts, facet_parts : ndarray of int, shape (parts, corners, n)
+        Nodes of the parts of the elements and of the facets.
     """
     cell, _ = cell_of(mesh)
     first, second = (element() for element in cell.elements)
@@ -136,8 +169,8 @@ def split(
 def _parts(places: FloatArray, corners: int) -> IntArray:
     """Nodes of the parts of an element of second order, from the places of its nodes.
 
-    The part at each corner has its own corners half-way to the others; in a triangle, a fourth
-    one joins the middles of the edges.
+    The corners of the part at a corner are the middles between this corner and all others. In a
+    triangle a fourth part joins the middles of the edges.
     """
     half = 0.5 * (places[:corners, np.newaxis] + places[:corners])
     parts = np.argmin(np.abs(half[:, :, np.newaxis] - places).sum(axis=-1), axis=-1)
@@ -158,12 +191,12 @@ def _around_diagonals(positions: FloatArray, nodes: IntArray) -> IntArray:
 
 
 def _det(matrices: FloatArray) -> FloatArray:
-    """Determinants of matrices (n, dim, dim); millions of numbers need no factorisation."""
+    """Determinants of matrices (n, dim, dim); in one dimension the numbers themselves."""
     return matrices[:, 0, 0] if matrices.shape[1] == 1 else np.linalg.det(matrices)
 
 
 def spot(*positions: FloatArray) -> str:
-    """Positions in a message."""
+    """Positions (m) in a message."""
     words = (", ".join(f"{value:.9g}" for value in position) for position in positions)
     return " to ".join(f"({word}) m" for word in words)
 
@@ -171,7 +204,7 @@ def spot(*positions: FloatArray) -> str:
 def check_shapes(cell: Cell, p: FloatArray, t: IntArray, at: FloatArray) -> BoolArray:
     """Refuse elements that have no size, are not convex or cross themselves.
 
-    Returns which elements (n_elements,) run the wrong way round.
+    Returns whether each element runs the wrong way round, shape (n_elements,).
     """
     size = float(np.ptp(p, axis=1).max())
     if size < SHORTEST:
@@ -206,10 +239,11 @@ def check_shapes(cell: Cell, p: FloatArray, t: IntArray, at: FloatArray) -> Bool
 def find_bodies(
     p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, at: FloatArray
 ) -> IntArray:
-    """Body (n_elements,) of each element, numbered by its first one: those that share facets.
+    """Number of the body of each element, shape (n_elements,).
 
-    Refused are elements on the same side of a facet, bodies that share a node, and nodes of one
-    body in one place.
+    Elements that share facets belong to one body; bodies are numbered by their first elements.
+    Refused are elements on the same side of a facet, bodies that share a node, and two nodes of
+    one body in the same place.
     """
     beside = _beside(p, t, facets, t2f, at)
     joined = beside[:, (beside >= 0).all(axis=0)]
@@ -223,7 +257,7 @@ def find_bodies(
             f"elements only touch in the point {spot(at[shared[0]])}, a hinge: join them along a "
             "whole side, or give them separate nodes"
         )
-    nodes = np.unique(facets[:, (beside < 0).any(axis=0)])  # a crack shows on the surface
+    nodes = np.unique(facets[:, (beside < 0).any(axis=0)])  # cracks are part of the surface
     size = float(np.ptp(at[nodes], axis=0).max())
     apart = np.column_stack([at[nodes], 2.0 * size * body_of[nodes]])  # bodies may overlap
     double = cKDTree(apart).query(apart, k=2)[0][:, 1] <= TOLERANCE * size

@@ -1,4 +1,4 @@
-"""The Gmsh format: files checked before meshio reads them, and written."""
+"""The Gmsh format: checks of files before meshio reads them, and a writer."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Groups = dict[tuple[int, int], set[int]]
 
 
 class _Numbers:
-    """Numbers of one section in turn; asking for more than it holds raises ValueError."""
+    """Numbers of one section, read in turn; ValueError if more are asked for than it holds."""
 
     def __init__(self, body: bytes, name: str, binary: bool) -> None:
         self.name, self.binary, self.position = name, binary, 0
@@ -41,20 +41,22 @@ class _Numbers:
             self.values = np.fromstring(body.decode("ascii"), sep=" ")
 
     def take(self, kind: str, count: int) -> NDArray[Any]:
+        """Next ``count`` numbers, of a numpy type in binary files."""
         start = self.position
         self.position += count * (np.dtype(kind).itemsize if self.binary else 1)
         if count < 0 or self.position > self.values.size:
             raise ValueError(
                 f"${self.name} announces more than it holds: the file is cut or damaged"
             )
-        found = self.values[start : self.position]
-        return np.frombuffer(found.tobytes(), kind) if self.binary else found
+        values = self.values[start : self.position]
+        return np.frombuffer(values.tobytes(), kind) if self.binary else values
 
     def integers(self, kind: str, count: int) -> list[int]:
+        """Next ``count`` whole numbers."""
         return [int(value) for value in self.take(kind, count)]
 
     def line(self) -> int:
-        """Number that has a line of its own even in binary files."""
+        """Next number, which is written on a line of its own also in binary files."""
         if not self.binary:
             return self.integers("u8", 1)[0]
         text = self.values[:20].tobytes().partition(b"\n")[0]
@@ -63,13 +65,22 @@ class _Numbers:
 
 
 def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
-    """What meshio may read of a Gmsh file, numbers of its nodes, and groups of its entities if any.
+    """Check a Gmsh file, and leave out what meshio would misread.
 
-    meshio allocates what the counts in a file ask for, ends up with the wrong node where an
-    element names one that does not exist, keeps one of two groups of the same name, and reads on
-    where a section is cut off: these are refused. It also refuses a file in which some entities
-    belong to no group, and empties a group of reversed curves (negative tags): it is shown the
-    file without its entities, and without results and other sections.
+    meshio allocates memory for whatever counts a file states, takes a wrong node where an element
+    names one that does not exist, keeps only one of two groups of the same name, and reads on where
+    a section is cut off. Such files are refused. meshio also refuses a file in which some entities
+    belong to no group, and empties groups of reversed curves (negative tags). Entities, results and
+    other sections are therefore left out of what it reads.
+
+    Returns
+    -------
+    content : bytes
+        What meshio is to read.
+    tags : ndarray of int
+        Numbers of the nodes.
+    groups : dict or None
+        Physical groups of the entities, if the file states them.
     """
     sections = _sections(data.removeprefix(b"\xef\xbb\xbf"))
     version, mode, size = (word.decode("ascii") for word in sections["MeshFormat"].split()[:3])
@@ -106,6 +117,7 @@ def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
 
 
 def _sections(data: bytes) -> dict[str, bytes]:
+    """Content of each section by its name."""
     sections = {"PhysicalNames": b""}
     position = 0
     while match := re.compile(rb"^\$(\w+)[ \t]*\r?\n", re.M).search(data, position):
@@ -124,6 +136,7 @@ def _sections(data: bytes) -> dict[str, bytes]:
 
 
 def _groups_of_entities(numbers: _Numbers) -> Groups:
+    """Physical groups of each entity, from a section $Entities."""
     groups = {}
     for dimension, count in enumerate(numbers.integers("u8", 4)):
         for _ in range(count):
@@ -137,14 +150,14 @@ def _groups_of_entities(numbers: _Numbers) -> Groups:
 
 
 def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of all nodes, and of those of all elements."""
+    """Numbers of all nodes, and of the nodes of all elements, in format 2.2."""
     if Nodes.binary:
         record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
         tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
     else:
         tags = Nodes.take("f8", 4 * Nodes.line())[::4]
-    used, tagged, found, total = [np.empty(0)], set(), 0, Elements.line()
-    while found < total:
+    used, tagged, count_read, total = [np.empty(0)], set(), 0, Elements.line()
+    while count_read < total:
         (kind, count, n_tags) = Elements.integers("i4", 3)
         if not Elements.binary:  # number of the element, kind, tags
             kind, count = count, 1
@@ -154,15 +167,15 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         table = Elements.take("i4", count * width).reshape(count, width)
         used.append(table[:, -_nodes_of(kind) :].ravel())
         tagged.add(n_tags > 0)
-        found += count
+        count_read += count
     if len(tagged) > 1:  # meshio shifts the tags of those that have some
         raise ValueError("some elements have tags and some have none; save it again with Gmsh")
     return tags, np.concatenate(used)
 
 
 def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of all nodes, and of those of all elements."""
-    tags, used, found = [np.empty(0)], [np.empty(0)], 0
+    """Numbers of all nodes, and of the nodes of all elements, in format 4.1."""
+    tags, used, count_read = [np.empty(0)], [np.empty(0)], 0
     blocks, n_nodes, _, _ = Nodes.integers("u8", 4)
     for _ in range(blocks):
         if Nodes.integers("i4", 3)[2]:
@@ -175,8 +188,8 @@ def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         width = 1 + _nodes_of(Elements.integers("i4", 3)[2])
         (count,) = Elements.integers("u8", 1)
         used.append(Elements.take("u8", count * width).reshape(count, width)[:, 1:].ravel())
-        found += count
-    held = sum(map(len, tags)), found
+        count_read += count
+    held = sum(map(len, tags)), count_read
     if held != (n_nodes, n_elements):
         raise ValueError(
             f"the file announces {n_nodes} nodes and {n_elements} elements and holds {held[0]} and "
@@ -186,6 +199,7 @@ def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
 
 
 def _nodes_of(kind: int) -> int:
+    """Number of nodes of an element of a Gmsh type."""
     if kind not in _NODES:
         raise ValueError(
             f"it holds elements of Gmsh type {kind} (6 is a prism, 7 a pyramid, 21 a triangle of "
@@ -196,13 +210,18 @@ def _nodes_of(kind: int) -> int:
 
 
 def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
-    """Write a mesh as Gmsh 4.1 ASCII; regions, boundaries and points are its physical groups.
+    """Write a mesh as Gmsh 4.1 ASCII, with regions, boundaries and points as physical groups.
 
-    Elements of the same regions make one entity, facets of the same boundaries another, so that
-    overlapping groups need no repeated cells, as they would with meshio's writer, which also loses
-    groups whose entities own no nodes. Elements are written in the order of first appearance of
-    their entities; of order 2, with their middle nodes. InputError if the file cannot be written,
-    and for several bars, which are read from a file each.
+    Elements that belong to the same regions make one entity, and facets of the same boundaries
+    another, so that overlapping groups need no repeated cells. meshio's writer would repeat them,
+    and loses groups whose entities own no nodes. Elements are written in the order in which their
+    entities first appear, those of second order with their middle nodes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or the mesh holds several bars: each is read from a file of
+        its own.
     """
     cell, _ = cell_of(mesh.mesh)
     if mesh.dim == 1 and mesh.body.max() > 0:
@@ -270,7 +289,11 @@ def _words(values: list[Any]) -> str:
 
 
 def _by_membership(named: Mapping[str, IntArray], count: int) -> list[tuple[list[str], IntArray]]:
-    """Names of the groups and numbers of the things that are in just these, by first thing."""
+    """Each combination of groups that occurs, with the members of exactly these groups.
+
+    ``named`` are the members of each group, numbered below ``count``. Combinations come in the
+    order of their first members.
+    """
     member = np.zeros((1 + len(named), count), dtype=np.bool_)
     for row, chosen in zip(member[1:], named.values(), strict=True):
         row[chosen] = True

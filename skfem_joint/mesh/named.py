@@ -29,10 +29,11 @@ class NamedMesh:
     Attributes
     ----------
     mesh : skfem.MeshLine1, MeshTri1, MeshQuad1, MeshTet1 or MeshHex1
-        Straight-sided; ``p`` of shape (dim, n_vertices), m. Lines are measured by their arc length
-        along the first bar. Regions are its subdomains and boundaries its boundaries, also inside
-        bodies; points of a mesh of lines stand among its boundaries too. In meshes that are read
-        or built elements run as in Gmsh, and nodes and elements of each bar ascend.
+        Mesh with straight sides and vertices ``p``, shape (dim, n_vertices), m. A coordinate of a
+        bar is the arc length along the first bar. Regions are the subdomains of this mesh, and
+        boundaries, also those inside bodies, its boundaries; points of a line mesh are among its
+        boundaries too. In meshes that were read or built, elements run as in Gmsh, and nodes and
+        elements of each bar ascend.
     order : int
         Order of the displacement, 1 or 2.
     points : dict of str to int
@@ -97,14 +98,14 @@ def named(
     points: Mapping[str, int] | None = None,
     order: int | None = None,
 ) -> NamedMesh:
-    """Named mesh from any mesh of scikit-fem, whose numbers of vertices and elements stay.
+    """Named mesh from any mesh of scikit-fem; vertices and elements keep their numbers.
 
     Parameters
     ----------
     mesh : skfem.Mesh
         Of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second order;
         its subdomains become regions. Boundaries of one vertex of a line mesh become points.
-        Second-order elements are made straight, which ``notes`` tell where an edge was curved.
+        Second-order elements are made straight; ``notes`` say so where an edge was curved.
     points : mapping of str to int, optional
         Vertex by point name.
     order : {1, 2}, optional
@@ -152,9 +153,9 @@ def named(
 
 
 def _numbers(what: str, groups: Mapping[str, Any] | None, count: int) -> dict[str, IntArray]:
-    """Sorted numbers of groups, all of them below ``count``."""
-    found = {name: np.unique(np.asarray(values)) for name, values in (groups or {}).items()}
-    for name, numbers in found.items():
+    """Sorted numbers of each group, all of them below ``count``; ValueError if they are not."""
+    sorted_groups = {name: np.unique(np.asarray(values)) for name, values in (groups or {}).items()}
+    for name, numbers in sorted_groups.items():
         if not numbers.size:
             raise ValueError(f"{what} {name!r} is empty: take it out, or give it members")
         if numbers.dtype.kind not in "iu" or numbers[0] < 0 or numbers[-1] >= count:
@@ -162,7 +163,7 @@ def _numbers(what: str, groups: Mapping[str, Any] | None, count: int) -> dict[st
                 f"{what} {name!r} must hold whole numbers from 0 to {count - 1}, found "
                 f"{numbers[0]} to {numbers[-1]}"
             )
-    return {name: numbers.astype(np.intp) for name, numbers in found.items()}
+    return {name: numbers.astype(np.intp) for name, numbers in sorted_groups.items()}
 
 
 def make(
@@ -180,11 +181,30 @@ def make(
     body: IntArray | None = None,
     as_it_is: bool = False,
 ) -> NamedMesh:
-    """Named mesh from its parts, checked; ValueError says what is wrong with them.
+    """Named mesh from its parts, which are checked.
 
-    ``p``, ``at`` and ``t`` are as in `skfem_joint.mesh.cells`, with no vertex to spare; ``facets``
-    (corners, n) the vertices of the facets by boundary name. ``body`` is given where elements are
-    known to join as they should. ``as_it_is``: elements are not turned round nor bars renumbered.
+    Parameters
+    ----------
+    cell : Cell
+    p, t, at : ndarray
+        As in `skfem_joint.mesh.cells`, without unused vertices.
+    order : {1, 2}
+        Order of the displacement.
+    regions : mapping of str to ndarray of int
+        Elements by region name.
+    facets : mapping of str to ndarray of int, shape (corners, n)
+        Vertices of the facets by boundary name.
+    points : mapping of str to int
+        Vertex by point name.
+    path, notes, body
+        As those of `NamedMesh`. If ``body`` is given, how elements join is not checked.
+    as_it_is : bool
+        Whether elements are not turned round and bars not renumbered.
+
+    Raises
+    ------
+    ValueError
+        Says what is wrong with the parts.
     """
     check_count(len(regions) + len(facets) + len(points))
     if order not in ((1, 2) if cell.dim > 1 else (1,)):
@@ -197,7 +217,7 @@ def make(
         t = np.where(turned, t[list(cell.turned)], t)
     vertices, t2f = cell.facets(t, p.shape[1])
     body = cells.find_bodies(p, t, vertices, t2f, at) if body is None else body
-    if cell.dim == 1:  # boundaries of one vertex are points, and bars have an order
+    if cell.dim == 1:  # boundaries of one vertex are points, and nodes of bars ascend
         single = {name: int(ends[0, 0]) for name, ends in facets.items() if ends.shape[1] == 1}
         single = {name: node for name, node in single.items() if points.get(name, node) == node}
         facets = {name: ends for name, ends in facets.items() if name not in single}
@@ -218,7 +238,7 @@ def make(
     problems = name_problems(region=groups, boundary=boundaries, point=points)
     if problems:
         raise ValueError("\n".join(problems))
-    if cell.dim == 1:  # scikit-fem names single vertices where they are facets
+    if cell.dim == 1:  # to scikit-fem named vertices of line meshes are boundaries
         boundaries |= {name: np.array([vertex]) for name, vertex in points.items()}
     mesh = cell.mesh(p, t, boundaries or None, groups or None, sort_t=False)
     return NamedMesh(mesh, order, dict(points), at, body, path, notes)
@@ -245,16 +265,16 @@ def _facets(
     ends = [np.reshape(group, (len(facets), -1)) for group in groups.values()]
     first, member = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
     sizes = np.cumsum([group.shape[1] for group in ends])[:-1]
-    found = np.split(first[member[n_facets:]], sizes)
-    for name, own, group in zip(groups, found, ends, strict=True):
+    numbers = np.split(first[member[n_facets:]], sizes)
+    for name, own, group in zip(groups, numbers, ends, strict=True):
         # A side that no element has is first where it stands in a group.
         if own.max(initial=0) >= n_facets:
             raise ValueError(not_a_side(name, at[group[:, np.argmax(own >= n_facets)]]))
-    return {name: np.unique(own) for name, own in zip(groups, found, strict=True)}
+    return {name: np.unique(own) for name, own in zip(groups, numbers, strict=True)}
 
 
 def check_count(names: int) -> None:
-    """Refuse a mesh of so many groups that no one has named them; ValueError."""
+    """Refuse a mesh of more named groups than anyone has named; ValueError."""
     if names > MOST_NAMES:
         raise ValueError(
             f"it has {names} named groups, must be at most {MOST_NAMES}: name only what is loaded, "
@@ -263,7 +283,7 @@ def check_count(names: int) -> None:
 
 
 def not_a_side(name: str, corners: FloatArray) -> str:
-    """What to say of a group with a part that no element has."""
+    """Message about a group with a part that is no side of any element."""
     return (
         f"group {name!r}: {spot(*corners)} is no side or corner of an element. In Gmsh, embed it "
         "in the surface or volume before meshing"
@@ -271,7 +291,7 @@ def not_a_side(name: str, corners: FloatArray) -> str:
 
 
 def name_problems(**names: Iterable[str]) -> list[str]:
-    """Names, by kind of thing, that cannot stand in a file or stand for things of two kinds."""
+    """What is wrong with names, given by kind: forbidden characters, or two things of one name."""
     kinds: dict[str, list[str]] = {}
     for kind, given in names.items():
         for name in dict.fromkeys(given):
@@ -294,10 +314,10 @@ def name_problems(**names: Iterable[str]) -> list[str]:
 
 
 def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
-    """Several meshes in one, their bodies apart: nodes in one place are not joined.
+    """Several meshes in one, with separate bodies: nodes in the same place are not joined.
 
-    Bars must be parallel, and are measured along the first: ``p`` is then the position along its
-    axis from its first end, and a bar drawn the other way is renumbered so that it ascends.
+    Bars must be parallel. Their coordinate is then the position along the axis of the first bar,
+    from its first end; a bar that runs the other way is renumbered so that it ascends.
 
     Raises
     ------
@@ -358,7 +378,10 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
 
 
 def _measured_along(first: NamedMesh, bar: NamedMesh) -> FloatArray:
-    """Positions (dim, n) of a mesh as the first one measures them; ValueError if it cannot."""
+    """Positions (dim, n) of a mesh in the coordinates of the first one.
+
+    ValueError for bars that are not parallel.
+    """
     if bar is first or bar.dim > 1:
         return np.asarray(bar.mesh.p)
     (origin, axis), (start, along) = bar_axis(first), bar_axis(bar)
@@ -369,7 +392,7 @@ def _measured_along(first: NamedMesh, bar: NamedMesh) -> FloatArray:
 
 
 def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
-    """Place where the arc length is zero, and direction; all bodies of a mesh are parallel."""
+    """Place in space at which the coordinate of a bar is zero, and its direction."""
     nodes = bar.mesh.t[:, bar.body == 0].ravel()
     position = bar.mesh.p[0, nodes]
     a, b = nodes[np.argmin(position)], nodes[np.argmax(position)]
@@ -378,10 +401,11 @@ def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def refined(mesh: NamedMesh) -> NamedMesh:
-    """Mesh with every element e split into those from ``2**dim * e`` on; names and order stay.
+    """Mesh with every element split in 2**dim parts, with the same names and order.
 
-    Vertices keep their numbers but in bars, whose nodes ascend. scikit-fem's own ``refined`` mixes
-    up the regions of line meshes and drops the boundaries of solids.
+    Element e becomes the elements ``2**dim * e`` and following. Vertices keep their numbers, except
+    in bars, whose nodes ascend. scikit-fem's own ``refined`` is not used because it mixes up the
+    regions of line meshes and drops the boundaries of solids.
     """
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])

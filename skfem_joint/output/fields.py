@@ -83,7 +83,7 @@ class Frames:
             nodes = np.flatnonzero(one.area)
             other = None if one.other is None else one.other[nodes]
             gap += one.gap + _reaction(other, nodes, one.area[nodes], gap.size) @ one.gap
-        moved = self.structure.in_space(preload.displacement)
+        moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
 
     @cached_property
@@ -103,7 +103,7 @@ class Frames:
 
         It takes as many touching corners as what is pressed has: those of a cell or of a facet.
         """
-        cells, n = self.structure.cells, len(self.structure.nodes)
+        cells, n = self.structure.body.cells, len(self.structure.nodes)
         inside = np.zeros(cells.shape, dtype=bool)
         for patch, reaction in zip(self.structure.patches, self._reactions, strict=True):
             pressed, held = np.zeros((2, n), dtype=bool)
@@ -122,10 +122,11 @@ class Frames:
         The body that is not pressed gets the reaction. "contact_state" is -1 unless the cell may
         touch and half of it does, 1 if half of that slips.
         """
-        reaction, in_space = self._reaction, self.structure.in_space
+        reaction, in_space = self._reaction, self.structure.body.in_space
         own, traction = field.slip_state[frame], field.friction_traction[frame]
         work, slip = field.friction_work_density[frame], field.slip[frame]
-        stress = self.structure.stress(field.displacement[frame])[self.structure.cell_element]
+        body = self.structure.body
+        stress = body.stress(field.displacement[frame])[body.cell_element]
         (xx, yy, zz), shear = stress[:, :3].T, stress[:, 3:]
         distortion = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
         state = np.maximum(own, _mean_state(reaction, own))
@@ -173,9 +174,7 @@ def frames_of(study: Study) -> Frames:
 
     InputError if the runs stored no fields, or the structure is given by matrices alone.
     """
-    structure = study.structure
-    if not isinstance(structure, Structure):
-        raise InputError("fields need a mesh: matrices do not tell where their nodes are")
+    structure = study.structure.meshed("fields need a mesh")
     models = list(study.models.values())
     times = min((model.run.field_times for model in models), key=len)
     if times.size == 0:

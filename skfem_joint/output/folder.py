@@ -103,7 +103,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     """
     plan = curves(study)
     output = study.scene.output
-    pictured = output.plots and len(study.structure.nodes) > 0
+    pictured = output.plots and study.structure.body is not None
     if pictured or output.vtk:
         frames = frames_of(study)
     if output.vtk:
@@ -155,9 +155,10 @@ def curves(study: Study) -> dict[str, Writer]:
     model = next(iter(study.models.values()))
     peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)
-    for k, patch in enumerate(study.structure.patches):
-        if peak[patch.points].any() and len(patch.cells):
+    body = study.structure.body
+    for patch in study.structure.patches if body is not None else ():
+        if peak[patch.points].any():
             name = f"active_region_{safe_name(patch.joint.name)}.png"
             slip = (peak[patch.points], active[patch.points])
-            add(name, plots.active_region_figure, study.structure, k, *slip)
+            add(name, plots.active_region_figure, body, patch, *slip)
     return plan

@@ -293,7 +293,7 @@ class _Picture:
 
     def _extents(self, parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray]:
         """Least and largest coordinates across and up the picture that some parts reach."""
-        in_space, count = self.frames.structure.in_space, len(self.frames.times)
+        in_space, count = self.frames.structure.body.in_space, len(self.frames.times)
         reached = []
         for one in self.frames.fields:
             u = self.factor * in_space(one.displacement[:count])

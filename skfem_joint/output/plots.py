@@ -21,7 +21,7 @@ from skfem_joint.files import needed, replacing
 from skfem_joint.reduction.pod import ProperModes
 from skfem_joint.reduction.reference import ReferenceModes
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import Structure
+from skfem_joint.structure import Body, Patch
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -355,15 +355,14 @@ def _legend_above(figure: Figure, panel: Any) -> None:
 
 
 def active_region_figure(
-    structure: Structure, joint: int, largest_slip: FloatArray, active: BoolArray
+    body: Body, patch: Patch, largest_slip: FloatArray, active: BoolArray
 ) -> Figure:
-    """Where a joint, counted from 0, has slipped: an area from above, a line as a curve along it.
+    """Where a joint has slipped: an area from above, a line as a curve along it.
 
     Of each of its k contact points ``largest_slip`` (k,) is the largest norm of the slip (m),
     ``active`` (k,) whether it belongs to the active region, whose share of the contact's area
     stands in the title.
     """
-    patch = structure.patches[joint]
     held = patch.held_nodes.size
     share = 100.0 * float(patch.area[active].sum() / (patch.area.sum() + patch.held_area))
     unit, scale = prefixed_unit("m", [largest_slip])
@@ -371,10 +370,10 @@ def active_region_figure(
     nodes = np.concatenate([patch.nodes, patch.held_nodes])
     slip = np.concatenate([largest_slip / scale, np.zeros(held)])
     active = np.concatenate([active, np.zeros(held, dtype=bool)])
-    place, corners = structure.nodes[nodes], patch.cells.shape[1]
+    place, corners = body.nodes[nodes], patch.cells.shape[1]
     # A line along its longest direction; an area in its two longest.
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
-    names = [f"{'xyz'[axis]}, m" if structure.dim > 1 else "position, m" for axis in axes]
+    names = [f"{'xyz'[axis]}, m" if body.dim > 1 else "position, m" for axis in axes]
     label = f"largest slip, {unit}"
     if corners == 2:
         figure, (panel,) = _panels(7.5, 3.5)
@@ -384,7 +383,7 @@ def active_region_figure(
         height = float(np.clip(2.4 + 6.8 * tall / wide, 2.7, 9.0))
         figure = new_figure(float(np.clip(2.6 + 7.0 * wide / tall, 4.5, 8.0)), height, "compressed")
         panel = figure.subplots()
-        number = np.full(len(structure.nodes), -1, dtype=np.intp)
+        number = np.full(body.n_nodes, -1, dtype=np.intp)
         number[nodes] = np.arange(nodes.size)
         _area(panel, place[:, axes], number[patch.cells], slip, active, label)
     panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))

@@ -66,11 +66,11 @@ def blocks_of(structure: Structure) -> list[Block]:
     mesh = structure.mesh
     corners, directions, section = _corners(structure), _directions(structure), _section(structure)
     shift = _heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
-    of_cell = mesh.body[structure.cell_element]
+    of_cell = mesh.body[structure.body.cell_element]
     blocks = []
     for number, label in enumerate(_labels(structure)):
         cells = np.flatnonzero(of_cell == number)
-        elements, width = structure.cell_element[cells], corners.shape[1]
+        elements, width = structure.body.cell_element[cells], corners.shape[1]
         # Where the section changes, a node has points of each.
         _, step = np.unique(section[elements], axis=0, return_inverse=True)
         pairs = np.column_stack([corners[cells].ravel(), np.repeat(step.ravel(), width)])
@@ -96,8 +96,8 @@ def faces_of(structure: Structure) -> list[Block]:
     blocks = []
     for label, corners in _touching(structure).items():
         nodes, place = np.unique(corners, return_inverse=True)
-        cells, number = _behind(structure.cells, corners), np.reshape(place, corners.shape)
-        kind, elements = _CELLS[2, corners.shape[1]][0], structure.cell_element[cells]
+        cells, number = _behind(structure.body.cells, corners), np.reshape(place, corners.shape)
+        kind, elements = _CELLS[2, corners.shape[1]][0], structure.body.cell_element[cells]
         grid = _grid(structure, kind, number, structure.positions[nodes], elements)
         blocks.append(Block(label, grid, nodes, cells))
     return blocks
@@ -108,7 +108,7 @@ def _touching(structure: Structure) -> dict[str, IntArray]:
     bounds = structure.mesh.boundaries if structure.dim == 3 else {}
     pairs = [(patch.joint.on, patch.joint.against) for patch in structure.patches]
     names = dict.fromkeys(name for pair in pairs for name in pair if name in bounds)
-    return {f"contact {name}": structure.facet_cells(bounds[name])[0] for name in names}
+    return {f"contact {name}": structure.body.facet_cells(bounds[name])[0] for name in names}
 
 
 def _behind(cells: IntArray, facets: IntArray) -> IntArray:
@@ -168,7 +168,7 @@ def _directions(structure: Structure) -> FloatArray:
     """Directions of a bar's width (horizontal, across it) and of the thickness, (3 - dim, 3)."""
     if structure.dim > 1:
         return np.eye(3)[structure.dim :]
-    along = structure.axes[0]
+    along = structure.body.axes[0]
     across = np.cross([0.0, 0.0, 1.0], along)
     length = np.linalg.norm(across)
     across = across / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
@@ -178,7 +178,7 @@ def _directions(structure: Structure) -> FloatArray:
 def _section(structure: Structure) -> FloatArray:
     """Sizes of each element in the directions it is swept along, (n_elements, 3 - dim), m."""
     names = ("width", "thickness")[structure.dim - 1 :]
-    sizes = [structure.properties[name] for name in names]
+    sizes = [structure.body.properties[name] for name in names]
     return np.reshape(np.transpose(sizes), (structure.mesh.n_elements, 3 - structure.dim))
 
 
@@ -191,13 +191,13 @@ def _heights(structure: Structure) -> FloatArray:
     body = structure.mesh.body
     height = np.zeros(int(body.max()) + 1)
     thick = np.zeros(height.size)
-    np.maximum.at(thick, body, structure.properties["thickness"])
+    np.maximum.at(thick, body, structure.body.properties["thickness"])
     above = {
         (int(upper), int(lower))
         for patch in structure.patches
         if patch.other is not None and patch.normal is None
-        for upper in np.unique(structure.body[patch.nodes])
-        for lower in np.unique(structure.body[np.unique(patch.other.tocsr().indices)])
+        for upper in np.unique(structure.body.body_of_node[patch.nodes])
+        for lower in np.unique(structure.body.body_of_node[np.unique(patch.other.tocsr().indices)])
         if upper != lower
     }
     for _ in height:  # each round settles at least one more layer
@@ -209,7 +209,7 @@ def _heights(structure: Structure) -> FloatArray:
 
 def _corners(structure: Structure) -> IntArray:
     """Corners of the linear sub-cells in VTK's order, turned so that their size is positive."""
-    cells = structure.cells
+    cells = structure.body.cells
     if cells.shape[1] == 8:
         cells = cells[:, _HEXAHEDRON]
     _, beside, turned = _CELLS[structure.dim, cells.shape[1]]

@@ -16,7 +16,7 @@ from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
-from skfem_joint.scene.sweep_table import Range
+from skfem_joint.scene.sweep_table import RangeTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -114,7 +114,7 @@ def figures(swept: Swept, table: Mapping[str, list[Any]]) -> Iterator[tuple[str,
         results.setdefault(result, {})[model] = table[name]
     axes = [(f"{key}\n{meaning(key, Scene)}".strip(), table[key]) for key in keys]
     given = (swept.table.model_extra or {})[keys[0]]
-    log = isinstance(given, Range) and given.scale == "log"
+    log = isinstance(given, RangeTable) and given.scale == "log"
     for result, by_model in results.items():
         label, unit = _label(result)
         if len(keys) == 1:

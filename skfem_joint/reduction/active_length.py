@@ -131,9 +131,9 @@ def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) ->
         if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
             continue
         room = np.ones(peak.size)
-        if patch.held_nodes.size:
-            held = cKDTree(structure.nodes[patch.held_nodes])
-            room = held.query(structure.nodes[patch.nodes])[0]
+        if patch.held_nodes.size and structure.body is not None:
+            nodes = structure.body.nodes
+            room = cKDTree(nodes[patch.held_nodes]).query(nodes[patch.nodes])[0]
         if (peak / room).min() > GROSS_SLIP * peak.max() / room.max():
             found.append(
                 f"Every point of joint '{patch.joint.name}' slips, the least by "

@@ -177,16 +177,15 @@ def make_basis(
             )
         basis = static_basis(system, found, modes, interface)
     elif options.reference == "paper":
-        if not isinstance(structure, Structure):
-            raise InputError(
-                "reduction.reference: found 'paper', whose modes are laid along a mesh; matrices "
-                "have none: take 'static' or 'self'"
-            )
-        zones = active_zones(structure, system)
+        meshed = structure.meshed(
+            "reduction.reference: found 'paper', whose modes are laid along a mesh; take 'static' "
+            "or 'self' instead"
+        )
+        zones = active_zones(meshed, system)
         probe = probed(system, zones, step, n_steps, cycle_steps)
         lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)
         made = paper_reference(**decomposed), zones, lengths, probe
-        basis = scaled_basis(structure, system, *made, modes=modes, interface_modes=interface)
+        basis = scaled_basis(meshed, system, *made, modes=modes, interface_modes=interface)
     else:
         raise InputError(
             f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
@@ -358,7 +357,7 @@ def _slip_vectors(
     directions, axis = np.zeros((m, 2, structure.dim)), np.zeros((m, structure.dim))
     for patch in structure.patches:
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
-        axis[patch.points] = axis_of(structure, patch.joint)
+        axis[patch.points] = axis_of(structure.body, patch.joint)
     along, across = np.einsum("mkd,md->mk", directions, axis), np.zeros((m, 2))
     size = np.linalg.norm(along, axis=1)[:, np.newaxis]
     lone = (system.directions == 1) & (size[:, 0] <= THRESHOLD)

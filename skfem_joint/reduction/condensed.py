@@ -23,7 +23,7 @@ from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system import System
-from skfem_joint.unknowns import selection, slips_as_unknowns
+from skfem_joint.unknowns import selection
 from skfem_joint.values import WHOLE, check
 
 #: Fixed-interface modes are kept up to this many times the loads' highest frequency (1.5 to 2 is
@@ -78,7 +78,7 @@ def condensed_basis(
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
     inner, forward = carrying(system)[0], None
     if not picks_unknowns(inner.B):
-        inner, new = slips_as_unknowns(inner)
+        inner, new = inner.with_slips_as_unknowns()
         forward = new.forward
     kept = np.asarray(sparse.csr_array(inner.B).indices, dtype=np.intp)
     rest = np.setdiff1d(np.arange(inner.n), kept)

@@ -21,7 +21,7 @@ from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.structure import AnyStructure, Joint, Patch, Structure
+from skfem_joint.structure import AnyStructure, Body, Joint, Patch, Structure
 from skfem_joint.system import System
 
 #: Cycles of a quick run, least steps in one and in the shortest period of the loads.
@@ -108,25 +108,25 @@ class Zone:
         return max(measured(*self.profile(slip_peak)), float(self.distance[beside].max()))
 
 
-def axis_of(structure: AnyStructure, joint: Joint) -> FloatArray | None:
+def axis_of(body: Body, joint: Joint) -> FloatArray | None:
     """Unit vector along a joint, (dim,): trivial in one dimension, else None if none is named."""
     axis = np.ones(1) if joint.axis is None else np.asarray(joint.axis, dtype=float)
-    return axis / np.linalg.norm(axis) if axis.size == structure.dim else None
+    return axis / np.linalg.norm(axis) if axis.size == body.dim else None
 
 
-def stretches(structure: AnyStructure, patch: Patch) -> list[Zone]:
+def stretches(body: Body, patch: Patch) -> list[Zone]:
     """Connected parts of a joint's contact, seen from the low end; none without axis."""
-    axis = axis_of(structure, patch.joint)
+    axis = axis_of(body, patch.joint)
     if axis is None:
         return []
-    number = np.full(structure.n_nodes, -2)
+    number = np.full(body.n_nodes, -2)
     number[patch.held_nodes], number[patch.nodes] = -1, patch.points
     corners = combinations(range(patch.cells.shape[1]), 2)
     pairs = np.concatenate([patch.cells[:, pair] for pair in corners])
     pairs = pairs[np.all(number[pairs] > -2, axis=1)]
     graph = sparse.csr_array((np.ones(len(pairs)), pairs.T), shape=(number.size, number.size))
     label = connected_components(graph, directed=False)[1]
-    limit = np.zeros(structure.n_nodes)
+    limit = np.zeros(body.n_nodes)
     limit[patch.nodes] = patch.joint.friction * patch.normal_force
     limit[patch.held_nodes] = (
         patch.joint.friction * patch.held_force / max(len(patch.held_nodes), 1)
@@ -135,15 +135,15 @@ def stretches(structure: AnyStructure, patch: Patch) -> list[Zone]:
     inside = np.flatnonzero(number > -2)
     for part in np.unique(label[inside]):
         nodes = inside[label[inside] == part]
-        nodes = nodes[np.argsort(structure.nodes[nodes] @ axis, kind="stable")]
-        along = structure.nodes[nodes] @ axis
+        nodes = nodes[np.argsort(body.nodes[nodes] @ axis, kind="stable")]
+        along = body.nodes[nodes] @ axis
         if along[-1] > along[0] and np.any(number[nodes] >= 0):
             place[nodes] = np.arange(nodes.size)
             own = place[pairs[label[pairs[:, 0]] == part]]
             tau = float(limit[nodes].sum() / (along[-1] - along[0]))
             distance = along - along[0]
             found.append(Zone(patch.joint, axis, nodes, number[nodes], distance, own, tau))
-    return sorted(found, key=lambda zone: float(structure.nodes[zone.nodes[0]] @ axis))
+    return sorted(found, key=lambda zone: float(body.nodes[zone.nodes[0]] @ axis))
 
 
 def active_zones(structure: Structure, system: System) -> list[Zone]:
@@ -155,7 +155,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
     """
     own = "use reference = 'static'"
     for patch in structure.patches:
-        if axis_of(structure, patch.joint) is None:
+        if axis_of(structure.body, patch.joint) is None:
             raise InputError(
                 f"{patch.joint.label}: no axis is named; scaled reference modes need one, e.g. "
                 f"axis = [1.0, 0.0]; or {own}"
@@ -165,7 +165,7 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
     zones: list[Zone] = []
     for patch in structure.patches:
         others = [p.nodes for p in structure.patches if p is not patch]
-        for low in stretches(structure, patch):
+        for low in stretches(structure.body, patch):
             high = low.from_other_end()
             between = low.points[~low.at_mouth & ~high.at_mouth[::-1] & (low.points >= 0)]
             if np.any(loaded[between]):
@@ -200,13 +200,14 @@ def active_zones(structure: Structure, system: System) -> list[Zone]:
 def _is_open(structure: Structure, patch: Patch, zone: Zone, outwards: FloatArray) -> bool:
     """Whether elements outside the joint touch a mouth, or the other body reaches beyond it."""
     mouth = zone.nodes[zone.at_mouth]
-    touching = structure.cells[np.isin(structure.cells, mouth).any(axis=1)]
+    cells = structure.body.cells
+    touching = cells[np.isin(cells, mouth).any(axis=1)]
     if not np.isin(touching, zone.nodes).all():
         return True
     if patch.other is None:
         return False
     below = abs(patch.other[np.isin(patch.nodes, mouth)]).sum(axis=0) > _SAME
-    around = structure.cells[below[structure.cells].any(axis=1)]
+    around = cells[below[cells].any(axis=1)]
     reach = (structure.nodes[around] - structure.nodes[mouth[0]]) @ outwards
     return bool(reach.max() > _SAME * zone.length)
 
@@ -232,8 +233,10 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
 def measured_lengths(structure: AnyStructure, slip_peak: FloatArray) -> dict[str, float]:
     """Active length (m) of each joint with an axis, from the end of each part that slips most."""
     lengths: dict[str, float] = {}
+    if structure.body is None:
+        return lengths
     for patch in structure.patches:
-        for low in stretches(structure, patch):
+        for low in stretches(structure.body, patch):
             distance, peak = low.profile(slip_peak)
             if peak[-1] > peak[0]:
                 distance, peak = distance[-1] - distance[::-1], peak[::-1]

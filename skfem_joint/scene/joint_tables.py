@@ -40,7 +40,7 @@ class _Pressure(SceneTable):
         raise NotImplementedError
 
 
-class PressureByPosition(_Pressure):
+class PressureByPositionTable(_Pressure):
     """``pressure = { positions, values, axis }``: linear between positions along an axis."""
 
     positions: Annotated[tuple[Number, ...], A_LIST] = key(
@@ -56,7 +56,7 @@ class PressureByPosition(_Pressure):
         return structure.PressureTable(self.positions, self.values, self.axis)
 
 
-class Bolt(SceneTable):
+class PressureBoltTable(SceneTable):
     """``bolts = [{ at, force, ... }, ...]``: bolts that press the joint around their holes."""
 
     at: Coordinates = key("position of its axis, [x, y] or [x, y, z], m")
@@ -68,10 +68,10 @@ class Bolt(SceneTable):
     )
 
 
-class BoltPressure(_Pressure):
+class BoltPressureTable(_Pressure):
     """``pressure = { bolts = [...], reach = ... }``: the pressure under bolts."""
 
-    bolts: Annotated[tuple[Bolt, ...], A_LIST] = key(
+    bolts: Annotated[tuple[PressureBoltTable, ...], A_LIST] = key(
         "list of tables { at, force, head_radius }", min_length=1
     )
     reach: NotNegative = key("depth from heads to contact, over which the cones spread, m", 0.0)
@@ -82,7 +82,7 @@ class BoltPressure(_Pressure):
         return structure.Bolts(bolts, self.reach)
 
 
-class Joint(SceneTable):
+class JointTable(SceneTable):
     """``[[joint]]``: a part of a body pressed on a rigid base, or on another body."""
 
     on: str = key("name of the region or boundary that is pressed")
@@ -90,8 +90,8 @@ class Joint(SceneTable):
     pressure: Annotated[
         Annotated[NotNegative, Tag(NUMBER)]
         | Annotated[Literal["preload"], Tag(WORD)]
-        | Annotated[PressureByPosition, Tag(TABLE)]
-        | Annotated[BoltPressure, Tag(BOLTS)],
+        | Annotated[PressureByPositionTable, Tag(TABLE)]
+        | Annotated[BoltPressureTable, Tag(BOLTS)],
         one_of(WORD, TABLE, BOLTS),
     ] = key(
         "normal pressure, Pa, or a table of it, or 'preload': as [[bolt]] presses it",
@@ -130,7 +130,7 @@ class Joint(SceneTable):
         return structure.Joint(**own)
 
 
-class ClampingBolt(SceneTable):
+class BoltTable(SceneTable):
     """``[[bolt]]``: a bolt that presses joints with ``pressure = "preload"``."""
 
     force: Positive = key("clamp force, N")

@@ -34,7 +34,7 @@ def _is_name(name: str) -> str:
 _Name = Annotated[str, AfterValidator(_is_name)]
 
 
-class Matrices(SceneTable):
+class MatricesTable(SceneTable):
     """``[matrices]``: the structure as matrices, such as another program exports them."""
 
     K: FileName = key(

@@ -16,8 +16,8 @@ from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.scene.messages import found_text, key_parts, key_path, sentences
 from skfem_joint.scene.scene import OF_STRUCTURE, OF_SYSTEM, Scene, relations
-from skfem_joint.scene.sweep_table import Sweep
-from skfem_joint.scene.tables import Mesh
+from skfem_joint.scene.sweep_table import SweepTable
+from skfem_joint.scene.tables import MeshTable
 
 _LARGEST_SCENE = 2**20  # bytes
 _MOST_MISTAKES = 200  # of tables that are told one by one
@@ -45,7 +45,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
     """Load the scene's mesh, or say what is wrong with the file."""
     try:
-        table = Mesh.model_validate(
+        table = MeshTable.model_validate(
             {key: tables["mesh"][key] for key in ("file", "scale") if key in tables["mesh"]}
         )
     except (KeyError, TypeError, ValidationError):
@@ -121,20 +121,28 @@ def scene_from(
     lines = [f"{path}: {problem}" for problem in found]
     known = right.keys() >= OF_STRUCTURE and (mesh is not None or scene.matrices is not None)
     if known:
-        try:
-            _ = scene.system() if right.keys() >= OF_SYSTEM else scene.structure()
-        except InputError as error:
-            lines += error.problems
+        lines += _misfits(scene, with_loads=right.keys() >= OF_SYSTEM)
     if lines:
         raise InputError(list(dict.fromkeys(lines)))
     return scene
+
+
+def _misfits(scene: Scene, with_loads: bool) -> list[str]:
+    """What in a scene does not fit its mesh or matrices: its structure or system is built."""
+    try:
+        scene.structure()
+        if with_loads:
+            scene.system()
+    except InputError as error:
+        return error.problems
+    return []
 
 
 @dataclass(frozen=True)
 class Swept:
     """Scenes of a sweep, what each has of the swept keys, and the table that says so."""
 
-    table: Sweep
+    table: SweepTable
     values: tuple[dict[str, Any], ...]
     scenes: tuple[Scene, ...]
 
@@ -156,7 +164,7 @@ def load_sweep(path: str | Path) -> Swept:
     path = Path(path)
     tables = read_toml(path)
     try:
-        sweep = Sweep.model_validate(tables.pop("sweep", {}))
+        sweep = SweepTable.model_validate(tables.pop("sweep", {}))
     except ValidationError as error:
         errors = error.errors()
         for one in errors:

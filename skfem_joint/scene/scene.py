@@ -22,9 +22,9 @@ from skfem_joint.errors import InputError, listed
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import joint_tables, tables
-from skfem_joint.scene.matrices import Matrices
+from skfem_joint.scene.matrices import MatricesTable
 from skfem_joint.scene.messages import key_path, mistake
-from skfem_joint.scene.sweep_table import Sweep
+from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
 from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.system import System
@@ -45,34 +45,36 @@ class Scene(SceneTable):
     """
 
     title: str = key("what the results are headed with", "")
-    matrices: Matrices | None = key(
+    matrices: MatricesTable | None = key(
         "matrices of the structure, in place of mesh, material, section and support",
         None,
     )
-    mesh: tables.Mesh | None = key(
+    mesh: tables.MeshTable | None = key(
         "the mesh file; needed but beside matrices", None, validate_default=True
     )
-    material: tables.Material | None = key(
+    material: tables.MaterialTable | None = key(
         "what the bodies are made of; needed but beside matrices", None, validate_default=True
     )
-    section: tables.Section = key("width and thickness", tables.Section())
-    support: tables.Support = key("what is held", tables.Support())
-    joint: Annotated[tuple[joint_tables.Joint, ...], A_LIST] = key("joints with friction", ())
-    bolt: Annotated[tuple[joint_tables.ClampingBolt, ...], A_LIST] = key(
+    section: tables.SectionTable = key("width and thickness", tables.SectionTable())
+    support: tables.SupportTable = key("what is held", tables.SupportTable())
+    joint: Annotated[tuple[joint_tables.JointTable, ...], A_LIST] = key("joints with friction", ())
+    bolt: Annotated[tuple[joint_tables.BoltTable, ...], A_LIST] = key(
         "bolts whose clamp force presses joints", ()
     )
-    damping: tables.Damping = key("linear damping", tables.Damping())
+    damping: tables.DampingTable = key("linear damping", tables.DampingTable())
     load: Annotated[tuple[tables.AnyLoad, ...], A_LIST] = key(
         "forces as functions of time", min_length=1
     )
-    time: tables.Time = key("length of the run and of its steps")
-    models: tables.Models = key("what is run", tables.Models())
-    reduction: tables.Reduction = key("how the reduced model is made", tables.Reduction())
-    accuracy: tables.Accuracy = key("errors asked for and estimated", tables.Accuracy())
-    output: tables.Output = key("what is written", tables.Output())
-    response: tables.Response | None = key("frequencies and levels of steady vibration", None)
-    backbone: tables.Backbone = key("modes whose damping is looked for", tables.Backbone())
-    sweep: Sweep | None = key("values that `load_sweep` makes scenes of", None)
+    time: tables.TimeTable = key("length of the run and of its steps")
+    models: tables.ModelsTable = key("what is run", tables.ModelsTable())
+    reduction: tables.ReductionTable = key("how the reduced model is made", tables.ReductionTable())
+    accuracy: tables.AccuracyTable = key("errors asked for and estimated", tables.AccuracyTable())
+    output: tables.OutputTable = key("what is written", tables.OutputTable())
+    response: tables.ResponseTable | None = key("frequencies and levels of steady vibration", None)
+    backbone: tables.BackboneTable = key(
+        "modes whose damping is looked for", tables.BackboneTable()
+    )
+    sweep: SweepTable | None = key("values that `load_sweep` makes scenes of", None)
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
@@ -160,8 +162,10 @@ class Scene(SceneTable):
             structure = self.structure()
             with self._naming():
                 self._system = structure.system(self.loads(), self.output.points or None)
-            size = structure.n_nodes, self._system.n, self._system.contact_points
-            _log.info("%s: %d nodes, %d unknowns, %d contact points.", self._path, *size)
+            size = structure.n_dofs, self._system.n, self._system.contact_points
+            _log.info(
+                "%s: %d degrees of freedom, %d unknowns, %d contact points.", self._path, *size
+            )
         return self._system
 
     @contextmanager
@@ -287,7 +291,7 @@ def _time_problems(scene: Scene) -> Iterator[str]:
             )
 
 
-def _matrix_problems(scene: Scene, given: Matrices) -> Iterator[str]:
+def _matrix_problems(scene: Scene, given: MatricesTable) -> Iterator[str]:
     """Mistakes in what other tables ask of a scene with matrices."""
     if given.C is not None and scene.damping.model_fields_set:
         yield "damping: found beside matrices.C, must be one of the two"

@@ -21,7 +21,7 @@ _OTHERS = Literal["estimated_error", "error", "dofs", "wall_s", "offline_s"]
 _DEFAULT = ("peak_displacement_m", *get_args(_ENERGY), "estimated_error", "wall_s")
 
 
-class Range(SceneTable):
+class RangeTable(SceneTable):
     """``{ from, to, points, scale }``: values at equal distances, or in equal ratios."""
 
     first: Number = key("first value", alias="from")
@@ -44,7 +44,7 @@ class Range(SceneTable):
         return tuple(map(int, found) if all(x.is_integer() for x in found) else found)
 
 
-class Sweep(SceneTable):
+class SweepTable(SceneTable):
     """``[sweep]``: values that keys of the scene, such as ``"joint[0].friction"``, go through."""
 
     model_config = ConfigDict(extra="allow")
@@ -52,7 +52,7 @@ class Sweep(SceneTable):
         str,
         Annotated[
             Annotated[tuple[Any, ...], Field(strict=False, min_length=1), Tag(LIST)]
-            | Annotated[Range, Tag(TABLE)],
+            | Annotated[RangeTable, Tag(TABLE)],
             one_of(TABLE, otherwise=LIST),
             Field(description="values that a key of the scene goes through"),
         ],
@@ -92,7 +92,7 @@ class Sweep(SceneTable):
     def values(self) -> dict[str, tuple[Any, ...]]:
         """Values of each key."""
         given = (self.__pydantic_extra__ or {}).items()
-        return {name: one.values() if isinstance(one, Range) else one for name, one in given}
+        return {name: one.values() if isinstance(one, RangeTable) else one for name, one in given}
 
     def combinations(self) -> list[dict[str, Any]]:
         """What each scene has of the keys; in a product the last key changes first."""

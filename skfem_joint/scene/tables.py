@@ -36,7 +36,7 @@ from skfem_joint.scene.values import (
 from skfem_joint.stepping.resolution import PER_PERIOD
 
 
-class Mesh(SceneTable):
+class MeshTable(SceneTable):
     """``[mesh]``: where the mesh is."""
 
     file: Annotated[
@@ -73,7 +73,7 @@ class MaterialOverride(_Override):
     poisson: PoissonRatio | None = key("Poisson's ratio", None)
 
 
-class Material(SceneTable):
+class MaterialTable(SceneTable):
     """``[material]``: linear elastic, isotropic."""
 
     E: Positive = key("Young's modulus, Pa")
@@ -90,7 +90,7 @@ class SectionOverride(_Override):
     thickness: Positive | None = key("thickness, m", None)
 
 
-class Section(SceneTable):
+class SectionTable(SceneTable):
     """``[section]``: what the mesh does not show of the bodies."""
 
     width: Positive | None = key("width of a bar and of its contact, m", None)
@@ -99,7 +99,7 @@ class Section(SceneTable):
     regions: dict[str, SectionOverride] = key("what differs in regions, by their names", {})
 
 
-class Support(SceneTable):
+class SupportTable(SceneTable):
     """``[support]``: points, boundaries and regions that are held."""
 
     fixed: Names = key("names of what is held in every direction", ())
@@ -108,7 +108,7 @@ class Support(SceneTable):
     fixed_z: Names = key("names of what is held along z", ())
 
 
-class Damping(SceneTable):
+class DampingTable(SceneTable):
     """``[damping]``: C = stiffness * K + mass * M, by its factors or by the ratio it gives."""
 
     stiffness: NotNegative = key("factor of the stiffness matrix, s", 0.0)
@@ -174,7 +174,7 @@ class _Load(SceneTable):
         return shape(**{name: getattr(self, name) for name in signature(shape).parameters})
 
 
-class Component(SceneTable):
+class ComponentTable(SceneTable):
     """``components = [{ ... }, ...]``: harmonics, amplitude * sin(2 pi frequency t + phase)."""
 
     amplitude: Number = key("amplitude of the force, N")
@@ -182,7 +182,7 @@ class Component(SceneTable):
     phase: Number = key("phase at time zero, rad", 0.0)
 
 
-class HarmonicLoad(Component, _Load):
+class HarmonicLoad(ComponentTable, _Load):
     """``kind = "harmonic"``: a force amplitude * sin(2 pi frequency t + phase)."""
 
     kind: Literal["harmonic"] = key("shape of the force in time")
@@ -192,7 +192,7 @@ class MultiHarmonicLoad(_Load):
     """``kind = "multi_harmonic"``: a sum of harmonics."""
 
     kind: Literal["multi_harmonic"] = key("shape of the force in time")
-    components: Annotated[tuple[Component, ...], A_LIST] = key(
+    components: Annotated[tuple[ComponentTable, ...], A_LIST] = key(
         "list of tables { amplitude, frequency, phase } that are added", min_length=1
     )
 
@@ -253,7 +253,7 @@ AnyLoad: TypeAlias = Annotated[
 ]
 
 
-class Time(SceneTable):
+class TimeTable(SceneTable):
     """``[time]``: cycles or until, and steps_per_cycle; or duration and step."""
 
     cycles: Count | None = key("number of common periods of the loads", None)
@@ -295,7 +295,7 @@ def in_order(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(sorted(has_no_repeats(names), key=("full", "condensed", "reduced").index))
 
 
-class Models(SceneTable):
+class ModelsTable(SceneTable):
     """``[models]``: which models are integrated."""
 
     run: Annotated[
@@ -303,7 +303,7 @@ class Models(SceneTable):
     ] = key("list of models; the largest is run first", ("full",), min_length=1)
 
 
-class Reduction(SceneTable):
+class ReductionTable(SceneTable):
     """``[reduction]``: how the reduced model is made."""
 
     reference: Literal["static", "self", "paper"] = key(
@@ -356,7 +356,7 @@ class Reduction(SceneTable):
     )
 
 
-class Accuracy(SceneTable):
+class AccuracyTable(SceneTable):
     """``[accuracy]``: errors that are asked for, and whether errors are estimated."""
 
     displacement: Positive | None = key("largest relative error of histories and peaks", None)
@@ -375,7 +375,7 @@ class Accuracy(SceneTable):
         return self.displacement is not None or self.energy is not None
 
 
-class Output(SceneTable):
+class OutputTable(SceneTable):
     """``[output]``: what is written and how often."""
 
     vtk: bool = key("fields for ParaView", False)
@@ -386,7 +386,7 @@ class Output(SceneTable):
     history: bool = key("motion of what is observed, as history.npz", True)
 
 
-class Frequencies(SceneTable):
+class FrequenciesTable(SceneTable):
     """``frequencies = { from, to, points }``: frequencies at equal distances."""
 
     from_: Positive = key("lowest frequency, Hz", alias="from")
@@ -400,16 +400,18 @@ class Frequencies(SceneTable):
         return self
 
 
-class Response(SceneTable):
+class ResponseTable(SceneTable):
     """``[response]``: steady vibration over frequency, for the command ``response``."""
 
-    frequencies: Frequencies = key("table { from, to, points }: first harmonics of the loads, Hz")
+    frequencies: FrequenciesTable = key(
+        "table { from, to, points }: first harmonics of the loads, Hz"
+    )
     levels: Annotated[tuple[Positive, ...], A_LIST] = key(
         "factors of the loads' amplitudes", (1.0,), min_length=1
     )
 
 
-class Backbone(SceneTable):
+class BackboneTable(SceneTable):
     """``[backbone]``: frequency and damping against amplitude, for the command ``backbone``."""
 
     modes: Annotated[tuple[Count, ...], A_LIST, AfterValidator(has_no_repeats)] = key(

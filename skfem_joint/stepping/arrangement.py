@@ -18,7 +18,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.steppers import Stepper
 from skfem_joint.system import System
-from skfem_joint.unknowns import Arrangement, selection, slips_as_unknowns
+from skfem_joint.unknowns import ChangeOfUnknowns, selection
 
 #: Most unknowns of a sparse system that is stepped as a dense one for want of anything better.
 MOST_DENSE = 500
@@ -40,7 +40,7 @@ class Arranged:
 
     system: System
     kind: str  #: "linear", "dense", "chain" or "contact": the stepper for it
-    maps: tuple[Arrangement, ...] = ()  #: that led to it, in turn; none: it is that given
+    maps: tuple[ChangeOfUnknowns, ...] = ()  #: that led to it, in turn; none: it is that given
 
     def inner(self, u: FloatArray) -> FloatArray:
         """Unknowns of the system stepped, (n,), from those of the system given."""
@@ -84,10 +84,10 @@ def arranged(system: System) -> Arranged:
     if system.is_dense:  # one that keeps its slips as unknowns says so by a sparse B
         keeps = not isinstance(system.B, np.ndarray) and picks_unknowns(system.B)
         return Arranged(system, "contact" if keeps else "dense")
-    maps: tuple[Arrangement, ...] = ()
+    maps: tuple[ChangeOfUnknowns, ...] = ()
     if not picks_unknowns(system.B):
         try:
-            system, slips = slips_as_unknowns(system)
+            system, slips = system.with_slips_as_unknowns()
         except InputError:
             if system.n > MOST_DENSE:
                 raise
@@ -101,7 +101,7 @@ def arranged(system: System) -> Arranged:
     return Arranged(system, "contact", maps)
 
 
-def _path(system: System) -> Arrangement | None:
+def _path(system: System) -> ChangeOfUnknowns | None:
     """Order of unknowns in which the matrices are tridiagonal; None: there is none."""
     n = system.n
     pattern = sparse.csr_array(abs(system.M) + abs(system.C) + abs(system.K))
@@ -117,7 +117,8 @@ def _path(system: System) -> Arrangement | None:
     if np.any(np.abs(rank[row] - rank[column]) > 1):
         return None
     picks = selection(order, n)
-    return Arrangement(sparse.csr_array(picks.T), picks, rank[sparse.csr_array(system.B).indices])
+    slips = rank[sparse.csr_array(system.B).indices]
+    return ChangeOfUnknowns(sparse.csr_array(picks.T), picks, slips)
 
 
 def is_chain(system: System) -> bool:

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, as_real
+from skfem_joint.arrays import BoolArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.structure.checks import joint_problems
+from skfem_joint.slips import SlipRows, rows_along
+from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import SMALL, Joint, Patch, make_patch, unit_vectors
+from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
-from skfem_joint.unknowns import (
-    Contact,
-    change_of_unknowns,
-    dof_numbers,
-    selection,
-    stacked,
-)
+from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
 
 
-def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
+def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     """Slip rows of all patches on the degrees of freedom ``dim * node + component``.
 
-    ``held`` (N, dim) are the displacements that supports hold.
+    A point that several joints share has the sum of their friction limits. ``held`` (N, dim) are
+    the displacements that supports hold.
     """
     count, dim = held.shape
     m = max((int(patch.points.max(initial=-1)) for patch in patches), default=-1) + 1
@@ -55,21 +50,21 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
         entered[patch.points] = True
     slips = np.count_nonzero(np.any(directions != 0.0, axis=2), axis=1)
     point, which = np.nonzero(np.arange(dim) < slips[:, None])
-    dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free ones first
+    dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free first
     relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
-    # What is left of a node's freedom beside its slips is held by the contact that stays closed.
+    # Contact that stays closed holds the direction in which a free node does not slip.
     closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
-    # So are nodes pressed by a border that supports keep from slipping, where they are free.
+    # It also holds nodes of a pressed border that supports keep from slipping, where left free.
     outwards[node] = 0.0
     outwards[held] = 0.0
     still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)
     H = [
-        along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
-        along(still, outwards[still], count),
+        rows_along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
+        rows_along(still, outwards[still], count),
     ]
     lone = dim * still + np.argmax(np.abs(outwards[still]), axis=1)
-    return Contact(
-        B=along(point, directions[point, which], m) @ relative,
+    return SlipRows(
+        B=rows_along(point, directions[point, which], m) @ relative,
         w=w,
         beta=beta,
         directions=slips.astype(np.int64),
@@ -77,61 +72,6 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> Contact:
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
     )
-
-
-@dataclass(frozen=True)
-class Reactions:
-    """Change of normal forces, ``K u + M a - F f``, where contact is closed and pressed.
-
-    Sums over a node and those beside it: of elements of second order the reactions of single nodes
-    are no pressures.
-    """
-
-    K: Matrix  #: (k, n), N/m
-    M: Matrix  #: (k, n), kg
-    F: FloatArray  #: (k, loads)
-    force: FloatArray  #: (k,), N, by which the contact is pressed
-    dof: IntArray  #: (k,), degree of freedom of the matrices that each acts on
-
-
-def reactions(
-    rows: Contact,
-    fixed: IntArray,
-    matrices: Sequence[Matrix],
-    T: Matrix,
-    F: FloatArray,
-    cells: IntArray | None = None,
-) -> Reactions:
-    """Work of all forces on a unit gap of each closed contact, while slips stay as they are.
-
-    ``matrices`` M and K (N, N) and loads F (N, k) are of all displacements, ``u = T q``; those
-    beside each other are dofs of a cell, (cells, corners).
-    """
-    M, K = matrices
-    n, h = K.shape[0], rows.held.shape[0]
-    every = sparse.vstack([rows.held, rows.B])
-    opened = change_of_unknowns(n, fixed, sparse.csr_array((0, n)), every, rows.pivots)
-    pressed = np.flatnonzero(rows.normal_force > 0.0)
-    gaps = sparse.csr_array(opened.forward.tocsc()[:, opened.slips[:h][pressed]].T)
-    dof = abs(gaps).argmax(axis=1) if rows.pivots is None else rows.pivots[pressed]
-    force = rows.normal_force[pressed]
-    if cells is not None:
-        count = np.repeat(np.arange(len(cells)), cells.shape[1])
-        inside = sparse.csr_array((np.ones(cells.size), (count, cells.ravel())), (len(cells), n))
-        beside = sparse.csr_array(inside[:, dof].T @ inside[:, dof])
-        beside.data[:] = 1.0
-        gaps, force = beside @ gaps, beside @ force
-    return Reactions(gaps @ K @ T, gaps @ M @ T, gaps @ F, force, dof)
-
-
-def along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
-    """Rows that take the component along vectors of the displacements of ``m`` points."""
-    k, dim = vectors.shape
-    columns = dim * point[:, None] + np.arange(dim)
-    entries = unit_vectors(vectors).ravel(), columns.ravel(), dim * np.arange(k + 1)
-    picked = sparse.csr_array(entries, shape=(k, dim * m))
-    picked.eliminate_zeros()
-    return picked
 
 
 def contact(
@@ -147,7 +87,7 @@ def contact(
     normal_force: str = "consistent",
     fixed: Any = (),
     name: str | None = None,
-) -> Contact:
+) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
     Parameters
@@ -159,22 +99,23 @@ def contact(
     width, thickness : float
         Extent of the contact across lines and edges, m.
     fixed : array_like of int, optional
-        Supported degrees of freedom; needed for equal forces next to a support only.
+        Supported degrees of freedom. Needed only with ``normal_force = "equal"`` where the contact
+        touches a support.
     name : str, optional
-        Joint that results tell its friction energy under, ``on`` if not given. In a sum of
+        Joint under which results state its friction energy, ``on`` if not given. In a sum of
         contacts each name is a joint of its own.
 
     Returns
     -------
-    Contact
-        For :meth:`skfem_joint.System.from_matrices`. Motion across facets is held: contact stays
-        closed.
+    SlipRows
+        For :meth:`skfem_joint.System.from_matrices`. Facets cannot move along their normal:
+        contact stays closed.
 
     Raises
     ------
     InputError
-        For elements without nodal tangents (use `point_friction`), and all that a joint of a
-        `Structure` would be refused for.
+        For elements without nodal tangents (use `point_friction`), and for whatever is refused in
+        a joint of a `Structure`.
     """
     scalar = type(getattr(basis.elem, "elem", basis.elem))
     known_elements = cell_of(basis.mesh)[0].elements
@@ -202,13 +143,13 @@ def contact(
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
     held_rows = rows.held @ order
-    return Contact(
+    return SlipRows(
         rows.B @ order, rows.w, rows.beta, rows.directions, held_rows, pivots, names=names
     )
 
 
 def _joint_name(where: str, name: Any) -> str:
-    """Name of a joint, checked."""
+    """Name of a joint, which must be a text that is not empty."""
     if not isinstance(name, str) or not name.strip():
         raise InputError(f"{where}: found name {name!r}, must be a text that is not empty")
     return name
@@ -216,8 +157,8 @@ def _joint_name(where: str, name: Any) -> str:
 
 def point_friction(
     row: Any, limit: float, beta: float = np.inf, *, name: str = "contact"
-) -> Contact:
-    """Friction of one point whose slip is a row of one's own times the displacements.
+) -> SlipRows:
+    """Friction of one point whose slip is a given row times the displacements.
 
     Parameters
     ----------
@@ -229,8 +170,8 @@ def point_friction(
     beta : float
         Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
     name : str
-        Joint that results tell its friction energy under. In a sum of contacts each name is a joint
-        of its own.
+        Joint under which results state its friction energy. In a sum of contacts each name is a
+        joint of its own.
     """
     rows = np.atleast_2d(as_real(row, "point_friction: row"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
@@ -240,7 +181,7 @@ def point_friction(
         )
     check("point_friction: limit", limit, NOT_NEGATIVE)
     check("point_friction: beta", beta, BETA)
-    return Contact(
+    return SlipRows(
         sparse.csr_array(rows),
         np.array([float(limit)]),
         np.array([float(beta)]),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from scipy import sparse
@@ -17,43 +16,36 @@ from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.modes import rigid_motions
-from skfem_joint.structure.checks import joint_value_problems
-from skfem_joint.structure.contact import Reactions, along, reactions
-from skfem_joint.structure.load import Load, loaded
-from skfem_joint.structure.patch import (
-    SMALL,
-    Joint,
-    Patch,
-    slip_directions,
-    unit_vectors,
-)
+from skfem_joint.slips import SlipRows, rows_along, unit_vectors
+from skfem_joint.structure.joints import Joint, joint_value_problems
+from skfem_joint.structure.load import Load, under_loads
+from skfem_joint.structure.patch import SMALL, Patch, slip_directions
+from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import Contact
 
-#: Slip of a pair over what a rigid motion moves the pairs by, from which on it is told.
-ALIKE = 1e-3
 #: Columns of a contact: degrees of freedom of both nodes of a pair, normal, area.
 COLUMNS = 10
 
 
 @dataclass(frozen=True)
 class MatrixModel:
-    """Matrices with joints between pairs of nodes; for analyses what a `Structure` is to them.
+    """Matrices with joints between pairs of nodes.
 
-    Positions are not known, so that there are no fields, and no active lengths.
+    Analyses use it as they use a `Structure`, see `AnyStructure`. Positions of nodes are not known,
+    so that there are no fields, pictures and active lengths.
 
     Attributes
     ----------
     M, K, C : ndarray or sparse array, shape (N, N)
         As `System.from_matrices` takes them; ``C`` may be None.
     contacts : mapping of str to ndarray, shape (k, 10)
-        Pairs of nodes by the name of the contact, a row each: x, y and z degrees of freedom of the
-        first node, of the second, normal (x, y, z; its length does not count) and area, m2.
-        Degrees of freedom that are not there are negative or NaN; of the second node all three, if
-        the first is pressed on a rigid base. Contact stays closed: the nodes of a pair move alike
-        along the normal, their slip is the first's displacement less the second's across it.
+        Pairs of nodes by the name of the contact, in rows of x, y and z degrees of freedom of the
+        first node, the same of the second, normal (x, y, z, of any length) and area, m2. Absent
+        degrees of freedom are negative or NaN; so are all three of the second node if the first is
+        pressed on a rigid base. Contact stays closed: along the normal the nodes of a pair move
+        together; their slip is the displacement of the first relative to the second across it.
     points : mapping of str to ndarray, shape (N,)
-        What is loaded or observed, by name.
+        Rows on the degrees of freedom that can be loaded or observed, by name.
     fixed : ndarray of int
         Degrees of freedom that are supported.
     joints : sequence of Joint
@@ -61,13 +53,19 @@ class MatrixModel:
     stiffness_damping, mass_damping, damping_ratio
         As those of a `Structure`, where ``C`` is None.
     first : int
-        Number of the first degree of freedom in messages; here they count from 0.
+        Number of the first degree of freedom in messages; in all arrays it is 0.
+    contact : SlipRows or None
+        Slip rows of all joints, made from the values above.
+    patches : tuple of Patch
+        Contact points of each joint.
+    unloaded : System
+        System without loads, observed points and names of joints.
 
     Raises
     ------
     InputError
-        For what `System.from_matrices` refuses, joints on no contact, and rows of contacts that are
-        none.
+        For what `System.from_matrices` refuses, joints on unknown contacts, and wrong rows of
+        contacts.
     """
 
     M: Matrix
@@ -82,50 +80,83 @@ class MatrixModel:
     damping_ratio: float | None = None
     first: int = 0
 
-    #: Extent (m) and positions of the nodes: not known.
-    size = math.inf
-    nodes = positions = np.zeros((0, 3))
-    dim = 3
+    contact: SlipRows | None = field(init=False, repr=False, compare=False)
+    patches: tuple[Patch, ...] = field(init=False, repr=False, compare=False)
+    unloaded: System = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for named in (self.contacts, self.points):
             refuse(name_problems(matrices=named))
-        _ = self.unloaded  # refuses what is wrong
+        pairs = self._contact_pairs()
+        rows = [own for _, own in pairs]
+        contact = reduce(add, rows) if rows else None
+        unloaded = System.from_matrices(
+            self.M,
+            self.K,
+            self.C,
+            fixed=self.fixed,
+            contact=contact,
+            stiffness_damping=self.stiffness_damping,
+            mass_damping=self.mass_damping,
+        )
+        object.__setattr__(self, "contact", contact)
+        object.__setattr__(self, "patches", tuple(patch for patch, _ in pairs))
+        object.__setattr__(self, "unloaded", unloaded)
 
     @property
-    def n_nodes(self) -> int:
-        """Number of degrees of freedom, each by itself."""
+    def body(self) -> None:
+        """None: matrices do not tell where their nodes are."""
+
+    def meshed(self, purpose: str) -> NoReturn:
+        """Refuse, because geometry is needed for the purpose.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError(f"{purpose}: matrices do not tell where their nodes are")
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of degrees of freedom, supported ones included."""
         return int(self.K.shape[0])
 
     @property
     def n_entries(self) -> int:
-        """Number of entries that the matrices are made from."""
+        """Number of entries of the stiffness matrix."""
         return int(sparse.csr_array(self.K).nnz)
 
     @property
     def identity(self) -> list[Any]:
-        """What tells it from others."""
+        """Arrays and names that distinguish these matrices from others."""
         return [self.M, self.K, self.C, self.fixed, self.contacts, self.points]
 
     @property
     def free_points(self) -> tuple[str, ...]:
-        """Names of all that can be observed."""
+        """Names of the points that can be observed."""
         return tuple(self.points)
 
-    @cached_property
-    def patches(self) -> tuple[Patch, ...]:
-        """Pairs of each joint that can slip; those without pressure are no contact."""
-        return tuple(patch for patch, _ in self._made)
+    def overview(self) -> str:
+        """Sentence about what the structure is made of."""
+        return (
+            f"Matrices of {self.n_dofs} degrees of freedom, {self.fixed.size} of them fixed; "
+            "without positions there are no fields, pictures and active lengths."
+        )
 
-    @cached_property
-    def contact(self) -> Contact | None:
-        """Slip rows of all joints; None without."""
-        return reduce(add, [rows for _, rows in self._made]) if self._made else None
+    def at_rest(self) -> list[str]:
+        """No sentences: matrices have no clamping bolts, and their bodies are not known."""
+        return []
 
-    @cached_property
-    def _made(self) -> list[tuple[Patch, Contact]]:
-        """Patch of each joint, and its rows."""
-        made: list[tuple[Patch, Contact]] = []
+    def _contact_pairs(self) -> list[tuple[Patch, SlipRows]]:
+        """Contact points of each joint, and their slip rows; pairs without pressure are left out.
+
+        Raises
+        ------
+        InputError
+            For joints on unknown contacts, and wrong rows of contacts.
+        """
+        pairs: list[tuple[Patch, SlipRows]] = []
         problems: list[str] = []
         taken: set[int] = set()
         for joint in self.joints:
@@ -134,16 +165,19 @@ class MatrixModel:
             elif joint.on not in self.contacts:
                 names = listed(self.contacts)
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
-            elif found := [*_wrong_rows(self.contacts[joint.on], self.n_nodes, self.first)]:
-                problems += [f"contact.{joint.on}: {problem}" for problem in found]
+            elif wrong := [*_wrong_rows(self.contacts[joint.on], self.n_dofs, self.first)]:
+                problems += [f"contact.{joint.on}: {problem}" for problem in wrong]
             else:
-                start = sum(patch.points.size for patch, _ in made)
-                made.append(self._pressed(joint, start, taken))
+                start = sum(patch.points.size for patch, _ in pairs)
+                pairs.append(self._pressed(joint, start, taken))
         refuse(problems)
-        return made
+        return pairs
 
-    def _pressed(self, joint: Joint, start: int, taken: set[int]) -> tuple[Patch, Contact]:
-        """Patch and rows of a joint; degrees of freedom that they determine are then ``taken``."""
+    def _pressed(self, joint: Joint, start: int, taken: set[int]) -> tuple[Patch, SlipRows]:
+        """Contact points of a joint, numbered from ``start``, and their slip rows.
+
+        Degrees of freedom that the rows determine are added to ``taken``.
+        """
         rows = self.contacts[joint.on]
         force = np.asarray(joint.pressure, dtype=float) * rows[:, -1]
         pressed = np.flatnonzero(force > 0.0)
@@ -154,7 +188,7 @@ class MatrixModel:
         pair, side, component = np.nonzero(moves)
         entries = 1.0 - 2.0 * side, (3 * pair + component, dofs[moves].astype(np.intp))
         # Displacement of the first nodes less that of the second.
-        relative = sparse.csr_array(sparse.coo_array(entries, shape=(3 * k, self.n_nodes)))
+        relative = sparse.csr_array(sparse.coo_array(entries, shape=(3 * k, self.n_dofs)))
         there = np.asarray(moves.any(axis=1))
         directions = slip_directions(normal, ~there)
         acting = np.any(directions != 0.0, axis=2)
@@ -163,12 +197,12 @@ class MatrixModel:
         closed = np.linalg.norm(normal * there, axis=1) > SMALL
         counts = closed.astype(int), acting.sum(axis=1)
         held, free = self._pivots(joint, pressed, np.where(moves, dofs, -1), counts, taken)
-        contact = Contact(
-            B=along(point, directions[point, which], k) @ relative,
+        contact = SlipRows(
+            B=rows_along(point, directions[point, which], k) @ relative,
             w=joint.friction * force[slips],
             beta=np.full(np.count_nonzero(slips), joint.beta),
             directions=np.count_nonzero(acting[slips], axis=1).astype(np.int64),
-            held=along(np.flatnonzero(closed), normal[closed], k) @ relative,
+            held=rows_along(np.flatnonzero(closed), normal[closed], k) @ relative,
             pivots=np.array(held + free, dtype=np.intp),
             clamped=force[closed],
         )
@@ -193,9 +227,11 @@ class MatrixModel:
         counts: tuple[IntArray, IntArray],
         taken: set[int],
     ) -> tuple[list[int], list[int]]:
-        """Degrees of freedom that closed contact and slips of pairs determine: of the first nodes.
+        """Degrees of freedom that closed contact and slips of pairs determine.
 
-        Those of the second ones where the first's are not there (-1) or are taken by other pairs.
+        They are those of the first node, or of the second where the first has none (-1) or other
+        pairs have taken it. ``counts`` are the numbers of closed and of slip directions of each
+        pair, ``moving`` (pairs, 2, 3) the free degrees of freedom.
         """
         held: list[int] = []
         free: list[int] = []
@@ -213,21 +249,10 @@ class MatrixModel:
             free += own[count : count + slips]
         return held, free
 
-    @cached_property
-    def unloaded(self) -> System:
-        """System without loads, observed points and joints' names."""
-        return System.from_matrices(
-            self.M,
-            self.K,
-            self.C,
-            fixed=self.fixed,
-            contact=self.contact,
-            stiffness_damping=self.stiffness_damping,
-            mass_damping=self.mass_damping,
-        )
-
     def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
-        """System of equations; observed are all loads, and ``points``, of all that there are.
+        """Sparse system of equations under loads; observed are all loads, and ``points``.
+
+        All points are observed if none are given.
 
         Raises
         ------
@@ -248,21 +273,22 @@ class MatrixModel:
             if not row.any()
         )
         applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
-        return loaded(self, applied, rows)
+        return under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
-        """Change of the normal forces; None where no contact is closed."""
+        """Change of the normal forces by vibration; None where no contact is closed."""
         if self.contact is None or not self.contact.normal_force.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
         return reactions(self.contact, self.fixed, (self.M, self.K), self.unloaded.T, F)
 
     def pressed_at(self, dof: int) -> str:
-        """Joint of a degree of freedom that closed contact determines."""
+        """Joint of a degree of freedom that closed contact determines, in a message."""
         names = [j.name for j in self.joints if np.any(self.contacts[j.on][:, :6] == dof)]
         return f"joint {names[0]} at {self.spot(dof)}"
 
     def _wrong_loads(self, loads: Sequence[Load]) -> Iterator[str]:
+        """What is wrong with places, directions and quantities of loads."""
         for load in loads:
             if load.on is None:
                 yield (
@@ -280,15 +306,17 @@ class MatrixModel:
                 yield f"{load.label}: direction: found beside [matrices], which tell; leave it out"
 
     def _unknown(self, what: str) -> str:
+        """Message about a name that no point has."""
         return f"{what}: no point has this name; points: {listed(self.points)}"
 
     def unusual(self, system: System) -> list[str]:
-        """Sentence about pairs that slip as the whole moves rigidly, where nothing in K holds it.
+        """Sentence about pairs that slip where K lets the structure move rigidly.
 
-        Nothing can be told of values whose units are not known.
+        A rigid motion should move both nodes of a pair together; a slip of more than 1e-3 of the
+        motion is reported. Values are not judged, because their units are not known.
         """
         rows = [(joint.on, self.contacts[joint.on]) for joint in self.joints]
-        dofs = np.vstack([np.zeros((0, 6)), *(some[:, :6] for _, some in rows)]).reshape(-1, 2, 3)
+        dofs = np.vstack([np.zeros((0, 6)), *(pairs[:, :6] for _, pairs in rows)]).reshape(-1, 2, 3)
         there = np.asarray(dofs >= 0.0)
         two_sided = np.asarray(there[:, 1].any(axis=1))
         axes = np.count_nonzero(there[two_sided].any(axis=1).any(axis=0))
@@ -300,14 +328,16 @@ class MatrixModel:
             return []
         at = np.where(there[..., np.newaxis], loose[np.where(there, dofs, 0).astype(np.intp)], 0.0)
         slips = (at[:, 0] - at[:, 1]) * two_sided[:, np.newaxis, np.newaxis]
-        # As little as so many motions can slip, over how far they move the pairs.
+        # The motions that slip least; as many of them as rigid motions of the whole are checked.
         least = np.linalg.svd(slips.reshape(-1, loose.shape[1]))[2][-whole:].T
         moved = np.abs(at @ least).max(axis=(0, 1, 2))
         share = np.linalg.norm(slips @ least, axis=1) / np.where(moved > 0.0, moved, 1.0)
         worst = int(share.max(axis=1).argmax())
-        if share[worst].max() <= ALIKE:
+        if share[worst].max() <= 1e-3:
             return []
-        names = [f"pair {k + 1} of contact.{name}" for name, some in rows for k in range(len(some))]
+        names = [
+            f"pair {k + 1} of contact.{name}" for name, pairs in rows for k in range(len(pairs))
+        ]
         return [
             "Matrices: K lets the structure move rigidly, which should move both nodes of a pair "
             f"alike, but {names[worst]} slips by up to {100.0 * share[worst].max():.3g} % of the "
@@ -321,7 +351,7 @@ class MatrixModel:
 
 
 def _on_surfaces(joint: Joint) -> Iterator[str]:
-    """What a joint has that pairs of nodes have not."""
+    """Refuse what a joint between pairs of nodes cannot have."""
     for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
         if getattr(joint, name) != usual:
             yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"

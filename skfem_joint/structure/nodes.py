@@ -1,9 +1,9 @@
-"""Displacement nodes of a mesh of any dimension and order, and the linear cells between them.
+"""Displacement nodes of a mesh of any dimension and order, and the linear sub-cells between them.
 
-Degrees of freedom of the scalar element are the nodes: vertices, then the middles of edges, facets
-and cells as the order asks for. Between them lie linear sub-cells; they carry pressures, pictures
-and areas, because their hat functions are positive where shape functions of second order are not.
-Besides, where points of one body lie in another, and the other's values there.
+The nodes are the degrees of freedom of the scalar element: vertices, and for second order the
+middles of edges, facets and cells. Linear sub-cells between the nodes carry pressures, areas and
+pictures, because their hat functions are positive where shape functions of second order are not.
+The functions at the end find the element in which a point lies, and interpolate there.
 """
 
 from __future__ import annotations
@@ -22,20 +22,13 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import Cell, cell_of, split
 
-# A contact node may lie outside the other body by this part of the size of the element beside it:
-# curved borders of two meshes differ by as much. The interpolation then extrapolates.
-_GAP = 0.1
-# Nodes of two bodies closer than this part of the whole size are one place.
-_MATCH = 1e-9
-# Changes below this are the last ones, as the next would be of the size of their squares.
-_NEWTON_STEPS, _LAST_CHANGE = 30, 1e-9
 # Segments or triangles that cover a cell of so many corners, whatever their order.
 _PARTS = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of a named mesh, and what lies between them."""
+    """Displacement nodes of a named mesh, its basis, and the linear sub-cells between the nodes."""
 
     mesh: NamedMesh
 
@@ -61,7 +54,7 @@ class Nodes:
 
     @property
     def quadrature(self) -> int:
-        """Order of integration: exact for the mass of simplices, and of straight other elements."""
+        """Order of quadrature: exact for the mass of simplices and of parallelepipeds."""
         return 2 * self.mesh.order + (not self.is_simplex)
 
     @cached_property
@@ -71,16 +64,16 @@ class Nodes:
 
     @cached_property
     def _split(self) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:
-        """Positions, nodes of elements and facets, and parts of these, as `split` gives them."""
+        """Positions, nodes of elements and of facets, and their linear parts, as from `split`."""
         mesh = self.mesh.mesh
         if self.mesh.order == 2:
             return split(mesh)
-        t, facets = (np.asarray(some, dtype=np.intp) for some in (mesh.t, mesh.facets))
+        t, facets = (np.asarray(rows, dtype=np.intp) for rows in (mesh.t, mesh.facets))
         return mesh.p, t, facets, t[np.newaxis], facets[np.newaxis]
 
     @cached_property
     def nodes(self) -> FloatArray:
-        """Positions, (N, dim), m."""
+        """Positions of the nodes, (N, dim), m."""
         return np.ascontiguousarray(self._split[0].T)
 
     @property
@@ -104,14 +97,14 @@ class Nodes:
         return _rows(self._split[3])[1]
 
     @cached_property
-    def body(self) -> IntArray:
-        """Body of each node, (N,)."""
+    def body_of_node(self) -> IntArray:
+        """Number of the body to which each node belongs, (N,)."""
         body = np.full(self.n_nodes, -1, dtype=np.intp)
         body[self.of_element] = self.mesh.body
         return body
 
     def nodes_of(self, name: str) -> IntArray:
-        """Nodes of a region, boundary or point, in rising order."""
+        """Sorted nodes of a region, boundary or point."""
         if name in self.mesh.points:
             return np.array([self.mesh.points[name]], dtype=np.intp)
         if name in self.mesh.regions:
@@ -119,11 +112,11 @@ class Nodes:
         return np.unique(self.facet_cells(self.mesh.boundaries[name])[0])
 
     def facet_cells(self, facets: IntArray) -> tuple[IntArray, IntArray]:
-        """Linear sub-cells (sub-cells, corners) of facets, and the place in ``facets`` of each."""
+        """Linear sub-cells (sub-cells, corners) of facets, and the index in ``facets`` of each."""
         return _rows(self._split[4][:, :, facets])
 
     def even_shares(self, name: str) -> FloatArray:
-        """Share (N,) of each node in a unit spread evenly over a boundary, a region or a point."""
+        """Share (N,) of each node in a unit force spread over a boundary, region or point."""
         if name in self.mesh.points:
             return np.bincount([self.mesh.points[name]], minlength=self.n_nodes).astype(float)
         if name in self.mesh.regions:
@@ -134,9 +127,10 @@ class Nodes:
         return _cleared(shares / shares.sum())
 
     def facet_basis(self, facets: IntArray) -> Any:
-        """Scalar basis of scikit-fem on facets, which knows their normals."""
-        how = {"facets": facets, "intorder": self.quadrature}
-        return skfem.FacetBasis(self.mesh.mesh, self.element, **how)
+        """Scalar basis of scikit-fem on facets, with their normals."""
+        return skfem.FacetBasis(
+            self.mesh.mesh, self.element, facets=facets, intorder=self.quadrature
+        )
 
     def integrals(self, part: Any, value: FloatArray) -> FloatArray:
         """Integrals (N, components) of a vector times each shape function.
@@ -149,12 +143,12 @@ class Nodes:
 
 
 def _cleared(shares: FloatArray) -> FloatArray:
-    """Without the round-off that shape functions of other nodes and of second order give."""
+    """Integrals without the round-off that shape functions with a zero integral leave."""
     return np.asarray(np.where(np.abs(shares) < 1e-12 * np.abs(shares).max(), 0.0, shares))
 
 
 def _rows(parts: IntArray) -> tuple[IntArray, IntArray]:
-    """Sub-cells in rows from parts (parts, corners, n), and the owner of each."""
+    """Sub-cells (sub-cells, corners) from parts (parts, corners, n), and the owner of each."""
     rows = np.moveaxis(parts, 1, 2).reshape(-1, parts.shape[1])
     owner = np.tile(np.arange(parts.shape[2], dtype=np.intp), len(parts))
     return np.ascontiguousarray(rows), owner
@@ -163,10 +157,22 @@ def _rows(parts: IntArray) -> tuple[IntArray, IntArray]:
 def interpolation(
     grid: Nodes, name: str, points: FloatArray
 ) -> tuple[sparse.csr_array, FloatArray]:
-    """Values (k, N) at points (k, dim) from those of the body whose region or boundary they are on.
+    """Matrix that interpolates values of the nodes at points of a region or boundary.
 
-    Rows sum to 1 and reproduce linear fields; a point on a node takes the value of that node. Also
-    the distance (k,), m, of points too far outside, whose rows are empty; 0 for the others.
+    Parameters
+    ----------
+    grid : Nodes
+    name : str
+        Region or boundary.
+    points : ndarray, shape (k, dim)
+        m.
+
+    Returns
+    -------
+    matrix : sparse array, shape (k, N)
+        Its rows sum to 1 and reproduce linear fields; a point on a node takes the node's value.
+    gap : ndarray, shape (k,)
+        Distance of points too far outside, m, whose rows are empty; 0 for the others.
     """
     element, gap, _ = _elements_at(grid, name, points)
     return values_in(grid, element, points, gap)
@@ -175,7 +181,7 @@ def interpolation(
 def values_in(
     grid: Nodes, element: IntArray, points: FloatArray, gap: FloatArray
 ) -> tuple[sparse.csr_array, FloatArray]:
-    """The same where the element (k,) and the gap of each point are known."""
+    """As `interpolation`, where the element (k,) and the gap (k,) of each point are known."""
     local = np.zeros_like(points)
     local[gap == 0.0] = local_coordinates(grid, element[gap == 0.0], points[gap == 0.0])
     gap[np.isnan(local).any(axis=1)] = np.inf
@@ -184,7 +190,7 @@ def values_in(
     weights = np.stack([grid.element.lbasis(local.T, i)[0] for i in range(count)], axis=1)
     near = grid.of_element[:, element].T
     size = float(np.ptp(grid.nodes, axis=0).max())
-    same = np.linalg.norm(grid.nodes[near] - points[:, None], axis=-1) < _MATCH * size
+    same = np.linalg.norm(grid.nodes[near] - points[:, None], axis=-1) < 1e-9 * size
     matched = same.any(axis=1)
     weights[matched] = same[matched]
     weights[np.abs(weights) < 1e-12] = 0.0
@@ -198,24 +204,28 @@ def values_in(
 
 
 def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
-    """Points (k, dim) of a region or boundary nearest to some, NaN where none is within reach.
+    """Nearest points (k, dim) of a region or boundary, and before them their elements (k,).
 
-    First the elements (k,) that they are in.
+    A point is NaN where none is within ``reach`` (m).
     """
-    element, _, found = _elements_at(grid, name, points)
-    far = np.isnan(found).any(axis=1)
+    element, _, nearest = _elements_at(grid, name, points)
+    far = np.isnan(nearest).any(axis=1)
     if far.any():
-        element[far], _, found[far] = _elements_at(grid, name, points[far], reach)
-    return element, found
+        element[far], _, nearest[far] = _elements_at(grid, name, points[far], reach)
+    return element, nearest
 
 
 def _elements_at(
     grid: Nodes, name: str, points: FloatArray, reach: float = 0.0
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Element nearest to each point, the first of those it lies in, gap as above, nearest point.
+    """Nearest element (k,), gap (k,) and nearest place (k, dim) for each of k points.
 
-    Elements are looked for within ``reach`` (m) beside what gaps allow.
+    Of several elements in which a point lies, the first is taken. A point may lie outside the part
+    by a tenth of the size of the element beside it: curved borders of two meshes differ by as much.
+    There the interpolation extrapolates, and the gap is 0. Elements are searched for within
+    ``reach`` (m) beyond that; places are NaN where there is none.
     """
+    allowed = 0.1
     mesh = grid.mesh.mesh
     if name in grid.mesh.regions:
         element = grid.mesh.regions[name]
@@ -226,35 +236,37 @@ def _elements_at(
     corners = mesh.p.T[cells.T]
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
-    found = cKDTree(points).query_ball_point(middle, reach + (1.0 + 2.0 * _GAP) * radius)
-    cell = np.repeat(np.arange(len(corners)), [len(some) for some in found])
-    near = np.fromiter(chain.from_iterable(found), np.intp)
-    some = corners[cell]
+    points_of_cell = cKDTree(points).query_ball_point(
+        middle, reach + (1.0 + 2.0 * allowed) * radius
+    )
+    cell = np.repeat(np.arange(len(corners)), [len(members) for members in points_of_cell])
+    near = np.fromiter(chain.from_iterable(points_of_cell), np.intp)
+    beside = corners[cell]
     parts = _PARTS[corners.shape[1]]
-    foot = _nearest([_foot(some[:, part], points[near]) for part in parts], points[near])
+    foot = _nearest([_foot(beside[:, part], points[near]) for part in parts], points[near])
     distance = np.linalg.norm(foot - points[near], axis=1)
-    size = np.linalg.norm(some - np.roll(some, 1, axis=1), axis=-1).max(axis=1)
+    size = np.linalg.norm(beside - np.roll(beside, 1, axis=1), axis=-1).max(axis=1)
     order = np.lexsort((element[cell], np.where(distance < 1e-9 * size, 0.0, distance), near))
     first, index = np.unique(near[order], return_index=True)
     best = order[index]
     chosen = np.full(len(points), element[0], dtype=np.intp)
     chosen[first] = element[cell[best]]
     gap = cKDTree(corners.reshape(-1, points.shape[1])).query(points)[0]
-    gap[first] = np.where(distance[best] > _GAP * size[best], distance[best], 0.0)
+    gap[first] = np.where(distance[best] > allowed * size[best], distance[best], 0.0)
     feet = np.full(points.shape, np.nan)
     feet[first] = foot[best]
     return chosen, gap, feet
 
 
 def _nearest(candidates: list[FloatArray], points: FloatArray) -> FloatArray:
-    """The one of several points that is nearest to each of some, (k, dim)."""
+    """Nearest of several candidates, each (k, dim), to each of k points."""
     every = np.array(candidates)
     best = np.linalg.norm(every - points, axis=-1).argmin(axis=0)
     return np.asarray(every[best, np.arange(len(points))])
 
 
 def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Points of segments or triangles (k, 2 or 3, dim) nearest to some, (k, dim)."""
+    """Nearest places in segments or triangles (k, 2 or 3, dim) to k points, (k, dim)."""
     start, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
     gram = np.einsum("kid,kjd->kij", sides, sides)
     right = np.einsum("kid,kd->ki", sides, points - start)
@@ -270,10 +282,12 @@ def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def local_coordinates(grid: Nodes, elements: IntArray, points: FloatArray) -> FloatArray:
-    """Reference coordinates of points (k, dim), one in or beside each of some elements (k,).
+    """Reference coordinates (k, dim) of k points, each in or beside the element given for it.
 
-    scikit-fem's own inverse of bent mappings keeps to the element and raises where one point of
-    all lies outside; here points may lie a little outside, and those far off have none: NaN.
+    scikit-fem's own inverse of mappings that are not affine raises if a single point lies outside
+    its element. Here points may lie a little outside; those far off get NaN. Newton's iteration
+    ends when no coordinate changes by more than 1e-9: as it converges quadratically, the next
+    change would be of the size of round-off.
     """
     if elements.size == 0:
         return np.zeros_like(points)
@@ -284,14 +298,14 @@ def local_coordinates(grid: Nodes, elements: IntArray, points: FloatArray) -> Fl
     corners = mesh.p[:, mesh.t[:, elements]]
     size = np.abs(corners - corners[:, :1]).max(axis=(0, 1))
     X = np.full(x.shape, 0.5)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(30):
         residual = x - mapping.F(X, tind=elements)
         jacobian = np.moveaxis(mapping.DF(X, tind=elements)[..., 0], -1, 0)
         usable = np.abs(np.linalg.det(jacobian)) > 1e-12 * size ** len(X)
         jacobian[~usable] = np.eye(len(X))
         change = np.linalg.solve(jacobian, np.moveaxis(residual, 1, 0))
         last, X = X, np.clip(X + np.moveaxis(change, 0, 1), -2.0, 3.0)
-        if np.abs(X - last).max() < _LAST_CHANGE:
+        if np.abs(X - last).max() < 1e-9:
             break
     local = np.array(X[..., 0].T)
     residual = (x - mapping.F(X, tind=elements))[..., 0].T

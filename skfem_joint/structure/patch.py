@@ -1,9 +1,9 @@
-"""The contact manifold: where a joint acts, which nodes are pressed, how hard, against what.
+"""The contact manifold: where a joint acts, which nodes are pressed, by what force, on what.
 
-On cells a body lies on its base (strut, plate in plan); on facets it is pressed by its border
-(edge of a plate seen from the side, face of a solid). The slip directions of a node are what is
-perpendicular to its contact normal and to the directions that supports hold. A strut has one, a
-plate in plan two, an edge one, a face two; none leaves the contact.
+A joint on a region lies on its base with the cells (a strut, a plate in plan); a joint on a
+boundary is pressed with the facets (the edge of a plate seen from the side, a face of a solid). The
+slip directions of a node are perpendicular to its contact normal and to the directions that
+supports hold. A strut has one, a plate in plan two, an edge one, a face two. Contact stays closed.
 """
 
 from __future__ import annotations
@@ -18,126 +18,141 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
+from skfem_joint.slips import unit_vectors
+from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.nodes import Nodes, interpolation
-from skfem_joint.structure.pressure import Pressure, nodal_pressure
+from skfem_joint.structure.pressure import nodal_pressure
 from skfem_joint.unknowns import expanded
 
-#: How a pressure is turned into nodal normal forces.
-NORMAL_FORCES = ("consistent", "equal")
-#: Pressure of joints that clamping bolts press.
-PRELOAD = "preload"
-#: Largest angle between two facets that meet at a node which slips, degrees.
-LARGEST_TURN = 30.0
-#: Parts of a unit vector that count as none.
+#: Parts of a unit vector below this are round-off.
 SMALL = 1e-9
 
 
 @dataclass(frozen=True)
-class Joint:
-    """A part of a body pressed on a rigid base or on another body.
-
-    Its contact points are the nodes that the pressure reaches; elsewhere there is no contact.
+class Pressed:
+    """What clamping bolts give to a joint; values are 0 at nodes that are not its own.
 
     Attributes
     ----------
-    on : str
-        Region (friction over an area, or along a bar) or boundary that is pressed.
-    pressure : float, PressureTable, Bolts or "preload"
-        Pa; "preload": as the clamping bolts of the structure press it.
-    friction : float
-        Coefficient of friction.
-    against : str, optional
-        Region or boundary of another body; a rigid base if not given.
-    beta : float
-        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
-    normal_force : {"consistent", "equal"}
-        Integrals of pressure times hat function, second order in the size of the elements; or the
-        paper's, the total divided equally among the nodes that can slip, first order.
-    axis : tuple of float, optional
-        Direction along which reference modes are laid; the bar itself in one dimension.
+    force : ndarray, shape (N,)
+        Normal force of each node, N.
+    area : ndarray, shape (N,)
+        Area around each node that may touch, m2.
+    gap : ndarray, shape (N,)
+        Mean distance around each node by which the joint has opened, m.
+    other : sparse array, shape (N, N), or None
+        Displacement of the other body opposite to each node, from that of its nodes.
     """
 
-    on: str
-    pressure: Pressure | str
-    friction: float
-    against: str | None = None
-    beta: float = 1e5
-    normal_force: str = "consistent"
-    axis: tuple[float, ...] | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the joint: of what is pressed."""
-        return self.on
-
-    @property
-    def label(self) -> str:
-        """The joint in a message."""
-        return f"joint {self.on!r}"
-
-
-@dataclass(frozen=True)
-class Pressed:
-    """What clamping bolts give to the nodes of a joint; 0 at the others."""
-
-    force: FloatArray  #: (N,), normal forces, N
-    area: FloatArray  #: (N,), area that may touch, m2
-    gap: FloatArray  #: (N,), m, mean around each node, by which the joint has opened
-    other: sparse.csr_array | None  #: (N, N), values of the other body opposite to each node
+    force: FloatArray
+    area: FloatArray
+    gap: FloatArray
+    other: sparse.csr_array | None
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Contact points of a joint: its nodes that carry pressure and are not held."""
+    """Contact points of a joint: its k nodes that carry pressure and that supports leave free.
+
+    Attributes
+    ----------
+    joint : Joint
+    nodes : ndarray of int, shape (k,)
+        Displacement nodes of the body that is pressed.
+    points : ndarray of int, shape (k,)
+        Numbers of the contact points in the system.
+    normal_force : ndarray, shape (k,)
+        N.
+    area : ndarray, shape (k,)
+        Share of each node in the contact area, m2.
+    directions : ndarray, shape (k, d, dim)
+        Unit slip directions, perpendicular to each other. A node with fewer than d has zeros in
+        the last ones.
+    normal : ndarray, shape (k, dim), or None
+        Outward normals of facets; None where cells lie on their base.
+    held_force, held_area : float
+        Share of the clamping force (N) and of the area (m2) of pressed nodes that supports hold.
+    held_nodes : ndarray of int
+        Numbers of these nodes.
+    held_normal : ndarray, shape (held nodes, dim), or None
+        Their normals; where a support leaves them free, closed contact holds them on the base.
+    cells : ndarray of int, shape (c, corners)
+        Linear sub-cells of the contact, by node numbers.
+    other : sparse array, shape (k, N), or None
+        Displacement of the other body at the contact nodes, from that of its nodes; None on a
+        rigid base.
+    bolt_shares : tuple of float
+        Part of each bolt's ring that lies on the joint.
+    """
 
     joint: Joint
-    nodes: IntArray  #: (k,), displacement nodes of the body that is pressed
-    points: IntArray  #: (k,), numbers of the contact points in the system
-    normal_force: FloatArray  #: (k,), N
-    area: FloatArray  #: (k,), share of the contact area, m2
-    #: (k, d, dim), unit slip directions, perpendicular to each other; last, zero, those that a
-    #: node has not.
+    nodes: IntArray
+    points: IntArray
+    normal_force: FloatArray
+    area: FloatArray
     directions: FloatArray
-    normal: FloatArray | None  #: (k, dim), of facets, outwards; None where cells lie on their base
-    held_force: float  #: share of the clamping force of pressed nodes that supports hold, N
-    held_area: float  #: and of the area, m2
-    held_nodes: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))  #: their numbers
-    held_normal: FloatArray | None = None  #: their normals: they cannot leave the base either
-    #: (c, corners), linear sub-cells of the contact on node numbers.
+    normal: FloatArray | None
+    held_force: float
+    held_area: float
+    held_nodes: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))
+    held_normal: FloatArray | None = None
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
-    #: (k, N), values of the other body at the contact nodes from those of its nodes; None: a base.
     other: sparse.csr_array | None = None
-    bolt_shares: tuple[float, ...] = ()  #: part of each bolt's ring that is on the joint
+    bolt_shares: tuple[float, ...] = ()
 
     @property
     def clamping_force(self) -> float:
-        """Whole normal force of the joint, that on supported nodes included, N."""
+        """Normal force of the whole joint, N, that on supported nodes included."""
         return float(self.normal_force.sum()) + self.held_force
 
     def relative(self, displacement: FloatArray) -> FloatArray:
-        """Displacement (..., k, dim) of the contact nodes against what they are pressed on.
+        """Displacement of the contact nodes relative to what they are pressed on, (..., k, dim).
 
         ``displacement`` holds the values at all nodes, (..., N, dim).
         """
         own = displacement[..., self.nodes, :]
         if self.other is None:
             return own
-        under = expanded(self.other, displacement.swapaxes(-1, -2))
-        return np.asarray(own - under.swapaxes(-1, -2))
+        opposite = expanded(self.other, displacement.swapaxes(-1, -2))
+        return np.asarray(own - opposite.swapaxes(-1, -2))
 
 
 def manifold_of(
     grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray | None]:
-    """Where a joint acts: sub-cells (c, corners), their elements and depth (c,), m, and normals.
+    """Sub-cells on which a joint acts, and what is known of them.
 
-    These, (N, dim), are of facets; None where cells lie on their base.
+    Parameters
+    ----------
+    grid : Nodes
+    on : str
+        Region or boundary.
+    width, thickness : ndarray, shape (elements,)
+        m.
+    where : str
+        What a message calls the joint.
+
+    Returns
+    -------
+    cells : ndarray of int, shape (c, corners)
+        Nodes of the sub-cells.
+    elements : ndarray of int, shape (c,)
+        Element beside each.
+    depth : ndarray, shape (c,)
+        Extent of the contact across each, m; 1 where sub-cells are areas already.
+    normals : ndarray, shape (N, dim), or None
+        Outward unit normals at the nodes of facets; None where cells lie on their base.
+
+    Raises
+    ------
+    InputError
+        If facets of the joint meet at more than 30 degrees, or more than two edges at a node.
     """
     mesh, dim = grid.mesh, grid.mesh.dim
     ones = np.ones_like(width)
     if on in mesh.regions:
         inside = np.isin(grid.cell_element, mesh.regions[on])
-        # A bar lies on its base with its width; a plate in plan is an area already.
+        # A bar lies on its base with its width; a cell of a plate in plan is an area already.
         own = grid.cell_element[inside]
         return grid.cells[inside], own, (width, ones)[dim - 1][own], None
     facets = mesh.boundaries[on]
@@ -147,7 +162,12 @@ def manifold_of(
 
 
 def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> FloatArray:
-    """Unit normals (N, dim), outwards, at the nodes of facets: means of those that meet there."""
+    """Outward unit normals (N, dim) at the nodes of facets: means of those that meet there.
+
+    Facets that meet at more than `largest_turn` degrees are refused: a node between them has no
+    tangent.
+    """
+    largest_turn = 30.0
     x, mesh = grid.nodes, grid.mesh.mesh
     corners = x[cells]
     if x.shape[1] == 2:
@@ -156,7 +176,7 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
         if np.any(meeting > 2):
             place = spot(x[np.argmax(meeting)])
             raise InputError(f"{where}: more than two of its edges meet at {place}")
-    else:  # half the product of the diagonals, of a triangle of two sides
+    else:  # half the cross product of the diagonals; in a triangle, of two sides
         diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
         vector = 0.5 * np.cross(*diagonals)
     outwards = corners.mean(axis=1) - mesh.p[:, mesh.t[:, beside]].mean(axis=1).T
@@ -171,25 +191,21 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
         cosine = np.clip(np.einsum("kc,kc->k", mean[corner], unit), 0, 1)
         np.maximum.at(turn, corner, 2.0 * np.degrees(np.arccos(cosine)))
     worst = int(np.argmax(turn))
-    if turn[worst] > LARGEST_TURN:
+    if turn[worst] > largest_turn:
         raise InputError(
             f"{where}: it turns by {turn[worst]:.3g} degrees at {spot(x[worst])}, must be at "
-            f"most {LARGEST_TURN:g}, else no tangent is defined there; give each straight part a "
+            f"most {largest_turn:g}, else no tangent is defined there; give each straight part a "
             "boundary and a joint of its own, a node apart"
         )
     return unit_vectors(total)
 
 
-def unit_vectors(vectors: FloatArray) -> FloatArray:
-    """Unit vectors along some (k, dim), zero where these are."""
-    size = np.linalg.norm(vectors, axis=1)[:, None]
-    return np.asarray(vectors / np.where(size > 0.0, size, 1.0))
-
-
 def _tangents(normals: FloatArray, overall: FloatArray) -> FloatArray:
-    """Tangents (k, dim - 1, dim) at unit normals (k, dim), alike from node to node.
+    """Tangents (k, dim - 1, dim) at unit normals (k, dim), which vary little from node to node.
 
-    In the plane they run along x, or along y where the border as a whole does not run along x.
+    ``overall`` (dim,) is the sum of all normals. In the plane tangents have a positive component
+    along x, or along y where the border as a whole is perpendicular to x. In space the first one
+    is the projection of the axis to which the border is most nearly parallel.
     """
     if normals.shape[1] == 2:
         t = np.stack([normals[:, 1], -normals[:, 0]], axis=1)
@@ -205,7 +221,18 @@ def _tangents(normals: FloatArray, overall: FloatArray) -> FloatArray:
 
 
 def slip_directions(normals: FloatArray | None, held: BoolArray) -> FloatArray:
-    """Slip directions (k, d, dim), last zero, at normals and held displacements, (k, dim) each."""
+    """Slip directions of k nodes, shape (k, d, dim); absent ones are zero and come last.
+
+    A node slips in the directions perpendicular to its normal and to what supports hold: the null
+    space of both, whose vectors are signed so that the largest component is positive.
+
+    Parameters
+    ----------
+    normals : ndarray, shape (k, dim), or None
+        Unit normals of facets; None where cells lie on their base.
+    held : ndarray of bool, shape (k, dim)
+        Displacements that supports hold.
+    """
     k, dim = held.shape
     if normals is None:
         free = np.broadcast_to(np.eye(dim), (k, dim, dim)).copy()
@@ -236,10 +263,26 @@ def make_patch(
     numbering: IntArray,
     preloaded: Pressed | None = None,
 ) -> Patch:
-    """Contact points of one joint, ``held`` (N, dim) being the displacements that supports hold.
+    """Contact points of one joint.
 
-    ``width`` and ``thickness`` are those of the elements, m. ``numbering`` (N,) is the contact
-    point of each node, -1 without; new ones are entered. ``preloaded`` is what clamping bolts give.
+    Parameters
+    ----------
+    grid : Nodes
+    joint : Joint
+    held : ndarray of bool, shape (N, dim)
+        Displacements that supports hold.
+    width, thickness : ndarray, shape (elements,)
+        m.
+    numbering : ndarray of int, shape (N,)
+        Contact point of each node, -1 where there is none. New points are entered in it.
+    preloaded : Pressed, optional
+        Normal forces from clamping bolts.
+
+    Raises
+    ------
+    InputError
+        If nothing in the joint can slip, if pressed nodes are supported or lie outside the other
+        body, or if a pressure of "preload" comes without bolts.
     """
     label = joint.label
     cells, _, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
@@ -297,7 +340,10 @@ def _other(
     held: BoolArray,
     opposite: sparse.csr_array | None,
 ) -> sparse.csr_array:
-    """Values of the other body at contact nodes from those of its nodes, (N, N) if known."""
+    """Displacement of the other body at the pressed nodes, shape (k, N), from that of its nodes.
+
+    ``opposite`` (N, N) is the same for all nodes where a preload has found it already.
+    """
     supported = pressed[held[pressed].any(axis=1)]
     if supported.size:
         raise InputError(
@@ -323,7 +369,7 @@ def _other(
 
 
 def shares_of(patches: Sequence[Patch], w: FloatArray) -> sparse.csr_array:
-    """Part of the friction limit ``w`` (m,), N, of each point that each joint has, (joints, m)."""
+    """Share of each joint in the friction limit ``w`` (m,), N, of each point, (joints, m)."""
     points = np.concatenate([np.zeros(0, np.intp), *(patch.points for patch in patches)])
     limits = np.concatenate([[], *(p.joint.friction * p.normal_force for p in patches)])
     joint = np.repeat(np.arange(len(patches)), [patch.points.size for patch in patches])
@@ -333,14 +379,14 @@ def shares_of(patches: Sequence[Patch], w: FloatArray) -> sparse.csr_array:
 
 
 def _alike(a: Any, b: Any, rows_a: IntArray, rows_b: IntArray) -> bool:
-    """Whether two arrays are of one kind, and the same in some rows."""
+    """Whether both arrays are absent, or equal in the given rows."""
     if a is None or b is None or a.shape[1] != b.shape[1]:
         return a is b
     return bool(abs(a[rows_a] - b[rows_b]).max() < SMALL) if rows_a.size else True
 
 
 def check_shared(grid: Nodes, patches: Sequence[Patch], new: Patch) -> None:
-    """Refuse contact points shared with another joint whose law or slip is not the same."""
+    """Refuse contact points that ``new`` shares with a joint of another law or slip direction."""
     for patch in patches:
         shared, mine, old = np.intersect1d(new.nodes, patch.nodes, return_indices=True)
         same = patch.joint.beta == new.joint.beta and _alike(patch.other, new.other, old, mine)

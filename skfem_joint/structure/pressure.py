@@ -2,13 +2,13 @@
 
 Normal forces are integrals of the pressure times the linear hat functions of the sub-cells between
 the displacement nodes, times the depth of the contact across them (width of a strut, thickness at
-an edge). Those are positive for every element, where second-order shape functions give zero or
-negative forces. A quadrilateral counts as four triangles around the mean of its corners, so that
-all integrals run over segments or triangles and are exact, kinks of a table inside a cell included.
+an edge). They are positive for every element, where second-order shape functions would give zero or
+negative forces. A quadrilateral is split into four triangles around the mean of its corners: all
+integrals run over segments or triangles. They are exact, also where a table has a kink in a cell.
 
 A bolt presses uniformly on the ring to which its head spreads its force. Integrals over a ring are
-differences of integrals over discs: the border of a disc's share of a triangle is made of straight
-pieces and arcs around the centre, whose contributions are those of triangles and sectors.
+differences of integrals over discs. The part of a triangle inside a disc is bounded by straight
+pieces and by arcs around the centre, which contribute triangles and sectors.
 """
 
 from __future__ import annotations
@@ -24,10 +24,6 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.values import FINITE, NOT_NEGATIVE, POSITIVE, Kind, check, check_each, problems
 
-# A bolt with a smaller share of its ring on the contact is a mistake; integrals below that part of
-# the largest one are round-off of the differences.
-_LEAST_SHARE, _ROUND_OFF = 0.5, 1e-12
-
 
 @dataclass(frozen=True)
 class PressureTable:
@@ -40,7 +36,7 @@ class PressureTable:
     values : tuple of float
         Pressures there, Pa; constant beyond the ends.
     axis : tuple of float, optional
-        Direction of the axis; its length does not count. The first coordinate if not given.
+        Direction of the axis, of any length. The first coordinate if not given.
     """
 
     positions: tuple[float, ...]
@@ -75,13 +71,13 @@ class PressureTable:
 
 @dataclass(frozen=True)
 class Bolt:
-    """One bolt.
+    """One bolt that presses a joint on a ring around its axis.
 
     Attributes
     ----------
     at : tuple of float
-        Position of its axis in the coordinates of the mesh, m; on a bar, along it and across its
-        width, from the middle.
+        Position of its axis in the coordinates of the mesh, m; on a bar, the position along the
+        bar, and across its width from the middle.
     force : float
         Clamping force, N.
     head_radius, hole_radius : float
@@ -122,7 +118,11 @@ class Bolt:
 class Bolts:
     """Bolts that press one joint.
 
-    ``reach`` is the depth over which the cone of pressure spreads from head to contact, m.
+    Attributes
+    ----------
+    bolts : tuple of Bolt
+    reach : float
+        Depth over which the cone of pressure spreads, from the head to the contact, m.
     """
 
     bolts: tuple[Bolt, ...]
@@ -144,11 +144,28 @@ Pressure: TypeAlias = float | PressureTable | Bolts
 def nodal_pressure(
     nodes: FloatArray, cells: IntArray, depth: FloatArray, pressure: Pressure, where: str
 ) -> tuple[FloatArray, FloatArray, tuple[float, ...]]:
-    """Nodal normal forces (N,), N, and areas (N,), m2, and share of each bolt's ring on a contact.
+    """Nodal normal forces and areas of a contact.
 
-    The forces sum to the integral of the pressure, or the bolts' force. ``cells`` (c, 2, 3 or 4)
-    are linear sub-cells on the nodes (N, dim), ``depth`` (c,) the extent of the contact across
-    them, m, or 1 for areas. ``where`` names the joint in messages.
+    Parameters
+    ----------
+    nodes : ndarray, shape (N, dim)
+        Positions, m.
+    cells : ndarray of int, shape (c, 2, 3 or 4)
+        Linear sub-cells on the nodes.
+    depth : ndarray, shape (c,)
+        Extent of the contact across the sub-cells, m; 1 for areas.
+    pressure : float, PressureTable or Bolts
+    where : str
+        What a message calls the joint.
+
+    Returns
+    -------
+    force : ndarray, shape (N,)
+        N; they sum to the integral of the pressure, or to the bolts' force.
+    area : ndarray, shape (N,)
+        m2.
+    shares : tuple of float
+        Part of each bolt's ring that lies on the contact.
     """
     corners, gather, parent = hat_simplices(nodes, cells)
     deep = depth[parent, np.newaxis]
@@ -166,10 +183,16 @@ def nodal_pressure(
 def hat_simplices(
     nodes: FloatArray, cells: IntArray
 ) -> tuple[FloatArray, sparse.csr_array, IntArray]:
-    """Segments or triangles (n, 2 or 3, dim) on which the hats of linear cells are linear.
+    """Segments or triangles on which the hat functions of linear sub-cells are linear.
 
-    Also the matrix (N, 2 n or 3 n) that sums integrals of their own hats to those of the nodes, and
-    the cell of each.
+    Returns
+    -------
+    corners : ndarray, shape (n, 2 or 3, dim)
+        m.
+    gather : sparse array, shape (N, 2 n or 3 n)
+        Sums integrals of the simplices' own hats to integrals of the nodes' hats.
+    parent : ndarray of int, shape (n,)
+        Sub-cell of each simplex.
     """
     n, count = cells.shape
     first = 3 * np.arange(cells.size)
@@ -189,10 +212,21 @@ def hat_simplices(
 
 
 def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> FloatArray:
-    """Integrals of pressure times hat function over segments or triangles, exactly.
+    """Exact integrals of pressure times hat function over segments or triangles.
 
-    ``corners`` (n, 2 or 3, dim) are in m. Gives N/m on segments, N on triangles, (n, 2 or 3). A
-    table is its first value and ramps that set in at its kinks.
+    A table is written as its first value plus ramps that set in at its kinks.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 2 or 3, dim)
+        m.
+    pressure : float or PressureTable
+        Pa.
+
+    Returns
+    -------
+    ndarray, shape (n, 2 or 3)
+        N/m on segments, N on triangles.
     """
     size, count = measure(corners)[:, np.newaxis], corners.shape[1]
     if not isinstance(pressure, PressureTable):
@@ -206,10 +240,10 @@ def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> 
 
 
 def _ramp(f: FloatArray) -> FloatArray:
-    """Means of max(0, f) times the hats over simplices with values f at their corners, (n, 2 or 3).
+    """Means over simplices of max(0, f) times each hat; f (n, 2 or 3) are values at the corners.
 
-    Where one corner alone is positive, f is a hat on the part of the simplex at this corner. Where
-    more are, max(0, f) = f + max(0, -f).
+    If one corner alone is positive, max(0, f) is a multiple of a hat on the part of the simplex at
+    that corner. If more are positive, max(0, f) = f + max(0, -f).
     """
     n, count = f.shape
     more = np.count_nonzero(f > 0.0, axis=1, keepdims=True) > 1
@@ -226,7 +260,7 @@ def _ramp(f: FloatArray) -> FloatArray:
 
 
 def measure(corners: FloatArray) -> FloatArray:
-    """Length of segments, area of triangles, in space of any dimension."""
+    """Length of segments (m) or area of triangles (m2), in space of any dimension."""
     sides = corners[:, 1:] - corners[:, :1]
     if corners.shape[1] == 2:
         return np.asarray(np.linalg.norm(sides[:, 0], axis=-1))
@@ -240,7 +274,7 @@ def _bolted(
 ) -> tuple[FloatArray, tuple[float, ...]]:
     """Forces (n, 2 or 3) of bolts on the hats of segments or triangles, and shares of their rings.
 
-    A bar's segment becomes a strip of its width: two triangles, whose corners belong to its ends.
+    A segment of a bar becomes a strip of its width: two triangles whose corners belong to its ends.
     """
     n, count, dim = corners.shape
     wrong = [bolt.at for bolt in bolts.bolts if len(bolt.at) != max(dim, 2)]
@@ -264,16 +298,17 @@ def _bolted(
 
 
 def _frame(corners: FloatArray) -> FloatArray:
-    """Two unit vectors (2, 3) in the plane of triangles in space, perpendicular to each other."""
+    """Two orthogonal unit vectors (2, 3) in the common plane of triangles in space."""
     sides = corners[:, 1:] - corners[:, :1]
-    normals = np.cross(sides[:, 0], sides[:, 1])  # of either sense: those of tetrahedra alternate
+    # Normals may have either sign: only the axis counts.
+    normals = np.cross(sides[:, 0], sides[:, 1])
     return np.asarray(np.linalg.eigh(normals.T @ normals)[1][:, :2].T)
 
 
 def disc_moments(triangles: FloatArray, centre: FloatArray, radius: float) -> FloatArray:
-    """Integrals of 1, x and y about ``centre``, (n, 3), over parts of triangles inside a disc.
+    """Integrals of 1, x and y over the parts of triangles inside a disc, shape (n, 3).
 
-    Triangles (n, 3, 2) may have either sense of rotation.
+    x and y are measured from ``centre``. Triangles (n, 3, 2) may turn either way.
     """
     start = triangles - centre
     along = np.roll(start, -1, axis=1) - start
@@ -291,6 +326,7 @@ def disc_moments(triangles: FloatArray, centre: FloatArray, radius: float) -> Fl
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product of vectors in the plane."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
@@ -315,7 +351,7 @@ def _sectors(a: FloatArray, b: FloatArray, radius: float) -> FloatArray:
 def ring_integrals(
     triangles: FloatArray, centre: FloatArray, inner: float, outer: float
 ) -> FloatArray:
-    """Integrals (n, 3), m2, of each corner's linear hat over a triangle's part in a ring."""
+    """Integrals of each corner's hat over the part of a triangle inside a ring, (n, 3), m2."""
     distance = np.linalg.norm(triangles - centre, axis=-1)
     size = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=-1).max(axis=1)
     near = (distance.min(axis=1) <= outer + size) & (distance.max(axis=1) >= inner)
@@ -329,18 +365,39 @@ def ring_integrals(
     hats = at_centre * moments[:, :1] + np.einsum("nkc,nc->nk", slope, moments[:, 1:])
     integrals = np.zeros(triangles.shape[:2])
     integrals[near] = hats / double_area
-    integrals[integrals < _ROUND_OFF * integrals.max(initial=0.0)] = 0.0
+    # Smaller ones are the round-off of the differences.
+    integrals[integrals < 1e-12 * integrals.max(initial=0.0)] = 0.0
     return integrals
 
 
 def bolt_forces(
     bolts: Bolts, triangles: FloatArray, centres: FloatArray, where: str
 ) -> tuple[FloatArray, tuple[float, ...]]:
-    """Forces (n, 3), N, of bolts on the linear hats of triangles (n, 3, 2) that cover the contact.
+    """Forces of bolts on the hats of triangles that cover the contact, and shares of their rings.
 
-    Those of each bolt sum to its force, whatever the triangles. Also the part of each bolt's ring
-    that lies on them. ``centres`` (bolts, 2) are the bolts' axes in the plane of the triangles, m.
+    Parameters
+    ----------
+    bolts : Bolts
+    triangles : ndarray, shape (n, 3, 2)
+        m.
+    centres : ndarray, shape (bolts, 2)
+        Axes of the bolts in the plane of the triangles, m.
+    where : str
+        What a message calls the joint.
+
+    Returns
+    -------
+    forces : ndarray, shape (n, 3)
+        N; those of each bolt sum to its force.
+    shares : tuple of float
+        Part of each bolt's ring that lies on the triangles.
+
+    Raises
+    ------
+    InputError
+        If less than half of a ring lies on the contact.
     """
+    least_share = 0.5
     forces = np.zeros(triangles.shape[:2])
     shares, problems = [], []
     for bolt, centre in zip(bolts.bolts, centres, strict=True):
@@ -348,13 +405,13 @@ def bolt_forces(
         ring = ring_integrals(triangles, centre, bolt.hole_radius, outer)
         pressed = float(ring.sum())
         shares.append(pressed / (np.pi * (outer**2 - bolt.hole_radius**2)))
-        if shares[-1] >= _LEAST_SHARE:
+        if shares[-1] >= least_share:
             forces += bolt.force / pressed * ring
             continue
         problems.append(
             f"{where}: of the ring pressed by the bolt at {tuple(bolt.at)}, between the radii "
             f"{bolt.hole_radius:g} and {outer:g} m, {100 * shares[-1]:.3g} % lies on the contact, "
-            f"must be at least {100 * _LEAST_SHARE:g} %; move the bolt, or check its radii, its "
+            f"must be at least {100 * least_share:g} %; move the bolt, or check its radii, its "
             "spreading_angle and reach"
         )
     refuse(problems)

@@ -229,7 +229,7 @@ def test_pulled_plates_are_antisymmetric(example):
     model = example["plate_a"]()
     save = example["Save"](fields=True)
     run = example["integrate"](model.system, step=2e-5, n_steps=10, save=save)
-    nodes, body = model.structure.nodes, model.structure.body
+    nodes, body = model.structure.nodes, model.structure.body.body_of_node
     turned = np.array([1.2, 0.05]) - nodes
     u = model.structure.expand(run.u)[-1]
     order, other = (np.lexsort(np.round(x, 6).T[::-1]) for x in (nodes, turned))

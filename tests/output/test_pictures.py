@@ -171,7 +171,7 @@ def test_bodies_and_the_mark_on_the_load_move_with_the_frame(tmp_path, build):
             expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
             assert mark.y == pytest.approx([expected], abs=0.05)
         right = max(body.surface.bounds[1] for body in picture.bodies)
-    moved = frames.structure.in_space(frames.fields[0].displacement[2])[:, 0].max()
+    moved = frames.structure.body.in_space(frames.fields[0].displacement[2])[:, 0].max()
     assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
 
 

@@ -208,7 +208,9 @@ def test_mistakes_are_input_errors(runs, draw, message, monkeypatch):
 def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined():
     made = lap()
     x = made.nodes[made.patches[0].nodes, 0]
-    figure = plots.active_region_figure(made, 0, 1e-6 * np.abs(x - 0.25), x > 0.27)
+    figure = plots.active_region_figure(
+        made.body, made.patches[0], 1e-6 * np.abs(x - 0.25), x > 0.27
+    )
     panel, scale = figure.axes  # columns of nodes at 0.28 and 0.3 are active
     assert figure.get_suptitle() == "joint: active on 30.0 % of the area"
     assert scale.get_xlabel() == "largest slip, nm"
@@ -231,7 +233,9 @@ def joint_of(length: float, width: float) -> sj.Structure:
 )
 def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(made, ends):
     k = made.patches[0].nodes.size
-    figure = plots.active_region_figure(made, 0, np.linspace(0, 1e-6, k), np.arange(k) < 9)
+    figure = plots.active_region_figure(
+        made.body, made.patches[0], np.linspace(0, 1e-6, k), np.arange(k) < 9
+    )
     panel = figure.axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("x, m", "y, m")
     assert panel.get_xlim() == pytest.approx(ends, abs=0.03 * (ends[1] - ends[0]))
@@ -246,7 +250,9 @@ def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(made, end
 def test_the_active_part_of_a_line_is_a_share_of_its_area(made, share, name):
     patch = made.patches[0]
     slip = 1e-6 * made.nodes[patch.nodes, 0]
-    figure = plots.active_region_figure(made, 0, slip, np.ones(slip.size, dtype=bool))
+    figure = plots.active_region_figure(
+        made.body, made.patches[0], slip, np.ones(slip.size, dtype=bool)
+    )
     # All but the half element at a support.
     assert figure.get_suptitle().endswith(f"on {share} % of the area")
     assert figure.axes[0].get_xlabel() == name

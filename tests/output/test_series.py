@@ -75,9 +75,9 @@ def read(path: Path, frame: int, faces: bool = False) -> list[Any]:
 def node_of(block: Any, structure: Structure) -> NDArray[np.intp]:
     """Node of the block's body whose section each point of the block lies in."""
     body = int(block["body"][0])
-    nodes = np.flatnonzero(structure.body == body)
+    nodes = np.flatnonzero(structure.body.body_of_node == body)
     offset = np.asarray(block.points)[:, None] - structure.positions[nodes]
-    distance = np.linalg.norm(offset @ structure.axes.T, axis=2)
+    distance = np.linalg.norm(offset @ structure.body.axes.T, axis=2)
     assert distance.min(axis=1).max() < 1e-12
     return np.asarray(nodes[distance.argmin(axis=1)])
 
@@ -101,7 +101,7 @@ def test_values_and_times_read_back_equal_those_written(tmp_path, build):
             for name in ("displacement", "velocity", "slip", "friction_traction"):
                 found = block.point_data[name]
                 assert found.shape == (block.n_points, 3)
-                expected = getattr(source, name)[k, node] @ made.axes
+                expected = getattr(source, name)[k, node] @ made.body.axes
                 np.testing.assert_allclose(found, expected, atol=1e-14 * np.abs(expected).max())
             for name in ("slip_state", "friction_work_density"):
                 np.testing.assert_array_equal(block[name], getattr(source, name)[k, node])
@@ -133,7 +133,7 @@ def test_the_stress_of_a_uniform_strain_is_hookes(build, plane):
     pull = E * stretch / (1.0 - nu**2 if strip else 1.0)
     side = E / (2.0 * (1.0 + nu)) * shear if made.dim > 1 else 0.0
     local = np.array([[pull, side, 0.0], [side, 0.0, 0.0], [0.0, 0.0, nu * pull * strip]])
-    axes = np.vstack([made.axes, np.eye(3)[made.dim :]])
+    axes = np.vstack([made.body.axes, np.eye(3)[made.dim :]])
     if made.dim == 1:
         axes[1:] = 0.0
     xx, yy, zz, xy, yz, xz = block["stress"].T
@@ -153,19 +153,19 @@ def test_a_body_has_the_volume_of_its_sections_and_knows_its_regions(build):
     assert np.all(volume > 0.0)  # corners turn the right way
     regions = list(made.mesh.regions)
     assert list(block.grid.field_data["region_names"]) == regions
-    element = np.array(made.cell_element)[block.cells]
+    element = np.array(made.body.cell_element)[block.cells]
     for number, name in enumerate(regions):
         inside = block.grid.cell_data["region"] == number
         assert set(element[inside]) == set(made.mesh.regions[name])
         mesh = made.mesh.mesh
         size = np.abs(mesh.mapping().detDF(np.array([[0.25]] * made.dim)))[:, 0]
         size /= {2: 1, 3: 2, 4: 1 if made.dim == 2 else 6, 8: 1}[mesh.t.shape[0]]
-        expected = (size * made.across)[made.mesh.regions[name]].sum()
+        expected = (size * made.body.across)[made.mesh.regions[name]].sum()
         assert volume[inside].sum() == pytest.approx(expected, rel=1e-9)
     if made.dim < 3:
-        thickness = made.properties["thickness"]
+        thickness = made.body.properties["thickness"]
         np.testing.assert_array_equal(block.grid.cell_data["thickness"], thickness[element])
-    if made.dim == 1 and made.axes[0, 0] == 1.0:  # wide in y and thick in z
+    if made.dim == 1 and made.body.axes[0, 0] == 1.0:  # wide in y and thick in z
         low, high = np.array(block.grid.bounds).reshape(3, 2).T
         np.testing.assert_allclose(high - low, [0.6, 0.05, 0.01], rtol=1e-9)
 
@@ -191,7 +191,7 @@ def test_both_bodies_feel_the_same_friction_force(tmp_path, build):
             work = share[node] @ block["friction_work_density"][first]
             expected = patch.area @ source.friction_work_density[k, patch.nodes]
             assert work == pytest.approx(expected, rel=1e-12)
-        expected = made.in_space(patch.area @ source.friction_traction[k, patch.nodes])
+        expected = made.body.in_space(patch.area @ source.friction_traction[k, patch.nodes])
         np.testing.assert_allclose(force[1], expected, rtol=1e-11, atol=1e-6)
         np.testing.assert_allclose(force[0], -force[1], rtol=1e-11, atol=1e-6)
 

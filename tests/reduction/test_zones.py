@@ -115,7 +115,7 @@ def test_each_ring_of_bolts_is_a_part_of_its_own():
     joint = np.concatenate([plan.regions["one"], plan.regions["two"]])
     mesh = named(plan.mesh.with_subdomains({"joint": joint}))
     made = structure(mesh, [Joint("joint", 8e6, 0.7, axis=(1.0, 0.0))])
-    found = stretches(made, made.patches[0])
+    found = stretches(made.body, made.patches[0])
     assert [round(zone.length, 9) for zone in found] == [0.02, 0.02]
 
 

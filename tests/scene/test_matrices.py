@@ -138,7 +138,7 @@ SHORT = {"cycles": 1, "steps_per_cycle": 50}
 def test_pairs_with_two_slips_move_as_their_mesh(tmp_path, make):
     scene = make()
     structure, (load,) = scene.structure(), scene.loads()
-    push = np.outer(structure.even_shares(str(load.on)), load.unit(structure.dim)).ravel()
+    push = np.outer(structure.body.even_shares(str(load.on)), load.unit(structure.dim)).ravel()
     np.savez(tmp_path / "push.npz", push=push)
     tables = exported(tmp_path, scene, npz, {str(load.on): "push.npz:push"})
     a = sj.run_scene(scene).models["full"].run

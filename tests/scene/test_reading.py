@@ -83,7 +83,7 @@ def test_regions_supports_and_points_reach_the_structure(scene_file):
     inside = scene.named_mesh.regions["joint"]
     own = {"E": (70e9, 200e9), "poisson": (0.2, 0.3), "thickness": (0.02, 0.01)}
     for name, (here, elsewhere) in own.items():
-        values = structure.properties[name]
+        values = structure.body.properties[name]
         assert np.all(values[inside] == here)
         assert np.all(np.delete(values, inside) == elsewhere)
     assert structure.plane == "strain"

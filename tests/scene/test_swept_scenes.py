@@ -9,7 +9,7 @@ from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError
 from skfem_joint.scene import load_sweep
-from skfem_joint.scene.sweep_table import Sweep
+from skfem_joint.scene.sweep_table import SweepTable
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_mistakes_name_key_and_value(read, sweep, words):
 def test_each_result_that_can_be_chosen_is_in_the_summary(read):
     scene = read('"time.cycles" = [1]').scenes[0]
     study = run_scene(scene)
-    annotation = Sweep.model_fields["results"].annotation
+    annotation = SweepTable.model_fields["results"].annotation
     names = set(get_args(get_args(annotation)[0]))
     assert len(names) > 10
     assert names <= set(model_summary(study, study.models["reduced"])) | {"active_area_fraction"}

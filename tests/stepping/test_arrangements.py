@@ -17,7 +17,6 @@ from skfem_joint.stepping import integrate as driver
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.unknowns import slips_as_unknowns
 
 
 def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
@@ -98,7 +97,7 @@ def test_relative_slips_are_those_of_the_same_system_in_slips(beta):
     """More than 500 unknowns, where no dense steps are left to fall back on."""
     system = relative_slips(270, beta)
     assert system.n == 540
-    inner, new = slips_as_unknowns(system)
+    inner, new = system.with_slips_as_unknowns()
     run, expected = run_of(system, 40), run_of(inner, 40)
     assert arranged(system).kind == arranged(inner).kind == "contact"
     assert run.system is system

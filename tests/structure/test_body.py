@@ -23,6 +23,7 @@ from bodies import (
 )
 from scipy import sparse
 from scipy.linalg import eigh
+from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import NamedMesh, build_bar
@@ -54,17 +55,17 @@ def measure(body: NamedMesh) -> float:
 
 def inner_dofs(some: Structure) -> tuple[np.ndarray, np.ndarray]:
     border = np.zeros((some.n_nodes, some.dim), dtype=bool)
-    border[some.basis.get_dofs(some.mesh.mesh.boundary_facets()).flatten()] = True
+    border[some.body.basis.get_dofs(some.mesh.mesh.boundary_facets()).flatten()] = True
     return np.flatnonzero(~border.ravel()), np.flatnonzero(border.ravel())
 
 
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)
 def test_nodes_are_those_of_the_basis_and_sub_cells_lie_in_their_elements(shape, order):
     some = structure(any_body(shape, order))
-    np.testing.assert_allclose(some.nodes, some.basis.doflocs.T, atol=1e-15)
-    for cell, element in zip(some.cells, some.cell_element, strict=True):
-        assert set(cell) <= set(some.of_element[:, element])
-    parts = np.bincount(some.cell_element)
+    np.testing.assert_allclose(some.nodes, some.body.basis.doflocs.T, atol=1e-15)
+    for cell, element in zip(some.body.cells, some.body.cell_element, strict=True):
+        assert set(cell) <= set(some.body.of_element[:, element])
+    parts = np.bincount(some.body.cell_element)
     np.testing.assert_array_equal(parts, parts[0])
 
 
@@ -99,6 +100,22 @@ def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_bo
     np.testing.assert_allclose(shifts @ (M @ shifts.T), mass * np.eye(d), atol=1e-12 * mass)
 
 
+@pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
+def test_stiffness_is_that_of_scikit_fems_own_vector_element(shape, order):
+    """Scalar blocks make what the elasticity of scikit-fem does on displacement vectors."""
+    body = structure(any_body(shape, order), plane="strain").body
+    vectors = skfem.ElementVector(body.element)
+    basis = skfem.Basis(body.mesh.mesh, vectors, intorder=body.quadrature)
+    form = linear_elasticity(*lame_parameters(E, NU))
+    expected = skfem.asm(form, basis) * (THICKNESS if body.dim == 2 else 1.0)
+    dofs = np.empty(body.dim * body.n_nodes, dtype=int)
+    for k, row in enumerate(basis.element_dofs):
+        dofs[body.dim * body.of_element[k // body.dim] + k % body.dim] = row
+    _, K = body.matrices()
+    assert abs(K - K.T).max() == 0.0
+    assert abs(K - expected[dofs][:, dofs]).max() < 1e-14 * abs(K).max()
+
+
 def gradient_of_harmonic(x: np.ndarray) -> np.ndarray:
     """Gradient (..., d) of a harmonic potential: in equilibrium for any constants."""
     if x.shape[-1] == 2:
@@ -122,7 +139,7 @@ def test_displacement_converges_at_the_order_of_the_element(shape, order):
         solution[inner] = sparse.linalg.spsolve(
             K[inner][:, inner].tocsc(), -K[inner][:, outer] @ solution[outer]
         )
-        basis = some.basis
+        basis = some.body.basis
         exact = gradient_of_harmonic(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
         squared = sum(
             np.sum((np.asarray(basis.interpolate(solution[c :: some.dim])) - exact[..., c]) ** 2
@@ -216,7 +233,7 @@ def test_an_inclined_bar_has_the_same_system_and_its_vectors_lie_along_it():
     one, two = straight.system(), inclined.system()
     for name in ("M", "K", "w"):
         assert abs(getattr(one, name) - getattr(two, name)).max() == 0.0
-    np.testing.assert_allclose(inclined.in_space(np.array([[2.0]])), [2.0 * along], rtol=1e-12)
+    np.testing.assert_allclose(inclined.body.in_space(np.array([[2.0]])), [2.0 * along], rtol=1e-12)
     np.testing.assert_array_equal(inclined.positions, coordinates)
 
 
@@ -234,6 +251,6 @@ def test_loads_on_regions_and_points_and_names_of_rows():
     # The row of a load is what it works on.
     works = free.P.toarray()[:3] @ free.load_vectors()
     np.testing.assert_allclose(works, free.load_vectors()[:, :3].T @ free.load_vectors())
-    shares = some.even_shares("rest")
+    shares = some.body.even_shares("rest")
     assert shares.sum() == pytest.approx(1.0, rel=1e-14)
     np.testing.assert_allclose(shares @ some.nodes, [0.75, 0.5], rtol=1e-12)

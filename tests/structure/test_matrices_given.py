@@ -64,7 +64,7 @@ def test_complex_matrices_are_refused_and_never_made_real(name, form):
     ],
 )
 def test_complex_values_are_refused_everywhere(make, where):
-    with pytest.raises(sj.InputError, match=rf"^{where}: found .*must be .*real"):
+    with pytest.raises(sj.InputError, match=rf"^{where}: found .*must be "):
         make()
 
 
@@ -104,7 +104,7 @@ def test_damping_that_would_create_energy_is_refused(C, form):
 
 
 def test_factors_of_damping_that_would_create_energy_are_refused():
-    with pytest.raises(sj.InputError, match=r"^C: is negative somewhere"):
+    with pytest.raises(sj.InputError, match=r"^stiffness_damping: found -0.001, must be >= 0"):
         system_of(stiffness_damping=-1e-3)
 
 

@@ -31,7 +31,7 @@ def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(shape, o
     exact = np.zeros_like(u)
     exact[:, axis] = -DENSITY * ACCELERATION / E * (x.max() * x - 0.5 * x**2)
     np.testing.assert_allclose(u, exact, atol=1e-9 * np.abs(exact).max())
-    volume = np.prod(np.ptp(some.nodes, axis=0)) * some.across[0]
+    volume = np.prod(np.ptp(some.nodes, axis=0)) * some.body.across[0]
     assert -system.loads[0].amplitude(0.0) == pytest.approx(DENSITY * ACCELERATION * volume)
     assert "mass_" in system.points[0]
 

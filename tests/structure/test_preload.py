@@ -76,7 +76,9 @@ def test_forces_and_moments_balance_on_faces_that_do_not_match(shape, order):
     structure = clamped(stacked(shape, order, 3, 2))
     force, whole = contact_forces(structure)
     assert whole == pytest.approx(FORCE, rel=1e-10)
-    upper = structure.body == structure.body[structure.nodes[:, -1].argmax()]
+    upper = (
+        structure.body.body_of_node == structure.body.body_of_node[structure.nodes[:, -1].argmax()]
+    )
     assert force[upper].sum(axis=0)[-1] == pytest.approx(FORCE, rel=1e-10)
     assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-12 * FORCE)
     x = structure.nodes
@@ -181,7 +183,7 @@ def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards():
     pressed = [patch.clamping_force for patch in structure.patches]
     assert pressed == pytest.approx([FORCE / 2, FORCE / 2], rel=1e-12)
     u = structure.expand(np.random.default_rng(1).normal(size=structure.T.shape[1]))
-    ends = [np.sort(structure.nodes_of(name)) for name in ("u_cut", "l_cut")]
+    ends = [np.sort(structure.body.nodes_of(name)) for name in ("u_cut", "l_cut")]
     order = [some[np.argsort(structure.nodes[some, 0])] for some in ends]
     assert u[order[0]] == pytest.approx(u[order[1]], abs=1e-12)
 

@@ -13,11 +13,12 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
+from skfem_joint.slips import SlipRows
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.structure import Bolt, Bolts, PressureTable, contact, point_friction
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.system import System
-from skfem_joint.unknowns import Contact, change_of_unknowns, slips_as_unknowns
+from skfem_joint.unknowns import change_of_unknowns
 
 
 def basis_of(body: Any) -> Any:
@@ -99,7 +100,7 @@ def test_rows_of_ones_own_become_unknowns_and_displacements_come_back():
     np.testing.assert_allclose(system.load_amplitudes(np.array([0.5])), [[3.0 * np.sin(0.5)]])
     # The same rows, taken first as they are.
     plain = System(M=M, C=None, K=K, B=sparse.csr_array(np.array(rows)), w=[10.0, 5.0], beta=1e4)
-    inner, arrangement = slips_as_unknowns(plain)
+    inner, arrangement = plain.with_slips_as_unknowns()
     q = np.random.default_rng(1).normal(size=inner.n)
     np.testing.assert_allclose(plain.B @ (arrangement.forward @ q), inner.B @ q, rtol=1e-12)
     np.testing.assert_allclose(arrangement.inverse @ (arrangement.forward @ q), q, rtol=1e-12)
@@ -150,7 +151,7 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused():
     )
     refused("load 'a': found 9, must be .* from 0 to 3", loads={"a": (9, Harmonic(1, 1))})
     refused(r"point 'a': .* finite", points={"a": np.full(4, np.nan)})
-    refused("contact: B: found shape", contact=Contact.none(3))
+    refused("contact: B: found shape", contact=SlipRows.none(3))
     same = point_friction(np.eye(4)[1], 1.0)
     refused("depend on each other", contact=same + same)
     for row, limit, beta in ((np.zeros(4), 1.0, 1.0), (np.ones((3, 4)), 1.0, 1.0),
@@ -242,7 +243,7 @@ def test_contacts_are_named_as_the_part_of_the_mesh_unless_told_otherwise():
     M, K = matrices(basis)
     fixed = basis.get_dofs("right")
     assert System.from_matrices(M, K, fixed=fixed, contact=both).joints == ("base", "lid")
-    nameless = Contact(np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.held[:0])
+    nameless = SlipRows(np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.held[:0])
     assert nameless.joint_of_point == ("contact",)
     with pytest.raises(InputError, match="contact: found name ' '"):
         contact(basis, "base", name=" ", **how)

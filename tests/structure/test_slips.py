@@ -41,7 +41,7 @@ def check_form(some: sj.Structure, system: sj.System) -> None:
     assert np.unique(system.B.indices).size == system.B.shape[0]
     # Unknowns and displacements determine each other.
     u = np.random.default_rng(4).standard_normal(system.n)
-    back = some.arrangement.inverse @ system.expand(u)
+    back = some.change_of_unknowns.inverse @ system.expand(u)
     np.testing.assert_allclose(back, u, rtol=1e-10, atol=1e-12)
     slips, first = system.B @ u, system.first_row
     displacement = some.expand(u)
@@ -108,13 +108,13 @@ def test_supports_take_slip_directions(shape, order):
     system = along.system()
     check_form(along, system)
     (patch,) = along.patches
-    left = np.isin(along.nodes_of(on), along.nodes_of("left"))
+    left = np.isin(along.body.nodes_of(on), along.body.nodes_of("left"))
     if along.dim == 2:
-        np.testing.assert_array_equal(np.sort(patch.held_nodes), along.nodes_of(on)[left])
+        np.testing.assert_array_equal(np.sort(patch.held_nodes), along.body.nodes_of(on)[left])
         rows = (2 * patch.held_nodes[:, None] + np.arange(2)).ravel()
         assert along.T[rows].nnz == 0
     else:
-        held = np.isin(patch.nodes, along.nodes_of("left"))
+        held = np.isin(patch.nodes, along.body.nodes_of("left"))
         np.testing.assert_array_equal(system.directions[patch.points[held]], 1)
         np.testing.assert_array_equal(system.directions[patch.points[~held]], 2)
 
@@ -208,7 +208,7 @@ def check_balance(some: sj.Structure, system: sj.System) -> None:
             moment = some.nodes[:, i] * applied[:, j] - some.nodes[:, j] * applied[:, i]
             assert abs(moment.sum()) < 1e-12 * size
     for body in (0, 1):
-        assert np.abs(applied[some.body == body].sum(axis=0)).max() > 1e-3
+        assert np.abs(applied[some.body.body_of_node == body].sum(axis=0)).max() > 1e-3
 
 
 @pytest.mark.parametrize("elements", [(4, 4), (5, 3), (3, 7)])
@@ -262,8 +262,8 @@ def test_a_pile_of_three_plates_slips_at_both_faces():
     check_form(some, system)
     # Without slip, what the lowest does linearly, all do where they are pressed.
     field = (some.nodes @ np.array([[1e-3, 2e-4], [3e-4, -1e-3]])).ravel()
-    field[np.repeat(some.body > 0, 2) | some.held.ravel()] = 0.0
-    q = some.arrangement.inverse @ field
+    field[np.repeat(some.body.body_of_node > 0, 2) | some.held.ravel()] = 0.0
+    q = some.change_of_unknowns.inverse @ field
     q[system.B.indices] = 0.0
     expanded = some.expand(q)
     for patch in some.patches:

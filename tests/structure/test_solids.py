@@ -55,9 +55,9 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     p, body = 3e6, slanted(block(shape, order, 3, (0.4, 0.3, 0.2)), 0.0)
     some = structure(body, [pressed("base", pressure=p)], fixed=(), material=NO_CONTRACTION)
     (patch,) = some.patches
-    part = some.facet_basis(body.boundaries["base"])
+    part = some.body.facet_basis(body.boundaries["base"])
     linear = np.array([np.ones_like(part.dx), *np.asarray(part.global_coordinates())])
-    exact = p * np.einsum("ifq,fq->i", linear, part.dx) * some.across[0]
+    exact = p * np.einsum("ifq,fq->i", linear, part.dx) * some.body.across[0]
     at_nodes = np.vstack([np.ones(patch.nodes.size), some.nodes[patch.nodes].T])
     np.testing.assert_allclose(at_nodes @ patch.normal_force, exact, rtol=1e-12, atol=1e-9)
     assert patch.normal_force.min() > 0.0
@@ -67,7 +67,7 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     u[:, -1] = -p / STEEL.E * some.nodes[:, -1]
     (load,) = system.loads
     force = load.amplitude.harmonics[0].amplitude * load.vector
-    found = system.K @ (some.arrangement.inverse @ u.ravel())
+    found = system.K @ (some.change_of_unknowns.inverse @ u.ravel())
     np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
 
 
@@ -183,12 +183,14 @@ def test_on_faces_that_do_not_match_action_is_reaction_energy_is_kept_and_what_s
     a = spsolve(system.M.tocsc(), force - rubbed - system.C @ v - system.K @ u)
     M, K = some.matrices()
     full = [some.T @ one for one in (u, v, a)]
-    on_nodes = some.even_shares("upper end")[:, None] * loads[0].unit(3)
+    on_nodes = some.body.even_shares("upper end")[:, None] * loads[0].unit(3)
     outer = on_nodes.ravel() * loads[0].amplitude(np.array([t]))[0]
     left = M @ full[2] + K @ (full[0] + some.stiffness_damping * full[1]) - outer
     left = left.reshape(-1, 3)
     left[some.held.any(axis=1)] = 0.0
-    upper_force = left[some.body == some.body[some.patches[0].nodes[0]]].sum(axis=0)
+    upper_force = left[
+        some.body.body_of_node == some.body.body_of_node[some.patches[0].nodes[0]]
+    ].sum(axis=0)
     size = np.abs(left).sum()
     assert np.linalg.norm(upper_force) > 0.01 * size
     np.testing.assert_allclose(left.sum(axis=0), 0.0, atol=1e-9 * size)

@@ -1,0 +1,171 @@
+"""Slip rows: what contact adds to the matrices of a structure, whatever they were assembled from.
+
+A contact point slips in one direction or in two. Each direction is a row of the slip operator B,
+which gives the slip from the displacements. Contact that stays closed adds rows that vanish.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.unknowns import selection, stacked
+
+
+@dataclass(frozen=True)
+class SlipRows:
+    """Slip rows and closed contact on the N degrees of freedom of some matrices.
+
+    They are made by `contact` and `point_friction`. ``a + b`` puts the rows of both together.
+    Results state friction energies by the names of the contact points; points of the same name are
+    one joint.
+
+    Attributes
+    ----------
+    B : sparse array, shape (rows, N)
+        Slip from the displacements; the rows of a contact point follow each other.
+    w : ndarray, shape (m,)
+        Friction limit of each contact point, N.
+    beta : ndarray, shape (m,)
+        Scaling constant of Eq. (2) of each point, s/m; ``inf`` is Coulomb.
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+    held : sparse array, shape (h, N)
+        Rows that vanish: motion across a contact that stays closed.
+    pivots : ndarray of int, shape (h + rows,), optional
+        Degree of freedom that each row determines, those of ``held`` first. If not given, a
+        matching of large coefficients chooses them.
+    clamped : ndarray, shape (h,), optional
+        Normal force on each row of ``held``, N, if known.
+    names : tuple of str, length m or 0
+        Joint that each contact point belongs to; empty if none has a name.
+    """
+
+    B: Matrix
+    w: FloatArray
+    beta: FloatArray
+    directions: NDArray[np.int64]
+    held: Matrix
+    pivots: IntArray | None = None
+    clamped: FloatArray | None = None
+    names: tuple[str, ...] = ()
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """Normal force on each row of ``held``, (h,), N; zeros where it is not known."""
+        return np.zeros(self.held.shape[0]) if self.clamped is None else self.clamped
+
+    @property
+    def joint_of_point(self) -> tuple[str, ...]:
+        """Joint of each contact point, (m,): ``names``, or "contact" where none has a name."""
+        return self.names or ("contact",) * self.w.size
+
+    @property
+    def joints(self) -> tuple[tuple[str, ...], sparse.csr_array]:
+        """Names of the joints, and 1 for each contact point that a joint has, (joints, m)."""
+        names = self.joint_of_point
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        joint = np.array([numbers[name] for name in names], dtype=np.intp)
+        return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
+
+    def __add__(self, other: SlipRows) -> SlipRows:
+        """Rows of both, those of this one first."""
+        n = self.B.shape[1]
+        if other.B.shape[1] != n:
+            raise InputError(f"contact: found rows for {n} and for {other.B.shape[1]} unknowns")
+        pivots = None
+        if self.pivots is not None and other.pivots is not None:
+            h, k = self.held.shape[0], other.held.shape[0]
+            pivots = np.concatenate(
+                [self.pivots[:h], other.pivots[:k], self.pivots[h:], other.pivots[k:]]
+            )
+        return SlipRows(
+            B=stacked([self.B, other.B], n),
+            w=np.concatenate([self.w, other.w]),
+            beta=np.concatenate([self.beta, other.beta]),
+            directions=np.concatenate([self.directions, other.directions]),
+            held=stacked([self.held, other.held], n),
+            pivots=pivots,
+            clamped=np.concatenate([self.normal_force, other.normal_force]),
+            names=(*self.joint_of_point, *other.joint_of_point),
+        )
+
+    @staticmethod
+    def none(n: int) -> SlipRows:
+        """No contact, for matrices of ``n`` degrees of freedom."""
+        empty, rows = np.zeros(0), sparse.csr_array((0, n))
+        return SlipRows(rows, empty, empty, np.zeros(0, np.int64), rows, np.zeros(0, np.intp))
+
+    def without(self, fixed: IntArray) -> SlipRows:
+        """Rows that are left where supports hold the degrees of freedom ``fixed``.
+
+        Columns of fixed degrees of freedom become zero. Of a point whose rows then depend on each
+        other, or on closed contact, as many are kept as are independent; they give the slip vector
+        the same norm.
+        """
+        n = self.B.shape[1]
+        free = np.ones(n)
+        free[fixed] = 0.0
+        touched, cut = (np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.held))
+        if not touched.any() and not cut.any():
+            return self
+        B, held = (sparse.csr_array(A @ sparse.diags_array(free)) for A in (self.B, self.held))
+        held.eliminate_zeros()
+        held = held[np.diff(held.indptr) > 0]
+        rows = []
+        for own in np.split(np.arange(B.shape[0]), np.cumsum(self.directions))[:-1]:
+            rows.append(B[own])
+            if touched[own].any():
+                moved = np.unique(rows[-1].nonzero()[1])
+                beside = held[:, moved].toarray()
+                left = _independent(rows[-1][:, moved].toarray(), beside[beside.any(axis=1)])
+                rows[-1] = sparse.csr_array(left @ selection(moved, n))
+        directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
+        keep = directions > 0
+        names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
+        return SlipRows(
+            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held, names=names
+        )
+
+
+def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:
+    """Independent rows with the same norm of ``rows @ u`` for all u with ``beside @ u = 0``."""
+    if len(beside):
+        rows = rows - rows @ np.linalg.pinv(beside) @ beside
+    _, size, right = np.linalg.svd(rows, full_matrices=False)
+    keep = size > 1e-9 * max(1.0, size.max(initial=0.0))
+    return rows if keep.all() and len(keep) == len(rows) else size[keep, np.newaxis] * right[keep]
+
+
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Unit vectors along given ones, (k, dim); zero where these are zero."""
+    size = np.linalg.norm(vectors, axis=1)[:, None]
+    return np.asarray(vectors / np.where(size > 0.0, size, 1.0))
+
+
+def rows_along(point: IntArray, vectors: FloatArray, m: int) -> sparse.csr_array:
+    """Rows that take the components of ``m`` points' displacements along some vectors.
+
+    Parameters
+    ----------
+    point : ndarray of int, shape (k,)
+        Point of each row.
+    vectors : ndarray, shape (k, dim)
+        Directions; their lengths do not count.
+
+    Returns
+    -------
+    sparse array, shape (k, dim m)
+        Rows on ``dim * point + component``.
+    """
+    k, dim = vectors.shape
+    columns = dim * point[:, None] + np.arange(dim)
+    entries = unit_vectors(vectors).ravel(), columns.ravel(), dim * np.arange(k + 1)
+    picked = sparse.csr_array(entries, shape=(k, dim * m))
+    picked.eliminate_zeros()
+    return picked

@@ -1,0 +1,170 @@
+"""Sentences about bodies that are allowed but look like a slip of the user."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from skfem_joint.structure.body import SECTION, Body
+from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.preload import Clamp
+from skfem_joint.system import System
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Ranges beyond which `check` doubts a value.
+
+    Attributes
+    ----------
+    modulus, density : tuple of float
+        Young's modulus, Pa, from soft rubber to diamond; density, kg/m3, from foam to osmium.
+    size : tuple of float
+        Largest extent of a structure, m: a millimetre to a hundred metres.
+    slenderness : tuple of float
+        Length over thickness or width. A body outside was probably drawn in other units.
+    per_wavelength : float
+        Fewest elements in the length of a wave that they can carry.
+    spanning, opposite : float
+        Elements that reach from side to side are reported from this share of all on; two sides
+        are opposite where the cosines of their normals with a direction and its opposite exceed
+        the second number.
+    straightened : float
+        Change of an area or a mass by straight edges from which on smaller elements are asked for.
+    """
+
+    modulus: tuple[float, float] = (1e6, 2e12)
+    density: tuple[float, float] = (5.0, 3e4)
+    size: tuple[float, float] = (1e-3, 100.0)
+    slenderness: tuple[float, float] = (0.1, 2000.0)
+    per_wavelength: float = 6
+    spanning: float = 0.05
+    opposite: float = 0.85
+    straightened: float = 0.01
+
+
+USUAL = Usual()
+
+
+def unusual_values(body: Body) -> Iterator[str]:
+    """Sentences about material and sizes that no structure has in SI units."""
+    for name, (least, most), unit, steel in (
+        ("E", USUAL.modulus, "Pa", "2e11"),
+        ("density", USUAL.density, "kg/m3", "7850"),
+    ):
+        values = body.properties[name]
+        if not least <= values.min() <= values.max() <= most:
+            worst = values.min() if values.min() < least else values.max()
+            yield f"material.{name} is {worst:.4g} {unit}; steel has {steel}: is it in {unit}?"
+    size = float(np.ptp(body.nodes, axis=0).max())
+    given = [name for name in SECTION[body.dim] if getattr(body, name)]
+    across = {name: body.properties[name].min() for name in given}
+    ratios = [size / extent for extent in across.values()]
+    (least, most), (shortest, longest) = USUAL.size, USUAL.slenderness
+    if not least <= size <= most or not all(shortest < ratio < longest for ratio in ratios):
+        words = {"width": "wide", "thickness": "thick"}
+        also = "".join(f", {extent:.4g} m {words[name]}" for name, extent in across.items())
+        yield (
+            f"The structure is {size:.4g} m long{also}: is the mesh in metres? mesh.scale = 1e-3 "
+            "reads one in millimetres; sections are in metres too."
+        )
+
+
+def per_wavelength(body: Body, frequency: float) -> tuple[float, float]:
+    """Speed (m/s) of the slowest bulk wave, and the fewest elements in its length.
+
+    ``frequency`` is in Hz. An element of second order counts as two.
+    """
+    stretching, shear = body.lame()
+    speed = np.sqrt((shear if shear.any() else stretching) / body.properties["density"])
+    size = np.ptp(body.mesh.mesh.p[:, body.mesh.mesh.t], axis=1).max(axis=0)
+    return float(speed.min()), float((body.mesh.order * speed / (frequency * size)).min())
+
+
+def coarse_for_waves(body: Body, system: System) -> Iterator[str]:
+    """Sentence about elements that are too long for the waves that the loads excite."""
+    frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
+    fewest = per_wavelength(body, frequency)[1] if frequency > 0.0 else np.inf
+    if fewest < USUAL.per_wavelength:
+        yield (
+            f"There are {fewest:.2g} elements in the length of the slowest wave at {frequency:.5g} "
+            f"Hz, the highest frequency of the loads; {USUAL.per_wavelength:g} are the least: "
+            "refine the mesh, or check frequency, rise_time, E and density."
+        )
+
+
+def locking(body: Body) -> Iterator[str]:
+    """Sentence about elements of first order that are too stiff in bending.
+
+    Counted are elements with corners on two opposite sides of the body.
+    """
+    if body.dim == 1 or body.mesh.order > 1:
+        return
+    mesh = body.mesh.mesh
+    part = body.facet_basis(mesh.boundary_facets())
+    # The directions of a cube's corners, edges and faces; read backwards they are their opposites.
+    directions = np.array([*product((-1.0, 0.0, 1.0), repeat=body.dim)])
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1.0)[:, np.newaxis]
+    cosines = part.normals[..., 0].T @ directions.T
+    largest = np.full((mesh.p.shape[1], len(directions)), -1.0)
+    for corner in mesh.facets[:, part.find]:
+        np.maximum.at(largest, corner, cosines)
+    reached = largest[mesh.t].max(axis=0) > USUAL.opposite
+    share = (reached & reached[:, ::-1]).any(axis=1).mean()
+    if share > USUAL.spanning:
+        each = f"{body.cell.name}s of first order".replace("hedrons", "hedra")
+        yield (
+            f"{100.0 * share:.3g} % of the elements reach from one side to the other: single "
+            f"{each} are too stiff in bending (they lock); take second order, or at least two "
+            "elements through the thickness, better four."
+        )
+
+
+def straightened(
+    body: Body, joints: Sequence[Joint], bolts: Sequence[Clamp], loads: Sequence[str]
+) -> Iterator[str]:
+    """Sentences about areas and mass that change because curved edges are made straight.
+
+    Counted are the mass and the size of each part that is a joint, is pressed by a bolt, or is one
+    of the loaded places, whose names ``loads`` are those of `AppliedLoad`.
+    """
+    mesh, change = body.mesh, body.mesh.straightened
+    if change is None:
+        return
+    straight = body.basis.dx.sum(axis=1)
+    by_size = body.properties["density"] * body.across
+    mass = body.total_mass
+    changes = {"the mass": mass / (mass + float(by_size @ change.lost)) - 1.0}
+    uses = [("joint", name) for j in joints for name in (j.on, j.against)]
+    uses += [(key, name) for bolt in bolts for key, name in bolt.surfaces]
+    for name in loads:  # ".2" is a second direction
+        known = name in mesh.boundaries or name in mesh.regions
+        uses.append(("load", name if known else name.rpartition(".")[0]))
+    roles: dict[str, list[str]] = {}
+    for role, used in uses:
+        if used in mesh.boundaries or used in mesh.regions:
+            roles.setdefault(str(used), []).append(role)
+    sizes = ("length", "area", "volume")
+    for name, given in roles.items():
+        where = f"of {name!r} ({', '.join(dict.fromkeys(given))})"
+        if name in mesh.boundaries:
+            changes[f"the {sizes[mesh.dim - 2]} {where}"] = change.boundaries[name]
+        else:
+            own = mesh.regions[name]
+            size = float(straight[own].sum())
+            ratio = size / (size + float(change.lost[own].sum()))
+            changes[f"the {sizes[mesh.dim - 1]} {where}"] = ratio - 1.0
+    by_how_much = ", ".join(
+        f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9
+    )
+    yield f"Edges that were curved are straight here, which changes {by_how_much or 'no size'}."
+    much = [what for what, x in changes.items() if abs(x) > USUAL.straightened]
+    if much:
+        yield (
+            f"Straight edges in place of curved ones change {', '.join(much)} by more than "
+            f"{100.0 * USUAL.straightened:g} %: use smaller elements there (in Gmsh "
+            "Mesh.MeshSizeFromCurvature = 36, elements a turn)."
+        )

@@ -1,0 +1,136 @@
+"""Joints as users describe them, and what can be wrong with them before their nodes are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfem_joint.arrays import IntArray
+from skfem_joint.mesh import NamedMesh
+from skfem_joint.structure.checks import one_of, overlap, wrong_name
+from skfem_joint.structure.pressure import Bolts, Pressure, PressureTable
+from skfem_joint.values import BETA, NOT_NEGATIVE, problems
+
+#: Value of ``Joint.pressure`` where clamping bolts press the joint.
+PRELOAD = "preload"
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A part of a body pressed on a rigid base or on another body.
+
+    Contact points are the nodes that the pressure reaches; elsewhere there is no contact.
+
+    Attributes
+    ----------
+    on : str
+        Region (friction over an area, or along a bar) or boundary that is pressed.
+    pressure : float, PressureTable, Bolts or "preload"
+        Pa; with "preload" the clamping bolts of the structure determine the pressure.
+    friction : float
+        Coefficient of friction.
+    against : str, optional
+        Region or boundary of another body; a rigid base if not given.
+    beta : float
+        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+    normal_force : {"consistent", "equal"}
+        Nodal forces are integrals of pressure times hat function, which converge with the square
+        of the element size; or, as in the paper, the total force divided equally among the nodes
+        that can slip, which converge with the element size.
+    axis : tuple of float, optional
+        Direction along which reference modes are laid; in one dimension the bar itself.
+    """
+
+    on: str
+    pressure: Pressure | str
+    friction: float
+    against: str | None = None
+    beta: float = 1e5
+    normal_force: str = "consistent"
+    axis: tuple[float, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the joint: that of the part which is pressed."""
+        return self.on
+
+    @property
+    def label(self) -> str:
+        """The joint in a message."""
+        return f"joint {self.on!r}"
+
+
+def joint_value_problems(joint: Joint) -> Iterator[str]:
+    """What is wrong with the numbers and words of a joint."""
+    yield from problems(f"{joint.label}: friction", joint.friction, NOT_NEGATIVE)
+    yield from problems(f"{joint.label}: beta", joint.beta, BETA)
+    yield from one_of(f"{joint.label}: normal_force", joint.normal_force, ("consistent", "equal"))
+    if not isinstance(joint.pressure, PressureTable | Bolts | str):  # patches refuse words
+        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)
+
+
+def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
+    """What is wrong with joints on a mesh, as far as it shows without their nodes."""
+    outer = mesh.mesh.boundary_facets()
+    allowed = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}[mesh.dim]
+    earlier: dict[str, list[Joint]] = {"region": [], "boundary": []}
+    for joint in joints:
+        where = joint.label
+        yield from joint_value_problems(joint)
+        kind = "region" if joint.on in mesh.regions else "boundary"
+        wrong = wrong_name(mesh, joint.on, allowed, f"{where}.on")
+        if not wrong and joint.against is not None:
+            wrong = wrong_name(mesh, joint.against, (kind,), f"{where}.against")
+        if wrong:
+            yield from wrong
+            continue
+        table = mesh.regions if kind == "region" else mesh.boundaries
+        parts = [table[name] for name in (joint.on, joint.against) if name is not None]
+        if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
+            yield f"{where}: it runs inside a body; a joint must be on its border"
+        elements = [part if kind == "region" else mesh.mesh.f2t[0, part] for part in parts]
+        if len(parts) == 2 and overlap(*(mesh.body[numbers] for numbers in elements)):
+            yield (
+                f"{where}: {joint.on!r} and {joint.against!r} belong to the same body; a joint "
+                "presses two bodies on each other, meshed apart from each other"
+            )
+        others = sorted({repr(j.on) for j in earlier[kind] if overlap(table[j.on], parts[0])})
+        if others:
+            yield f"{where} overlaps joint {', '.join(others)}; joints must not overlap"
+        if kind == "boundary":
+            yield from _touching_twice(mesh, joint, earlier[kind])
+        earlier[kind].append(joint)
+        if isinstance(joint.pressure, PressureTable):
+            corners = mesh.mesh.t if kind == "region" else mesh.mesh.facets
+            yield from _table_covers(mesh, joint.pressure, corners[:, parts[0]].ravel(), where)
+
+
+def _touching_twice(mesh: NamedMesh, joint: Joint, earlier: Sequence[Joint]) -> Iterator[str]:
+    """Refuse a face that two joints use: a face touches one other thing."""
+    table = mesh.boundaries
+    for other in earlier:
+        crossed = (other.on, joint.against), (other.against, joint.on)
+        if any(a and b and overlap(table[a], table[b]) for a, b in crossed):
+            yield (
+                f"{joint.label}: it lies on a part of {other.label}, by this or another name; "
+                "a face touches one thing: leave one of the joints out, or split the face"
+            )
+
+
+def _table_covers(
+    mesh: NamedMesh, table: PressureTable, vertices: IntArray, where: str
+) -> Iterator[str]:
+    """Refuse a table of pressures that does not reach over the whole joint with these vertices."""
+    if table.axis is not None and len(table.axis) != mesh.dim:
+        yield f"{where}: pressure.axis: found {table.axis}, must be {mesh.dim} numbers"
+        return
+    s = table.along(mesh.mesh.p[:, vertices].T)
+    first, last = table.positions[0], table.positions[-1]
+    tolerance = 1e-9 * mesh.size
+    if first > s.min() + tolerance or last < s.max() - tolerance:
+        yield (
+            f"{where}: pressure.positions: found {first:g} to {last:g} m, must cover the "
+            f"joint, which reaches from {s.min():g} to {s.max():g} m along the axis"
+        )

@@ -1,0 +1,122 @@
+"""What structures on a mesh and structures given by matrices have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from skfem_joint.mesh.cells import spot
+from skfem_joint.structure.body import Body
+from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.patch import Patch
+from skfem_joint.structure.pressure import Bolts
+from skfem_joint.structure.reactions import Reactions
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system import System
+
+
+class AnyStructure(Protocol):
+    """A jointed structure, given by a mesh (`Structure`) or by matrices (`MatrixModel`).
+
+    What needs geometry takes a `Structure`, which `meshed` gives, or the `body`, which is None if
+    the structure is given by matrices.
+    """
+
+    @property
+    def body(self) -> Body | None:
+        """Elastic bodies on their mesh; None for matrices, whose geometry is not known."""
+
+    @property
+    def joints(self) -> Sequence[Joint]:
+        """Joints, in the order of ``patches``."""
+
+    @property
+    def patches(self) -> tuple[Patch, ...]:
+        """Contact points of each joint."""
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of degrees of freedom, supported ones included."""
+
+    @property
+    def n_entries(self) -> int:
+        """Number of entries that the matrices are assembled from."""
+
+    @property
+    def identity(self) -> list[Any]:
+        """Arrays and names that distinguish this structure from another."""
+
+    @property
+    def free_points(self) -> tuple[str, ...]:
+        """Names of the points that can be observed."""
+
+    @property
+    def unloaded(self) -> System:
+        """System without loads, observed points and names of joints."""
+
+    def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
+        """System of equations under loads, with named points."""
+
+    def reactions(self, loads: Sequence[Load]) -> Reactions | None:
+        """Change of the normal forces by vibration; None where no contact is closed."""
+
+    def meshed(self, purpose: str) -> Structure:
+        """The structure with its geometry; InputError, which states the purpose, for matrices."""
+
+    def overview(self) -> str:
+        """Sentence about what the structure is made of."""
+
+    def at_rest(self) -> list[str]:
+        """Sentences about the preload, and about bodies that friction alone holds."""
+
+    def unusual(self, system: System) -> list[str]:
+        """Sentences about what looks like a slip of the user."""
+
+    def spot(self, dof: int) -> str:
+        """A degree of freedom in a message."""
+
+    def pressed_at(self, dof: int) -> str:
+        """Joint and place of a degree of freedom that closed contact determines, in a message."""
+
+
+def doubts(structure: AnyStructure, system: System) -> list[str]:
+    """Sentences about values, size, loads and joints that are allowed but look like a slip."""
+    sentences = [*system.notes, *structure.unusual(system)]
+    if not structure.patches:
+        sentences.append("There is no joint: nothing slips, the structure is linear.")
+    for patch in structure.patches:
+        joint = patch.joint
+        if not np.any(system.w[patch.points] > 0.0):
+            sentences.append(
+                f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
+            )
+        if isinstance(joint.pressure, Bolts) and structure.body is not None:
+            sentences += _bolt_doubts(structure.body, patch, joint.pressure)
+        force, area = patch.clamping_force, float(patch.area.sum()) + patch.held_area
+        if force > 0.0 and not 1e3 <= force / area <= 1e10:
+            sentences.append(
+                f"Joint '{joint.name}' is pressed by {force / area:.4g} Pa; bolts press by "
+                "1e6 to 1e9 Pa: is it in Pa?"
+            )
+        if joint.friction > 2.0:
+            sentences.append(
+                f"Joint '{joint.name}' has a coefficient of friction of "
+                f"{joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
+            )
+    return sentences
+
+
+def _bolt_doubts(body: Body, patch: Patch, bolts: Bolts) -> Iterator[str]:
+    """Sentences about bolts whose ring leaves the joint or is poorly resolved by the mesh."""
+    for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
+        where = f"The bolt at {spot(np.array(bolt.at))} in joint '{patch.joint.name}'"
+        if share < 0.99:
+            yield f"{where} has {100 * share:.3g} % of its ring on the joint, and its whole force."
+        centre = np.asarray(bolt.at[: body.dim])
+        distance = np.linalg.norm(body.nodes[patch.nodes] - centre, axis=1)
+        points = int(np.count_nonzero(distance <= bolts.outer_radius(bolt)))
+        if points < 12:
+            yield f"{where} presses only {points} nodes within its ring: refine the mesh around it."
