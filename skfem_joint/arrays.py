@@ -18,12 +18,3 @@ Matrix: TypeAlias = Any
 def as_dense(A: Matrix) -> FloatArray:
     """Array of a matrix or of lists of numbers, its rows side by side."""
     return np.ascontiguousarray(A.toarray() if sparse.issparse(A) else A, dtype=float)
-
-
-def as_compressed(A: Matrix) -> Matrix:
-    """Compressed rows of a sparse matrix, with sorted entries; a dense one as it is."""
-    if isinstance(A, np.ndarray):
-        return A
-    rows = sparse.csr_array(A)
-    rows.sort_indices()
-    return rows

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.loads import Amplitude
 
 #: Modes that are looked at for three that strain, and the share of the mean square frequency that

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.factors import pivots
+from skfem_joint.linalg.factors import pivots
 from skfem_joint.friction import norms
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import eigsh
 
 from skfem_joint import friction
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.stepping.recording import Recorder, Save
 from skfem_joint.stepping.schemes import State
 

@@ -21,7 +21,7 @@ from skfem_joint.analysis.history import Errors, compare
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.factors import CONDENSED
+from skfem_joint.linalg import schur
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
@@ -300,7 +300,7 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
     basis = condensed_basis(system)
     small, shares = condensed_system(system, basis.V), carrying(system)[1]
     kept = small.B.shape[0]
-    if kept > CONDENSED or arranged(system).kind == "chain":
+    if kept > schur.SETTINGS.most_dense or arranged(system).kind == "chain":
         study.warnings.append(
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
             "the full one, which has few entries, will hardly cost more; a reduced one costs less."

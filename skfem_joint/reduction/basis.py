@@ -24,7 +24,8 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.factors import Uncondensed, factorised
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.friction import norms
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD

@@ -24,7 +24,7 @@ from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.factors import Condensation, Uncondensed, condensed
+from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
@@ -85,14 +85,14 @@ class Residual:
         """The stiffness, to which springs at what the contact moves will be added."""
         moved = np.unique(sparse.csr_array(self.system.B).indices)
         known = self.stiffness
-        if isinstance(known, Condensation) and np.array_equal(known.kept, moved):
+        if isinstance(known, SchurComplement) and np.array_equal(known.kept, moved):
             return known
         return condensed(self._stiffness, moved)
 
     def _holding(self, rows: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver for what is kept, with springs (N/m) that resist each slip."""
         B = sparse.csc_array(self.system.B)
-        return self._condensed.alone(B.T @ sparse.diags_array(rows) @ B)
+        return self._condensed.solver_of_kept(B.T @ sparse.diags_array(rows) @ B)
 
     @cached_property
     def _free(self) -> Callable[[FloatArray], FloatArray]:
@@ -135,8 +135,8 @@ class Residual:
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
         R, whole = self.forces(V, run), self._condensed
-        right, still = whole.inward(np.ascontiguousarray(R))
-        yield whole.outward(self._free(right), still)
+        right, still = whole.restrict(np.ascontiguousarray(R))
+        yield whole.extend(self._free(right), still)
         if picks_unknowns(run.system.B):  # all slips are in the basis
             return
         held = self._held(V, run, R)
@@ -147,7 +147,7 @@ class Residual:
             alike = np.flatnonzero(kinds == kind)
             solve = self._holding(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
             x[:, alike] = solve(np.ascontiguousarray(right[:, alike]))
-        yield whole.outward(x, still)
+        yield whole.extend(x, still)
 
     def lacking(self, V: FloatArray, run: Run, most: int, known: FloatArray) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.stepping.steppers import Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import Arrangement, selection, slips_as_unknowns
@@ -123,7 +124,7 @@ def _path(system: System) -> Arrangement | None:
 def is_chain(system: System) -> bool:
     """Whether a sparse system is tridiagonal, and each slip row picks an unknown of its own."""
     for A in (system.M, system.C, system.K):
-        rows = _csr(A)
+        rows = as_compressed(A)
         row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
         beyond = np.abs(row - rows.indices) > 1
         if beyond.any() and rows.data[beyond].any():
@@ -133,15 +134,10 @@ def is_chain(system: System) -> bool:
 
 def picks_unknowns(B: Any) -> bool:
     """Whether each row holds a single 1, in a column of its own."""
-    rows = _csr(B)
+    rows = B if isinstance(B, sparse.csr_array) else sparse.csr_array(B)
     if not ((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all()):
         return False
     return rows.indices.size == 0 or bool(np.bincount(rows.indices).max() == 1)
-
-
-def _csr(A: Any) -> Any:
-    """Compressed rows; making them anew of what has them already takes longer than most steps."""
-    return A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
 
 
 def choose(to: Arranged, *others: Any) -> Stepper:

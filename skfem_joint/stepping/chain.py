@@ -19,7 +19,7 @@ from skfem_joint.friction import ARCTAN, COULOMB, FREE
 from skfem_joint.stepping.chain_solver import passes_of, solve_step
 from skfem_joint.stepping.compiled import compiled_for, parameters
 from skfem_joint.stepping.march import Bands, Found, Places, make_room, slips, solve
-from skfem_joint.stepping.recording import compressed
+from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.stepping.schemes import Coefficients
 from skfem_joint.stepping.steppers import CompiledStepper, Failure, Motion
 
@@ -217,7 +217,7 @@ class ChainStepper(CompiledStepper):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         s = self.system
-        self.contact = compressed(s.B).column
+        self.contact = compressed_rows(s.B).column
         self.places = Places(self.contact, self.contact)
         self.limits, self.beta = np.zeros(s.n), np.full(s.n, np.inf)
         self.limits[self.contact], self.beta[self.contact] = s.w, s.beta

@@ -33,11 +33,11 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.factors import BlockFactors
+from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.friction import potential
 from skfem_joint.stepping.compiled import arctangent, compiled, resolvent
 from skfem_joint.stepping.march import Full, subtract_column, subtract_product, times
-from skfem_joint.stepping.recording import compressed
+from skfem_joint.linalg.compressed import compressed_rows
 
 #: Most iterations, sweeps of relaxation in each, and trials of a search along a direction.
 ITERATIONS, SWEEPS, SEARCH = 100, 4, 20
@@ -244,7 +244,7 @@ class ContactProblem:
     ) -> None:
         n = A.shape[0]
         self.A, self.sizes, self.dense = A, abs(A), isinstance(A, np.ndarray)
-        self.rows = Full(A) if self.dense else compressed(A)
+        self.rows = Full(A) if self.dense else compressed_rows(A)
         self.factor: Callable[[FloatArray], FloatArray] | None = None
         self.factorizations = 0
         order = np.argsort(first, kind="stable")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray
 from skfem_joint.friction import AT_LIMIT
 from skfem_joint.stepping.compiled import compiled, compiled_for, weighted
-from skfem_joint.stepping.recording import Compressed
+from skfem_joint.linalg.compressed import CompressedRows
 
 #: Numbers in a line of the cache.
 LINE = 8
@@ -154,7 +154,7 @@ def march(
     ``strides`` are those of stored points and fields; ``matrices`` mass, damping and stiffness;
     ``problem`` and ``memory`` what `solve` takes; ``w`` (rows,) the friction limit of each slip row
     of the problem, N; ``loads``, ``observed`` and ``joints`` load vectors, named points
-    (`Compressed`) and the joints' parts in the problem's points, in work and in friction;
+    (`CompressedRows`) and the joints' parts in the problem's points, in work and in friction;
     ``amplitude`` (loads, n_steps + 1) is in N; ``counts`` are those of a `CompiledStepper`.
 
     Returns steps, stored rows and fields, and the last residual (N) and its unknown. With fewer
@@ -283,7 +283,7 @@ def subtract_column(A, i, step, r):
     raise NotImplementedError
 
 
-@compiled_for(subtract_column, Compressed)
+@compiled_for(subtract_column, CompressedRows)
 def _subtract_of_compressed(A, i, step, r):
     for e in range(A.start[i], A.start[i + 1]):
         r[A.column[e]] -= A.value[e] * step

@@ -27,9 +27,11 @@ from typing import cast
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, as_compressed, as_dense
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, factorised, pivots
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.linalg.factors import factorised, pivots
+from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.chain import bands, build_chain, make_memory
@@ -166,7 +168,7 @@ class QuasiStatic:
         """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
         if self.whole is None or self.to.maps or not np.array_equal(F.indices, self.whole.rest):
             return None
-        return cast("Callable[[FloatArray], FloatArray]", self.whole.inside)
+        return cast("Callable[[FloatArray], FloatArray]", self.whole.solve_interior)
 
     @property
     def unshifted(self) -> Uncondensed | None:
@@ -201,12 +203,12 @@ class QuasiStatic:
         """
         right, inside = self.to.force(forces.T), self.condensed
         if inside is not None:
-            right, still = inside.inward(right)
+            right, still = inside.restrict(right)
         u = f = np.zeros(len(right))
         if start is not None:
             u, f = self.to.inner(start[0]), self.to.force(start[1])
             if inside is not None:
-                u, f = u[inside.kept], inside.inward(f)[0]
+                u, f = u[inside.kept], inside.restrict(f)[0]
         path = np.empty((len(forces), u.size))
         lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
         for level, force in enumerate(right.T):
@@ -214,7 +216,7 @@ class QuasiStatic:
             rate = np.inf if times is None else self.beta / lasting[level]
             u = path[level] = self._state(u, before, f, held, rate)
             self.tally.add()
-        return self.to.outer(path if inside is None else inside.outward(path.T, still).T)
+        return self.to.outer(path if inside is None else inside.extend(path.T, still).T)
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
@@ -222,7 +224,7 @@ class QuasiStatic:
         if not self.shift:
             return np.inf
         f = self.to.force(force)
-        return self._limit(f if self.condensed is None else self.condensed.inward(f)[0])
+        return self._limit(f if self.condensed is None else self.condensed.restrict(f)[0])
 
     def _state(
         self,

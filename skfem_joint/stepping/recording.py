@@ -172,24 +172,6 @@ class Run:
         return points.index(name)
 
 
-class Compressed(NamedTuple):
-    """Rows of a sparse matrix: row k has ``start[k]:start[k + 1]`` of the others."""
-
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
-    value: FloatArray
-
-
-def compressed(A: Any) -> Compressed:
-    """Compressed rows of an array or sparse array."""
-    if isinstance(A, np.ndarray):
-        row, column = np.nonzero(A)
-        start = np.searchsorted(row, np.arange(A.shape[0] + 1))
-        return Compressed(start, column, A[row, column])
-    A = A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
-    return Compressed(A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data.astype(float))
-
-
 class Rows(NamedTuple):
     """Where rows are stored: fields, and motion of the named points and what the joints do.
 

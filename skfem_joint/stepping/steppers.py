@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from skfem_joint import friction
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
-from skfem_joint.factors import Condensation, condenses, factorised
-from skfem_joint.stepping.recording import Recorder, compressed
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.linalg.compressed import as_compressed, compressed_rows
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.schur import SchurComplement, condensing_pays
+from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
 
@@ -203,14 +205,14 @@ class CompiledStepper(Stepper):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.loads = compressed(self.recorder.vectors.T)
-        self.observed = compressed(self.system.P)
+        self.loads = compressed_rows(self.recorder.vectors.T)
+        self.observed = compressed_rows(self.system.P)
 
     @cached_property
     def joints(self) -> tuple[Any, ...]:
         """Points of each joint that rub, with their parts in its work, and in its friction."""
         s = self.system
-        joints = compressed(s.J * (s.w > 0.0))
+        joints = compressed_rows(s.J * (s.w > 0.0))
         shares = joints.value * s.w[joints.column]
         shares /= np.repeat(s.J @ s.w, np.diff(joints.start))
         return joints.start, self.places.point[joints.column], joints.value, shares
@@ -359,7 +361,7 @@ class Points:
 
     def best_problem(self, A: Any) -> ContactProblem | Condensed:
         """The same, condensed to the contact where that is cheaper."""
-        return Condensed(A, self) if condenses(A, self.unknowns()) else self.problem(A)
+        return Condensed(A, self) if condensing_pays(A, self.unknowns()) else self.problem(A)
 
     def numbered(self, unknowns: IntArray) -> Points:
         """Same points where the given unknowns are all that there are."""
@@ -367,7 +369,7 @@ class Points:
         return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
 
 
-class Condensed(Condensation):
+class Condensed(SchurComplement):
     """Contact problem of a matrix that is condensed to its contact unknowns."""
 
     def __init__(self, A: Any, points: Points) -> None:
@@ -379,11 +381,11 @@ class Condensed(Condensation):
         """Matrices factorised so far."""
         return self.problem.factorizations
 
-    def alone(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+    def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact without friction, with a matrix added, (n, n)."""
         if self.problem.dense and added is None:  # nearly singular: Cholesky's method refuses it
             return partial(linalg.lu_solve, linalg.lu_factor(self.problem.A))
-        return super().alone(added)
+        return super().solver_of_kept(added)
 
     def objective(self, v: FloatArray, g: FloatArray) -> float:
         """As `ContactProblem.objective`, on all unknowns."""
@@ -391,9 +393,9 @@ class Condensed(Condensation):
 
     def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
         """As `ContactProblem.solve`, on all unknowns."""
-        force, (right, still) = float(np.abs(g).max()), self.inward(g)
+        force, (right, still) = float(np.abs(g).max()), self.restrict(g)
         found = self.problem.solve(right, start[self.kept], tolerance, force)
-        v, sigma = self.outward(found.v, still), np.zeros_like(g)
+        v, sigma = self.extend(found.v, still), np.zeros_like(g)
         sigma[self.kept] = found.sigma
         return replace(
             found,

@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, condensed
+from skfem_joint.linalg.schur import Uncondensed, condensed
 from skfem_joint.structure.checks import (
     body_label,
     body_motions,
