@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
@@ -22,6 +21,7 @@ from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import schur
+from skfem_joint.minimise import law
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
@@ -96,7 +96,7 @@ class Model:
             sigma[:, np.flatnonzero(system.on_rows(system.w))] = self.run.sigma
             return sigma
         beta = np.minimum(system.beta, self.run.system.beta.max())
-        return friction.force_vectors(self.slips(system)[1], beta, system.directions)
+        return law.force_vectors(self.slips(system)[1], beta, system.directions)
 
 
 @dataclass

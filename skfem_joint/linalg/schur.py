@@ -2,7 +2,8 @@
 
 With A split into kept unknowns k and interior ones r, A x = g becomes
 
-    S x_k = g_k - A_kr A_rr^-1 g_r,    S = A_kk - A_kr A_rr^-1 A_rk,    x_r = A_rr^-1 (g_r - A_rk x_k).
+    S x_k = g_k - A_kr A_rr^-1 g_r,    S = A_kk - A_kr A_rr^-1 A_rk,
+    x_r = A_rr^-1 (g_r - A_rk x_k).
 
 S is worth its cost where many problems follow that change A on the kept unknowns alone, as friction
 does on the contact's.
@@ -12,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse.linalg import SuperLU
 
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
@@ -165,9 +167,12 @@ class SchurComplement(Uncondensed):
 
     def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
         """See `Uncondensed`."""
-        if added is None:
-            return self._factorise(self.complement)
-        return self._factorise(self.complement + sparse.csr_array(added)[self.kept][:, self.kept])
+        if added is not None:
+            added = sparse.csr_array(added)[self.kept][:, self.kept]
+            return self._factorise(self.complement + added)
+        if isinstance(self.complement, np.ndarray):  # if nearly singular, Cholesky refuses it
+            return partial(linalg.lu_solve, linalg.lu_factor(self.complement))
+        return self._factorise(self.complement)
 
 
 def _dense_complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:

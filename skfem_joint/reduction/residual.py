@@ -22,9 +22,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.cluster.hierarchy import fclusterdata
 
-from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
+from skfem_joint.minimise import law
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
@@ -114,7 +114,7 @@ class Residual:
             sigma[:, self._carrying] = run.sigma
         else:
             slip = run.v @ (system.B @ V).T
-            sigma = friction.force_vectors(slip, self._beta(run), system.directions)
+            sigma = law.force_vectors(slip, self._beta(run), system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 
     def _beta(self, run: Run) -> FloatArray:
@@ -123,12 +123,12 @@ class Residual:
     def _held(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Stiffness (frames, m), N/m, by which friction holds points that the forces R act on."""
         system, slip = self.system, run.v @ (self.system.B @ V).T
-        force = system.on_rows(system.w) * friction.force_vectors(
+        force = system.on_rows(system.w) * law.force_vectors(
             slip, self._beta(run), system.directions
         )
         squares = sparse.csr_array(system.B).power(2).sum(axis=1)
         force += (system.B @ R).T / np.where(squares > 0.0, squares, 1.0)
-        slope = friction.slope(system.slip_norm(slip), self._beta(run))
+        slope = law.force_slope(system.slip_norm(slip), self._beta(run))
         slope[system.slip_norm(force) > system.w] = 0.0
         return np.asarray(system.w * slope * _RATE / (run.field_times[1] - run.field_times[0]))
 

@@ -1,15 +1,4 @@
-"""What a run keeps: stored rows, accumulated works, peaks and counters.
-
-Works of a step use the trapezoidal means of the forces at its ends times the change of
-displacement. With the equation of motion holding at both ends this closes the energy balance to
-round-off for any one-step scheme:
-
-    change of stored energy = input - viscous - friction - scheme,
-    scheme = (du - h vm) M am + vm M (h am - dv),
-
-with vm and am the mean velocity and acceleration: what the scheme's own kinematics dissipates,
-zero for the trapezoidal rule.
-"""
+"""What a run keeps: stored rows, accumulated works, peaks and counters."""
 
 from __future__ import annotations
 
@@ -23,7 +12,10 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.friction import AT_LIMIT
+from skfem_joint.linalg.compressed import compressed_rows
+from skfem_joint.linalg.vectors import raise_to
+from skfem_joint.minimise.compiled_step import row_order
+from skfem_joint.stepping import energy
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -34,13 +26,32 @@ _NUMBERS = ("rows", "field_rows", "halved_steps")
 
 @dataclass(frozen=True)
 class Save:
-    """What to store of a run."""
+    """What to store of a run.
 
-    every: int = 1  #: stride in steps of the named points, from the start on
-    fields: bool = False  #: displacement, velocity and friction of all unknowns too
-    points: bool = True  #: displacement and velocity of the named points
-    slips: bool = False  #: slip of the joints too, where points are stored
-    fields_every: int | None = None  #: stride of the fields; ``every`` if not given
+    Attributes
+    ----------
+    every : int
+        Stride, in steps from the start on, of the rows of named points and joints.
+    fields : bool
+        Whether to store displacement, velocity and friction of all unknowns.
+    points : bool
+        Whether to store displacement and velocity of the named points, and the joints' works.
+    slips : bool
+        Whether to store the slip of the joints, in the same rows.
+    fields_every : int, optional
+        Stride of the fields; ``every`` if not given.
+
+    Raises
+    ------
+    InputError
+        If a stride is below 1.
+    """
+
+    every: int = 1
+    fields: bool = False
+    points: bool = True
+    slips: bool = False
+    fields_every: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("every", "fields_every"):
@@ -56,25 +67,57 @@ class Save:
 
 @dataclass(frozen=True)
 class Counters:
-    """Work that a run took."""
+    """Work that a run took.
 
-    steps: int = 0  #: asked for (without the parts of halved ones)
-    newton_iterations: int = 0  #: Newton's, each with a tangent of its own, in all
-    largest_iterations: int = 0  #: most of them in one step
-    nested_solves: int = 0  #: steps that needed the second tier on a chain
-    descents: int = 0  #: steps that needed the third
-    line_searches: int = 0  #: evaluations beyond the full Newton step in the dense solver
-    friction_evaluations: int = 0  #: evaluations of the law on all contact points
-    linear_solves: int = 0  #: solves with the factor of a large sparse step matrix
-    factorizations: int = 0  #: step matrices prepared (one for each step size)
-    halved_steps: int = 0  #: steps that were done in parts because they did not converge whole
+    Attributes
+    ----------
+    steps : int
+        Steps asked for; the parts of halved ones are not counted.
+    newton_iterations : int
+        Newton iterations with a tangent of their own (passes of elimination under Coulomb friction
+        on chains).
+    largest_iterations : int
+        Most of them in one step.
+    nested_solves, descents : int
+        Steps on a chain that needed the second and the third tier.
+    line_searches : int
+        Evaluations of friction beyond the full Newton step, in dense systems.
+    friction_evaluations : int
+        Evaluations of the law at all contact points.
+    linear_solves : int
+        Solves with the factor of a sparse step matrix.
+    factorizations : int
+        Step matrices prepared, one for each step size, and tangents factorised.
+    halved_steps : int
+        Steps that were done in parts because they did not converge whole.
+    """
+
+    steps: int = 0
+    newton_iterations: int = 0
+    largest_iterations: int = 0
+    nested_solves: int = 0
+    descents: int = 0
+    line_searches: int = 0
+    friction_evaluations: int = 0
+    linear_solves: int = 0
+    factorizations: int = 0
+    halved_steps: int = 0
 
 
 @dataclass(frozen=True)
 class Cycles:
-    """Works of each complete cycle, J; ``input`` has shape (cycles, loads), others (cycles,).
+    """Works and peaks of each complete cycle.
 
-    ``peak`` is the largest displacement of each named point in the cycle, m, (cycles, points).
+    Attributes
+    ----------
+    input : ndarray, shape (cycles, loads)
+        Work of each load, J.
+    viscous, scheme, friction : ndarray, shape (cycles,)
+        Dissipation of damping, of the scheme and of friction, J.
+    peak : ndarray, shape (cycles, points)
+        Largest displacement of each named point, m.
+    by_joint : ndarray, shape (cycles, joints)
+        Dissipation of friction in each joint, J.
     """
 
     input: FloatArray
@@ -82,62 +125,118 @@ class Cycles:
     scheme: FloatArray
     friction: FloatArray
     peak: FloatArray
-    by_joint: FloatArray  #: dissipation of friction in each joint, (cycles, joints), J
+    by_joint: FloatArray
 
 
 @dataclass(frozen=True)
 class Steady:
-    """How steady vibration was found."""
+    """How steady vibration was found.
 
-    periods: int  #: that were gone through
-    change: float  #: of the state over the last one, relative, in the norm of energy
+    Attributes
+    ----------
+    periods : int
+        Periods that were integrated until it was.
+    change : float
+        Relative change of the state over the last one, in the norm of energy.
+    """
+
+    periods: int
+    change: float
 
 
 @dataclass(frozen=True)
 class Run:
     """Result of a time integration.
 
-    Rows are stored as asked for by `Save`; works and peaks are those of every step. After an
-    interruption it holds the steps that were finished.
+    Rows are stored as `Save` says; works and peaks are those of every step. After an interruption
+    it holds the steps that were finished. All is in the unknowns and contact points of ``system``.
+
+    Attributes
+    ----------
+    system : System
+        The system that was integrated, as it was given.
+    times : ndarray, shape (rows,)
+        Times of the stored rows, s.
+    point_u, point_v : ndarray, shape (rows, points)
+        Displacement (m) and velocity (m/s) of the named points.
+    joint_work : ndarray, shape (rows, joints)
+        Dissipation of friction in each joint up to the row, J.
+    joint_slip : ndarray, shape (rows, joints)
+        Largest slip of a joint's points that carry friction, m; empty unless asked for.
+    joint_slipping : ndarray, shape (rows, joints)
+        Share of a joint's friction limit that is reached; empty unless asked for.
+    amplitudes : ndarray, shape (rows, loads)
+        Load amplitudes, N.
+    field_times : ndarray, shape (frames,)
+        Times of the stored fields, s; empty unless asked for.
+    u, v : ndarray, shape (frames, n)
+        Unknowns and their rates.
+    sigma : ndarray, shape (frames, rows of B)
+        Friction force over its limit.
+    friction_work_rows : ndarray, shape (frames, m)
+        Dissipation of each contact point up to the frame, J.
+    input_work : ndarray, shape (loads,)
+        Work of each load over the run, J.
+    viscous_work, scheme_work : float
+        Dissipation of damping, and of the scheme itself, J.
+    friction_work : ndarray, shape (m,)
+        Dissipation of each contact point, J.
+    stored_energy : tuple of float
+        Kinetic plus strain energy at start and end, J.
+    cycles : Cycles
+    peak : ndarray, shape (points,)
+        Largest displacement of each named point, m.
+    slip_peak : ndarray, shape (m,)
+        Largest slip (norm) of each contact point, m.
+    final : tuple of ndarray, shape (n,)
+        Displacement and velocity at the end.
+    counters : Counters
+    wall_s : float
+        Time of the integration, s.
+    preparation_s : float
+        Time before the first step, for factorization and compilation, s.
+    interrupted : bool
+        Whether it was stopped early.
+    steady : Steady, optional
+        Of a run that is one period of steady vibration.
     """
 
-    system: System  #: the one given, in whose unknowns and contact points all is told
-    times: FloatArray  #: (rows,) of the stored rows, s
-    point_u: FloatArray  #: (rows, points) displacement of the named points, m
-    point_v: FloatArray  #: (rows, points) their velocity, m/s
-    joint_work: FloatArray  #: (rows, joints) dissipation in each joint up to the row, J
-    #: (rows, joints) largest slip of its points that carry friction, m; empty if not asked for.
+    system: System
+    times: FloatArray
+    point_u: FloatArray
+    point_v: FloatArray
+    joint_work: FloatArray
     joint_slip: FloatArray
-    joint_slipping: FloatArray  #: (rows, joints) share of its friction that is at its limit; alike
-    amplitudes: FloatArray  #: (rows, loads) load amplitudes, N
-    field_times: FloatArray  #: (frames,) of the stored fields, s; empty if none were asked for
-    u: FloatArray  #: (frames, n) unknowns
-    v: FloatArray  #: (frames, n) their rates
-    sigma: FloatArray  #: (frames, rows of B) friction force over its limit
-    friction_work_rows: FloatArray  #: (frames, m) dissipation of each point up to the frame, J
-    input_work: FloatArray  #: (loads,) work of each load over the run, J
-    viscous_work: float  #: dissipation of C, J
-    scheme_work: float  #: dissipation of the scheme itself, J
-    friction_work: FloatArray  #: (m,) dissipation of each contact point, J
-    stored_energy: tuple[float, float]  #: kinetic plus strain at start and end, J
+    joint_slipping: FloatArray
+    amplitudes: FloatArray
+    field_times: FloatArray
+    u: FloatArray
+    v: FloatArray
+    sigma: FloatArray
+    friction_work_rows: FloatArray
+    input_work: FloatArray
+    viscous_work: float
+    scheme_work: float
+    friction_work: FloatArray
+    stored_energy: tuple[float, float]
     cycles: Cycles
-    peak: FloatArray  #: (points,) largest displacement over the run, m
-    slip_peak: FloatArray  #: (m,) largest slip displacement (norm) of each contact point, m
-    final: tuple[FloatArray, FloatArray]  #: displacement and velocity at the end
+    peak: FloatArray
+    slip_peak: FloatArray
+    final: tuple[FloatArray, FloatArray]
     counters: Counters
-    wall_s: float  #: time of the integration, s
-    preparation_s: float = 0.0  #: time before the first step: factorization, compilation, s
-    interrupted: bool = False  #: whether it was stopped early; it holds what was done until then
-    steady: Steady | None = None  #: of a run that is one period of steady vibration
+    wall_s: float
+    preparation_s: float = 0.0
+    interrupted: bool = False
+    steady: Steady | None = None
 
     def thinned(self, every: int) -> Run:
-        """With every so many of its stored fields."""
+        """Same run with one of so many of its stored fields."""
         names = ("field_times", "u", "v", "sigma", "friction_work_rows")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     @property
     def energy_residual(self) -> float:
-        """Energy left over in the balance, relative to the energy that was in play."""
+        """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
         friction = float(self.friction_work.sum())
         dissipated = self.viscous_work + friction + self.scheme_work
@@ -146,7 +245,7 @@ class Run:
         return abs(balance) / in_play if in_play > 0.0 else 0.0
 
     def finished(self) -> Run:
-        """Pass on a whole run; one that was interrupted is a KeyboardInterrupt again."""
+        """The run itself; raises KeyboardInterrupt if it was interrupted."""
         if self.interrupted:
             raise KeyboardInterrupt
         return self
@@ -173,10 +272,7 @@ class Run:
 
 
 class Rows(NamedTuple):
-    """Where rows are stored: fields, and motion of the named points and what the joints do.
-
-    They are named as in `Run`.
-    """
+    """Arrays of stored rows: four of fields, five of named points and joints; names as in `Run`."""
 
     u: FloatArray
     v: FloatArray
@@ -191,7 +287,24 @@ class Rows(NamedTuple):
 
 @dataclass
 class Recorder:
-    """Arrays that steppers fill in place while a run of ``n_steps`` steps of ``h`` goes on."""
+    """Arrays that steppers fill in place during a run of ``n_steps`` steps of ``h`` seconds.
+
+    Attributes
+    ----------
+    rows, field_rows : int
+        Rows of points and of fields that are stored so far.
+    halved_steps : int
+    dissipated : ndarray, shape (2,)
+        Dissipation of damping and of the scheme so far, J.
+    stored : Rows
+    vectors : ndarray, shape (n, loads)
+        Load vectors.
+    order : tuple of ndarray
+        Order of slip rows and of points in the bookkeeping, see `row_order`.
+    joints : tuple of ndarray
+        ``start``, ``point``, ``value`` and ``share`` of the points with friction of each joint: its
+        parts in their works, and their shares of its friction limit.
+    """
 
     system: System
     save: Save
@@ -211,7 +324,12 @@ class Recorder:
         shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         self.stored = Rows(*map(np.zeros, shapes))
-        self._limits = sparse.csr_array(s.J).toarray() * s.w  # in each joint
+        self.order = row_order(s.directions)
+        carrying = sparse.csr_array(s.J * (s.w > 0.0))
+        carrying.eliminate_zeros()
+        start, point, value = compressed_rows(carrying)
+        share = value * s.w[point] / np.repeat(s.J @ s.w, np.diff(start))
+        self.joints = start, point, value, share
         self.input_work = np.zeros(len(s.loads))
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
@@ -220,7 +338,7 @@ class Recorder:
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
 
     def sums(self) -> tuple[FloatArray, ...]:
-        """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
+        """Works and peaks so far, which the compiled loop adds to in place."""
         return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
 
     def free_rows(self) -> Rows:
@@ -245,12 +363,10 @@ class Recorder:
             stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
-                slip = system.slip_norm(system.B @ state.u)
-                reached = system.slip_norm(state.sigma) >= AT_LIMIT
-                for j, limit in enumerate(self._limits):
-                    if limit.any():
-                        stored.joint_slip[k, j] = slip[limit > 0.0].max()
-                        stored.joint_slipping[k, j] = limit[reached].sum() / limit.sum()
+                start, point, _, share = self.joints
+                sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
+                results = stored.joint_slip[k], stored.joint_slipping[k]
+                energy.joint_slips(start, point, share, *sizes, *results)
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
@@ -260,10 +376,12 @@ class Recorder:
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
-        np.maximum(self.peak, np.abs(self.system.P @ u), out=self.peak)
+        raise_to(self.peak, self.system.P @ u)
         if self.slip_peak.size:
-            slip = self.system.slip_norm(self.system.B @ u)
-            np.maximum(self.slip_peak, slip, out=self.slip_peak)
+            slip, size = (self.system.B @ u)[self.order[0]], np.empty(self.slip_peak.size)
+            peak = self.slip_peak[self.order[1]]
+            energy.raise_slip_peaks(slip, size, peak)
+            self.slip_peak[self.order[1]] = peak
 
     def add_step(
         self,
@@ -273,36 +391,46 @@ class Recorder:
         new: State,
         trapezoidal: bool = False,
     ) -> None:
-        """Add the works of a step of ``h`` done in Python; `march` does it for its own.
+        """Add the works and peaks of a step of ``h`` seconds that was done in Python.
 
-        ``amplitudes`` are those of the loads at both ends, N. A ``trapezoidal`` scheme dissipates
-        nothing by itself.
+        Parameters
+        ----------
+        amplitudes : tuple of ndarray, shape (loads,)
+            Load amplitudes at both ends, N.
+        old, new : State
+            At both ends; ``sigma`` by slip row of the system.
+        trapezoidal : bool
+            Whether the scheme itself dissipates nothing.
         """
         system = self.system
-        du = new.u - old.u
+        change, v_change = new.u - old.u, new.v - old.v
         v_mean, a_mean = 0.5 * (old.v + new.v), 0.5 * (old.d + new.d)
-        self.input_work += 0.5 * (amplitudes[0] + amplitudes[1]) * (self.vectors.T @ du)
-        self.dissipated[0] += v_mean @ (system.C @ du)
-        if not trapezoidal:
-            drift = h * a_mean - (new.v - old.v)
-            self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
-            self.dissipated[1] += v_mean @ (system.M @ drift)
+        image, slack = np.empty((2, system.n))
+        energy.add_dissipation(
+            system.M, system.C, h, trapezoidal, change, v_mean, a_mean, v_change, image, slack,
+            self.dissipated,
+        )  # fmt: skip
+        moved = np.empty(self.input_work.size)
+        energy.add_input_work(self.vectors.T, *amplitudes, change, moved, self.input_work)
         if self.friction_work.size:
-            work = 0.5 * (old.sigma + new.sigma) * (system.B @ du)
-            self.friction_work += system.w * system.by_point(work)
+            rows, points = self.order
+            w, work = system.on_rows(system.w)[rows], self.friction_work[points]
+            slip_change, mean = (system.B @ change)[rows], np.empty(rows.size)
+            energy.add_friction_work(w, old.sigma[rows], new.sigma[rows], slip_change, mean, work)
+            self.friction_work[points] = work
         self.observe(new.u)
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """All that was filled in so far, for a checkpoint."""
+        """All that is filled in so far, for a checkpoint."""
         return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
-        """Copies of all but stored rows and finished cycles, which are only ever added to."""
+        """Copies of what later steps change: not of stored rows and finished cycles."""
         arrays = {name: np.array(getattr(self, name)) for name in (*_SUMS, *_NUMBERS)}
         return arrays | {"cycles": np.array(len(self.boundaries))}
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
-        """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
+        """Take up what :meth:`saved` or, in the same run, :meth:`mark` returned."""
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
@@ -337,9 +465,9 @@ class Recorder:
         *,
         steps: int,
         counts: Mapping[str, int],
-        **told: Any,
+        **others: Any,
     ) -> Run:
-        """Close the run; ``counts`` are those of the stepper, ``told`` what else a `Run` tells."""
+        """Run of the steps so far; ``counts`` are of the stepper, ``others`` further fields."""
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
@@ -358,5 +486,5 @@ class Recorder:
             slip_peak=self.slip_peak,
             final=(u.copy(), v.copy()),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
-            **told,
+            **others,
         )
