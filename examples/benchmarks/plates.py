@@ -27,7 +27,7 @@ import numpy as np
 import skfem_joint as sj
 from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
-from skfem_joint.stepping import contact_problem
+from skfem_joint.minimise import truncated_newton
 
 FREQUENCY, STEPS, CYCLES, REPEATS = 500.0, 200, 2, 3
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -75,7 +75,8 @@ def report(along, across, width, bolted):
         "  displacement, %  friction energy, %"
     )
     first = run(system, n_steps=60)
-    patience = patch.multiple(contact_problem, PATIENCE=0, SWEEPS=0)
+    settings = truncated_newton.SETTINGS._replace(patience=0, sweeps=0)
+    patience = patch.object(truncated_newton, "SETTINGS", settings)
     with (
         patience,
         patch.object(

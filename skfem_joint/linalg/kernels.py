@@ -14,7 +14,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.compiling import compiled, compiled_as, compiled_for, sums_in_any_order
 from skfem_joint.linalg.compressed import CompressedRows
 from skfem_joint.linalg.vectors import (
-    add_products,
+    add_mean_products,
     combine,
     dot,
     largest_at,
@@ -22,6 +22,7 @@ from skfem_joint.linalg.vectors import (
     point_norms,
     product,
     raise_to,
+    raise_to_norms,
     weighted,
 )
 
@@ -186,10 +187,10 @@ def _combine(out, a, x, b, y):
         out[i] = a * x[i] + b * y[i]
 
 
-@compiled_as(add_products)
-def _add_products(out, x, y, z):
+@compiled_as(add_mean_products)
+def _add_mean_products(out, x, a, b, y):
     for i in range(out.size):
-        out[i] += x[i] * y[i] * z[i]
+        out[i] += 0.5 * x[i] * (a[i] + b[i]) * y[i]
 
 
 @compiled_as(raise_to)
@@ -206,6 +207,16 @@ def _point_norms(rows, out):
         out[p] = hypot(rows[p], rows[m + p])
     for p in range(pairs, m):
         out[p] = abs(rows[p])
+
+
+@compiled_as(raise_to_norms)
+def _raise_to_norms(out, rows):
+    m = out.size
+    pairs = rows.size - m
+    for p in range(pairs):
+        out[p] = max(out[p], hypot(rows[p], rows[m + p]))
+    for p in range(pairs, m):
+        out[p] = abs(rows[p]) if abs(rows[p]) > out[p] else out[p]
 
 
 @compiled_as(largest_at)

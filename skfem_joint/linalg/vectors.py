@@ -29,14 +29,23 @@ def combine(out: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -
     out[:] = a * x + b * y
 
 
-def add_products(out: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> None:
-    """Add the products x y z, entry by entry, to ``out``."""
-    out += x * y * z
+def add_mean_products(
+    out: FloatArray, x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray
+) -> None:
+    """Add the products x (a + b)/2 y, entry by entry, to ``out``."""
+    out += 0.5 * x * (a + b) * y
 
 
 def raise_to(out: FloatArray, x: FloatArray) -> None:
     """Raise ``out`` to the magnitudes of x where these are larger."""
     np.maximum(out, np.abs(x), out=out)
+
+
+def raise_to_norms(out: FloatArray, rows: FloatArray) -> None:
+    """Raise ``out`` to `point_norms` of some rows where these are larger."""
+    norms = np.empty_like(out)
+    point_norms(rows, norms)
+    np.maximum(out, norms, out=out)
 
 
 def point_norms(rows: FloatArray, out: FloatArray) -> None:

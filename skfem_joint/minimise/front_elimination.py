@@ -483,6 +483,7 @@ class FrontElimination:
         w[contact] = points.w
         self._matrix = matrix
         self.kernel = build_chain(matrix, w, self._by_unknown(points.beta))
+        self._law = points.beta, self.kernel  # of the last call of `minimise` with another one
         self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
         self.steps_per_second = max(1, 200_000 // n)
 
@@ -524,14 +525,14 @@ class FrontElimination:
         beta: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
-        chain, space = self.kernel, self.workspace
-        if beta is not None:
-            chain = with_law(chain, self._by_unknown(beta))
-        v = np.zeros_like(g) if start is None else start
-        on_law = np.zeros_like(v)
-        contact = self.points.unknowns
-        on_law[contact] = law.force(v[contact], self.points.beta if beta is None else beta)
-        self._set_parameter(chain, v, on_law)
+        if beta is not None and not np.array_equal(beta, self._law[0]):
+            self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
+        chain, space = self.kernel if beta is None else self._law[1], self.workspace
+        v, contact = np.zeros_like(g) if start is None else start, self.points.unknowns
+        if chain.mixed < 2:  # Newton's method needs a start, which elimination does not
+            on_law = np.zeros_like(v)
+            on_law[contact] = law.force(v[contact], self.points.beta if beta is None else beta)
+            self._set_parameter(chain, v, on_law)
         outcome = _minimise(chain, space, np.ascontiguousarray(g), v, tolerance)
         counts = {
             name: int(getattr(outcome, name))

@@ -272,11 +272,15 @@ def _potentials(v, beta, result):
 
 def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
     """Values at slip velocities and scaling constants that broadcast."""
-    shape = np.broadcast_shapes(np.shape(v), np.shape(beta))
-    given = [np.array(np.broadcast_to(x, shape), dtype=float).ravel() for x in (v, beta)]
-    result = np.empty(given[0].size)
-    loop(*given, result)
-    return result.reshape(shape)
+    v, beta = np.asarray(v, dtype=float), np.asarray(beta, dtype=float)
+    shape = v.shape
+    if beta.shape != shape:
+        shape = np.broadcast_shapes(shape, beta.shape)
+        v, beta = np.broadcast_to(v, shape), np.broadcast_to(beta, shape)
+    result = np.empty(shape)
+    flat = [x.ravel() if x.flags.writeable else x.copy().ravel() for x in (v, beta)]
+    loop(*flat, result.ravel())
+    return result
 
 
 def force(v: ArrayLike, beta: ArrayLike) -> FloatArray:

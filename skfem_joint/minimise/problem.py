@@ -109,10 +109,16 @@ class ContactPoints:
         """Unknown that each row picks, (rows,); for problems whose slips are unknowns."""
         return np.asarray(sparse.csr_array(self.B).indices, dtype=np.intp)
 
-    def at_rest(self, v: FloatArray) -> BoolArray:
-        """Points with Coulomb friction whose slip ``B v`` is zero, (m,): those that may stick."""
-        at_rest: BoolArray = slip_norms(self.B @ v, self.directions) == 0.0
-        return (self.w > 0.0) & np.isinf(self.beta) & at_rest
+    @cached_property
+    def _coulomb(self) -> BoolArray:
+        return (self.w > 0.0) & np.isinf(self.beta)
+
+    def at_rest(self, slip: FloatArray) -> BoolArray:
+        """Points with Coulomb friction whose ``slip``, (rows,), is zero, (m,): these may stick."""
+        if not self._coulomb.any():
+            return self._coulomb
+        resting: BoolArray = slip_norms(slip, self.directions) == 0.0
+        return self._coulomb & resting
 
     def without_friction_but(self, points: BoolArray) -> ContactPoints:
         """Same points where only some have a friction limit."""
@@ -134,6 +140,7 @@ class StepProblem(Protocol):
 
     H: Any
     points: ContactPoints
+
     @property
     def factorizations(self) -> int:
         """Matrices prepared and factorised so far."""

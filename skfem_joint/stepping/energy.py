@@ -20,14 +20,12 @@ from __future__ import annotations
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.linalg.vectors import (
-    add_products,
+    add_mean_products,
     combine,
     dot,
     largest_at,
     mark_reached,
-    point_norms,
     product,
-    raise_to,
     weighted,
 )
 
@@ -95,28 +93,17 @@ def add_input_work(
 
 
 def add_friction_work(
-    w: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    slip_change: FloatArray,
-    mean: FloatArray,
-    work: FloatArray,
+    w: FloatArray, before: FloatArray, after: FloatArray, slip_change: FloatArray, work: FloatArray
 ) -> None:
     """Add the work of each point's friction, J, to ``work``, (m,).
 
     ``w``, ``before`` and ``after`` are friction limits (N) and normalised forces at the ends of the
-    step, (rows,), ``slip_change`` is in m; ``mean``, (rows,), is worked in.
+    step, (rows,); ``slip_change``, (rows,), is in m.
     """
     m = work.size
-    combine(mean, 0.5, before, 0.5, after)
-    add_products(work, w[:m], mean[:m], slip_change[:m])
-    add_products(work[: w.size - m], w[m:], mean[m:], slip_change[m:])
-
-
-def raise_slip_peaks(slip: FloatArray, size: FloatArray, peak: FloatArray) -> None:
-    """Raise the peak slips of points, (m,), m, to the norms of ``slip``, (rows,), left in size."""
-    point_norms(slip, size)
-    raise_to(peak, size)
+    add_mean_products(work, w[:m], before[:m], after[:m], slip_change[:m])
+    pairs = work[: w.size - m]
+    add_mean_products(pairs, w[m:], before[m:], after[m:], slip_change[m:])
 
 
 def joint_slips(

@@ -13,7 +13,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import compressed_rows
-from skfem_joint.linalg.vectors import raise_to
+from skfem_joint.linalg.vectors import raise_to, raise_to_norms
 from skfem_joint.minimise.compiled_step import row_order
 from skfem_joint.stepping import energy
 from skfem_joint.stepping.schemes import State
@@ -299,7 +299,7 @@ class Recorder:
     stored : Rows
     vectors : ndarray, shape (n, loads)
         Load vectors.
-    order : tuple of ndarray
+    order : tuple of ndarray or slice
         Order of slip rows and of points in the bookkeeping, see `row_order`.
     joints : tuple of ndarray
         ``start``, ``point``, ``value`` and ``share`` of the points with friction of each joint: its
@@ -324,7 +324,10 @@ class Recorder:
         shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         self.stored = Rows(*map(np.zeros, shapes))
-        self.order = row_order(s.directions)
+        single = (s.directions == 1).all()  # then the order is the system's own
+        self.order = 2 * (slice(None),) if single else row_order(s.directions)
+        self._limits = s.on_rows(s.w)[self.order[0]]
+        self._rubs = bool(s.w.any())
         carrying = sparse.csr_array(s.J * (s.w > 0.0))
         carrying.eliminate_zeros()
         start, point, value = compressed_rows(carrying)
@@ -378,10 +381,10 @@ class Recorder:
         """Update the peaks."""
         raise_to(self.peak, self.system.P @ u)
         if self.slip_peak.size:
-            slip, size = (self.system.B @ u)[self.order[0]], np.empty(self.slip_peak.size)
-            peak = self.slip_peak[self.order[1]]
-            energy.raise_slip_peaks(slip, size, peak)
-            self.slip_peak[self.order[1]] = peak
+            rows, points = self.order
+            peak = self.slip_peak[points]
+            raise_to_norms(peak, (self.system.B @ u)[rows])
+            self.slip_peak[points] = peak
 
     def add_step(
         self,
@@ -412,11 +415,12 @@ class Recorder:
         )  # fmt: skip
         moved = np.empty(self.input_work.size)
         energy.add_input_work(self.vectors.T, *amplitudes, change, moved, self.input_work)
-        if self.friction_work.size:
+        if self._rubs:
             rows, points = self.order
-            w, work = system.on_rows(system.w)[rows], self.friction_work[points]
-            slip_change, mean = (system.B @ change)[rows], np.empty(rows.size)
-            energy.add_friction_work(w, old.sigma[rows], new.sigma[rows], slip_change, mean, work)
+            work, slip_change = self.friction_work[points], (system.B @ change)[rows]
+            energy.add_friction_work(
+                self._limits, old.sigma[rows], new.sigma[rows], slip_change, work
+            )
             self.friction_work[points] = work
         self.observe(new.u)
 

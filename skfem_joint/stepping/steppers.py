@@ -130,12 +130,12 @@ class Stepper(ABC):
         failure noted, where it is not found.
         """
         s, (u, v) = self.system, self.now[:2]
-        at_rest, sigma = self.points.at_rest(v), np.zeros(s.B.shape[0])
+        slip, limits = s.B @ v, s.on_rows(s.w)
+        at_rest, sigma = self.points.at_rest(slip), np.zeros(slip.size)
         if s.contact_points:
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = force_vectors(s.B @ v, s.beta, s.directions) * (s.on_rows(s.w) > 0.0)
-        limits = s.on_rows(s.w)
+            sigma = force_vectors(slip, s.beta, s.directions) * (limits > 0.0)
         right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u - s.B.T @ (limits * sigma)
         acceleration = np.zeros(s.n)
         if at_rest.any() and right.any():
@@ -359,7 +359,8 @@ class PythonStepper(Stepper):
         if self.kind == "linear":
             return None
         v = 2.0 * self.now.v - self.v_before
-        v[self.points.unknowns[self.points.on_rows(self.points.at_rest(self.now.v))]] = 0.0
+        unknowns = self.points.unknowns
+        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
         return v
 
     def _count(self, minimum: Minimum) -> None:

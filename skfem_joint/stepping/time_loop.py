@@ -10,14 +10,13 @@ from typing import NamedTuple
 from skfem_joint.arrays import FloatArray
 from skfem_joint.compiling import compiled
 from skfem_joint.linalg.kernels import aligned
-from skfem_joint.linalg.vectors import point_norms, product, raise_to, weighted
+from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
 from skfem_joint.minimise.compiled_step import minimise_step, slips
 from skfem_joint.stepping import energy
 
 _add_dissipation = compiled(energy.add_dissipation)
 _add_input_work = compiled(energy.add_input_work)
 _add_friction_work = compiled(energy.add_friction_work)
-_raise_slip_peaks = compiled(energy.raise_slip_peaks)
 _joint_slips = compiled(energy.joint_slips)
 
 
@@ -32,7 +31,6 @@ class LoopWorkspace(NamedTuple):
     v_change: FloatArray
     slip_change: FloatArray
     slip_now: FloatArray
-    mean: FloatArray
     work: FloatArray
     slip_size: FloatArray
     force_size: FloatArray
@@ -43,7 +41,7 @@ class LoopWorkspace(NamedTuple):
 
 def loop_workspace(n: int, rows: int, m: int, loads: int, points: int) -> LoopWorkspace:
     """Make the arrays for ``n`` unknowns, slip rows, ``m`` contact points, loads, named points."""
-    return LoopWorkspace(*aligned(*6 * [n], *3 * [rows], *4 * [m], loads, points))
+    return LoopWorkspace(*aligned(*6 * [n], *2 * [rows], *4 * [m], loads, points))
 
 
 @compiled
@@ -97,8 +95,8 @@ def time_loop(
     joint_start, joint_point, joint_value, joint_share = joints
     stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
     by_joint, joint_slip, joint_slipping = stored[6:]
-    right, image, y, change, v_mean, v_change, slip_change, slip_now, mean = room[:9]
-    work, slip_size, force_size, slip_peak, moved, seen = room[9:]
+    right, image, y, change, v_mean, v_change, slip_change, slip_now = room[:8]
+    work, slip_size, force_size, slip_peak, moved, seen = room[8:]
     v_new, sigma_new = workspace.velocity, workspace.force
     n = u.size
     for j in range(point_place.size):
@@ -154,8 +152,8 @@ def time_loop(
             loads, amplitude[:, step - 1], amplitude[:, step], change, moved, input_work
         )
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
-        _add_friction_work(w, sigma, sigma_new, slip_moved, mean, work)
-        _raise_slip_peaks(slip, slip_size, slip_peak)
+        _add_friction_work(w, sigma, sigma_new, slip_moved, work)
+        raise_to_norms(slip_peak, slip)
         for q in range(w.size):
             sigma[q] = sigma_new[q]
         product(observed, u, seen)
@@ -168,6 +166,7 @@ def time_loop(
                 own = slice(joint_start[k], joint_start[k + 1])
                 by_joint[rows, k] = weighted(joint_value[own], joint_point[own], work)
             if joint_slip.shape[0] > 0:
+                point_norms(slip, slip_size)
                 point_norms(sigma, force_size)
                 _joint_slips(
                     joint_start, joint_point, joint_share, slip_size, force_size,
