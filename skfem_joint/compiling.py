@@ -95,8 +95,10 @@ def _decorator(**options: Any) -> Any:
 
 
 compiled = _decorator()
+#: For functions that only compiled code calls: without a way in from Python they compile sooner.
+compiled_inside = _decorator(no_cpython_wrapper=True)
 #: For sums over many points: the compiler may reorder them, and then uses vector instructions.
-sums_in_any_order = _decorator(fastmath={"reassoc", "contract"})
+sums_in_any_order = _decorator(fastmath={"reassoc", "contract"}, no_cpython_wrapper=True)
 
 
 def compiled_for(function: Any, kind: Any) -> Any:

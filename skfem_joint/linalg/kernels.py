@@ -11,7 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.compiling import compiled, compiled_as, compiled_for, sums_in_any_order
+from skfem_joint.compiling import (
+    compiled,
+    compiled_as,
+    compiled_for,
+    compiled_inside,
+    sums_in_any_order,
+)
 from skfem_joint.linalg.compressed import CompressedRows
 from skfem_joint.linalg.vectors import (
     add_mean_products,
@@ -127,7 +133,7 @@ def times(A: Any, x: FloatArray) -> FloatArray:
 # Sums and sizes
 
 
-@compiled
+@compiled_inside
 def largest_of(x):
     """Largest magnitude; four maxima side by side, because one waits for the one before."""
     n = x.size - x.size % 4
@@ -205,8 +211,10 @@ def _point_norms(rows, out):
     pairs = rows.size - m
     for p in range(pairs):
         out[p] = hypot(rows[p], rows[m + p])
-    for p in range(pairs, m):
-        out[p] = abs(rows[p])
+    # Slices, because a loop that does not start at 0 is checked for counting from an array's end.
+    single, norm = rows[pairs:m], out[pairs:]
+    for p in range(norm.size):
+        norm[p] = abs(single[p])
 
 
 @compiled_as(raise_to_norms)
@@ -215,8 +223,9 @@ def _raise_to_norms(out, rows):
     pairs = rows.size - m
     for p in range(pairs):
         out[p] = max(out[p], hypot(rows[p], rows[m + p]))
-    for p in range(pairs, m):
-        out[p] = abs(rows[p]) if abs(rows[p]) > out[p] else out[p]
+    single, norm = rows[pairs:m], out[pairs:]
+    for p in range(norm.size):
+        norm[p] = abs(single[p]) if abs(single[p]) > norm[p] else norm[p]
 
 
 @compiled_as(largest_at)
@@ -236,7 +245,7 @@ def _mark_reached(x, limit):
 # Small dense factors
 
 
-@compiled
+@compiled_inside
 def cholesky(A):
     """Overwrite the lower triangle of A by its factor; False where it is not positive definite.
 
@@ -256,7 +265,7 @@ def cholesky(A):
     return True
 
 
-@compiled
+@compiled_inside
 def solve_factorised(A, x):
     """Solve A x = b in place (b in x) by the factor that `cholesky` left."""
     n = x.size

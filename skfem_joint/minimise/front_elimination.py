@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.compiling import compiled, compiled_for
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import Bands, bands, largest_of
 from skfem_joint.minimise import law
 from skfem_joint.minimise.compiled_step import Outcome, Places, minimise_step, slips
@@ -242,7 +242,7 @@ def _solve(H0: FloatArray, H1: FloatArray, right: FloatArray) -> FloatArray:
 # Fronts
 
 
-@compiled
+@compiled_inside
 def _meeting_point(v, middle):
     """Middle of the longest run of points at rest; ``middle`` if none is."""
     longest = 0
@@ -256,7 +256,7 @@ def _meeting_point(v, middle):
     return middle
 
 
-@compiled
+@compiled_inside
 def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
     """Eliminate from both ends to the meeting point, deciding stick and slip on the way.
 
@@ -305,7 +305,7 @@ def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
     v[end] = 0.0 if sticks(t, hold[end]) else (t - copysign(w[end], t)) / diagonal
 
 
-@compiled
+@compiled_inside
 def _outwards(H0, H1, w, hold, pivot, g, v, slip, middle):
     """Go back to the ends: each point obeys its law at the inner neighbour's new velocity."""
     one, start = np.uint64(1), np.uint64(middle)
@@ -340,7 +340,7 @@ def _outwards(H0, H1, w, hold, pivot, g, v, slip, middle):
             i += way
 
 
-@compiled
+@compiled_inside
 def _friction_and_residual(H0, H1, w, g, v, friction, r):
     """Friction that holds the points at rest and opposes the others, and what it leaves over."""
     last = v.size - 1
@@ -355,7 +355,7 @@ def _friction_and_residual(H0, H1, w, g, v, friction, r):
         r[i] += friction[i]
 
 
-@compiled
+@compiled_inside
 def _beyond(x, bound):
     """How many entries are larger than a bound, or not numbers."""
     count = 0
@@ -448,11 +448,6 @@ def _slips_of_chain(problem, x, room):
     return x
 
 
-@compiled
-def _minimise(problem, workspace, right, v, tolerance):
-    return minimise_step(problem, workspace, right, v, tolerance)
-
-
 # The method
 
 
@@ -528,24 +523,36 @@ class FrontElimination:
         if beta is not None and not np.array_equal(beta, self._law[0]):
             self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
         chain, space = self.kernel if beta is None else self._law[1], self.workspace
-        v, contact = np.zeros_like(g) if start is None else start, self.points.unknowns
+        contact = self.points.unknowns
         if chain.mixed < 2:  # Newton's method needs a start, which elimination does not
+            v = np.zeros_like(g) if start is None else start
             on_law = np.zeros_like(v)
             on_law[contact] = law.force(v[contact], self.points.beta if beta is None else beta)
             self._set_parameter(chain, v, on_law)
-        outcome = _minimise(chain, space, np.ascontiguousarray(g), v, tolerance)
+        passes, tier, iterations = 0, 0, 0
+        converged, residual, unknown = False, 0.0, 0
+        g = np.ascontiguousarray(g)
+        if chain.mixed == 2:
+            passes, converged, space.middle[0] = eliminate_fronts(
+                chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, g,
+                space.new_parameter, space.velocity, space.force, space.work[2], space.work[4],
+                space.middle[0], tolerance,
+            )  # fmt: skip
+        if not converged:
+            space.rights[: g.size] = g
+            space.new_parameter[:] = space.parameter if chain.mixed < 2 else 0.0
+            iterations, tier, converged, residual, unknown = newton_on_graph(
+                chain, space.rights, space.parameters, space.work, space.trial, tolerance, False
+            )
         counts = {
-            name: int(getattr(outcome, name))
-            for name in ("newton_iterations", "nested_solves", "descents", "friction_evaluations")
+            "newton_iterations": int(passes + iterations),
+            "nested_solves": int(tier == 1),
+            "descents": int(tier == 2),
+            "friction_evaluations": int(passes + iterations + 1),
         }
-        return Minimum(
-            space.velocity.copy(),
-            space.force[contact],
-            bool(outcome.converged),
-            counts,
-            float(outcome.residual),
-            int(outcome.unknown),
-        )
+        sigma = space.force[contact]
+        v = space.velocity.copy()
+        return Minimum(v, sigma, bool(converged), counts, float(residual), int(unknown))
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
         """See `StepProblem`."""

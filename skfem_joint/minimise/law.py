@@ -28,14 +28,14 @@ section. The rest of the module is what the solvers evaluate:
 
 from __future__ import annotations
 
-from math import copysign, inf, log1p, pi, sqrt, tan
+from math import atan, copysign, inf, log1p, pi, sqrt, tan
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_joint.arrays import FloatArray, slip_norms
-from skfem_joint.compiling import compiled
+from skfem_joint.compiling import compiled, compiled_inside
 
 #: Kinds of points: regularised law (finite beta), set-valued Coulomb friction, no friction.
 REGULAR, COULOMB, FREE = 0, 1, 2
@@ -55,7 +55,7 @@ _LOWER = (
 )  # fmt: skip
 
 
-@compiled
+@compiled_inside
 def arctangent(z):
     """arctan(z) for z >= 0 with a relative error below 4e-16.
 
@@ -75,25 +75,31 @@ def arctangent(z):
     return offset + (t + t * (q * p))
 
 
-@compiled
+@compiled_inside
 def force_of(z):
     """Normalised force sigma, from 0 to 1."""
     return _TWO_OVER_PI * arctangent(z)
 
 
-@compiled
+@compiled_inside
+def force_alone(z):
+    """`force_of` by the library's arctangent: faster where points are evaluated one at a time."""
+    return _TWO_OVER_PI * atan(z)
+
+
+@compiled_inside
 def slope_of(z):
     """Derivative of the normalised force, d sigma / dz."""
     return _TWO_OVER_PI / (1.0 + z * z)
 
 
-@compiled
+@compiled_inside
 def potential_of(z):
     """Normalised potential beta psi: integral of the force from 0 to z."""
-    return _TWO_OVER_PI * (z * arctangent(z) - 0.5 * log1p(z * z))
+    return z * force_alone(z) - 0.5 * _TWO_OVER_PI * log1p(z * z)
 
 
-@compiled
+@compiled_inside
 def speed_of(force):
     """Inverse of `force_of`, for forces below 1."""
     return tan(0.5 * pi * force)
@@ -113,10 +119,10 @@ def sigma(v, beta):
     """Normalised force, from -1 to 1; 0 for Coulomb friction at rest, where any such value acts."""
     if beta == inf:
         return copysign(1.0, v) if abs(v) > 0.0 else v
-    return copysign(force_of(abs(beta * v)), v)
+    return copysign(force_alone(abs(beta * v)), v)
 
 
-@compiled
+@compiled_inside
 def slope(v, beta):
     """Derivative d sigma / dv, s/m; for Coulomb friction 0 in slip and ``inf`` at rest."""
     if beta == inf:
@@ -128,17 +134,17 @@ def slope(v, beta):
 def across(speed, beta):
     """Stiffness across a slip vector, sigma / |v|, s/m; at rest the slope."""
     if speed > 0.0:
-        return (1.0 if beta == inf else force_of(beta * speed)) / speed
+        return (1.0 if beta == inf else force_alone(beta * speed)) / speed
     return slope(speed, beta)
 
 
-@compiled
+@compiled_inside
 def psi(v, beta):
     """Potential, m/s, whose derivative is `sigma`; zero at rest, |v| for Coulomb friction."""
     return abs(v) if beta == inf else potential_of(abs(beta * v)) / beta
 
 
-@compiled
+@compiled_inside
 def sticks(force, limit):
     """Whether a Coulomb point at rest stays at rest: friction up to the limit balances the force.
 
@@ -164,12 +170,12 @@ def resolvent(x, k, beta):
     root = sqrt(b * b + 4.0 * k * WIDTH * size)
     z = (b + root) / (2.0 * k) if b > 0.0 else 2.0 * WIDTH * size / (root - b)
     for _ in range(60):
-        step = (k * z + force_of(z) - size) / (k + slope_of(z))
+        step = (k * z + force_alone(z) - size) / (k + slope_of(z))
         z_next = max(z - step, 0.0)
         if abs(z_next - z) <= 4e-16 * z:
             break
         z = z_next
-    force = force_of(z)
+    force = force_alone(z)
     return (z / beta, force) if x > 0.0 else (-z / beta, -force)
 
 

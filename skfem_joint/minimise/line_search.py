@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from skfem_joint.compiling import compiled
+from skfem_joint.compiling import compiled_inside
 
 
 class SearchSettings(NamedTuple):
@@ -46,7 +46,7 @@ def friction_slope(line, length):
     raise NotImplementedError
 
 
-@compiled
+@compiled_inside
 def line_search(line, slope_0, linear, quadratic):
     """Length along a direction at which the objective is nearly least, and the evaluations.
 

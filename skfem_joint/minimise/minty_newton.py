@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_joint.compiling import compiled
+from skfem_joint.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import largest_of
 from skfem_joint.minimise.law import (
     COULOMB,
@@ -71,7 +71,7 @@ SETTINGS = TierSettings()
 _ABOVE_ONE = float(np.nextafter(1.0, 2.0))
 
 
-@compiled
+@compiled_inside
 def _residual(H0, H1, w, g, v, sigma, r):
     """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
     n, last = v.size, v.size - 1
@@ -91,7 +91,7 @@ def _residual(H0, H1, w, g, v, sigma, r):
     return largest, row
 
 
-@compiled
+@compiled_inside
 def _round_off(H0, v, s, dv):
     """Round-off of the residual: that of v, and that of s, which moves v by dv."""
     largest = 0.0
@@ -100,7 +100,7 @@ def _round_off(H0, v, s, dv):
     return SETTINGS.round_off * largest
 
 
-@compiled
+@compiled_inside
 def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
     """Solve (H D + w S) x = -r, D and S the diagonals dv and dsigma; x may be r.
 
@@ -134,7 +134,7 @@ def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
             x[k] -= factor[k] * x[k - 1]
 
 
-@compiled
+@compiled_inside
 def _direction(s):
     """Sign of a Coulomb point's slip; 0 if it sticks."""
     return 0 if sticks(s, 1.0) else (1 if s > 0.0 else -1)
@@ -195,7 +195,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
                     s[i] = min(max(s[i], -1.0), 1.0) if before == 0 else before * _ABOVE_ONE
 
 
-@compiled
+@compiled_inside
 def _objective(chain, g, v):
     """Convex objective 1/2 v H v - g v + sum w psi(v) whose minimiser is the step's velocity."""
     total = 0.0
@@ -212,7 +212,7 @@ def _objective(chain, g, v):
     return total
 
 
-@compiled
+@compiled_inside
 def _sweep(chain, g, v, sigma, s):
     """One Gauss-Seidel sweep down and up the finest chain; s is set to that of v and sigma."""
     n = chain.start[1]

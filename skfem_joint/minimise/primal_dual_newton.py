@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray, as_dense, slip_norms
-from skfem_joint.compiling import compiled, compiled_for
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.kernels import (
     Full,
@@ -162,7 +162,7 @@ def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
     return space._replace(A=space.A.reshape(n, n))
 
 
-@compiled
+@compiled_inside
 def _slip(B, q, slip):
     """Slip of all rows."""
     for i in range(slip.size):
@@ -174,7 +174,7 @@ def _slip(B, q, slip):
             slip[i] += t * row[i]
 
 
-@compiled
+@compiled_inside
 def _evaluate(beta, slip, size, ratio, sigma):
     """Normalised friction of all rows."""
     m = beta.size
@@ -194,7 +194,7 @@ def _evaluate(beta, slip, size, ratio, sigma):
         sigma[m + p] = ratio[p] * slip[m + p]
 
 
-@compiled
+@compiled_inside
 def _tangent(H, contact, slip, sigma, space):
     """Lower triangle of H plus the tangent of the friction, in A.
 
@@ -233,7 +233,7 @@ def _tangent(H, contact, slip, sigma, space):
             space.A[j, k] = H[j, k] + sum_of_products(scaled, B[k])
 
 
-@compiled
+@compiled_inside
 def _limit(contact, predicted):
     """Scale the forces (rows,), N, of each point down to its friction limit."""
     w = contact.w
@@ -249,7 +249,7 @@ def _limit(contact, predicted):
         predicted[p] = min(max(predicted[p], -w[p]), w[p])
 
 
-@compiled
+@compiled_inside
 def _predict(contact, sigma, d_slip, space):
     """Friction after a full Newton step by its tangent, limited to what friction can be."""
     w, weight, cross, predicted = contact.w, space.weight, space.cross, space.predicted
@@ -264,7 +264,7 @@ def _predict(contact, sigma, d_slip, space):
     _limit(contact, predicted)
 
 
-@compiled
+@compiled_inside
 def _round_off(H, contact, q, slip, sigma, space):
     """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
     B, w, beta = contact.B, contact.w, contact.beta

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.compiling import compiled, compiled_for
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.kernels import Full, subtract_column, subtract_product, times
@@ -102,7 +102,7 @@ SETTINGS = NewtonSettings()
 # direction only the first entry counts.
 
 
-@compiled
+@compiled_inside
 def _relax(p, first, second, stiff, w, beta, r, s, v):
     """Minimise over the velocity of one point; ``r`` and ``s`` are its residual without friction.
 
@@ -143,7 +143,7 @@ def _sweep(A, first, second, stiff, w, beta, r, v, backward):
             subtract_column(A, j, v[j] - y, r)
 
 
-@compiled
+@compiled_inside
 def _size(first, second, p, v):
     """Norm of a vector at a point."""
     return abs(v[first[p]]) if second[p] < 0 else hypot(v[first[p]], v[second[p]])

@@ -101,9 +101,12 @@ def add_friction_work(
     step, (rows,); ``slip_change``, (rows,), is in m.
     """
     m = work.size
-    add_mean_products(work, w[:m], before[:m], after[:m], slip_change[:m])
-    pairs = work[: w.size - m]
-    add_mean_products(pairs, w[m:], before[m:], after[m:], slip_change[m:])
+    if w.size == m:
+        add_mean_products(work, w, before, after, slip_change)
+    else:
+        add_mean_products(work, w[:m], before[:m], after[:m], slip_change[:m])
+        pairs = work[: w.size - m]
+        add_mean_products(pairs, w[m:], before[m:], after[m:], slip_change[m:])
 
 
 def joint_slips(

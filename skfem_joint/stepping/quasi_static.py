@@ -283,6 +283,8 @@ class QuasiStatic:
         """Increment, from the multiple of the last one that is best under Coulomb's law."""
         self.solves += 1
         problem, work = self.problem, float(right @ self.last)
+        if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest
+            return problem.minimise(right, None, self.tolerance, rate)
         stored = float(self.last @ (self.A @ self.last))
         lost = problem.objective(self.last, right, rate) - 0.5 * stored + work
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)

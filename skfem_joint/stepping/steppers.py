@@ -287,7 +287,7 @@ class CompiledStepper(Stepper):
             tuple(problem.places),
             self.tolerance,
             self.loads,
-            np.ascontiguousarray(amplitudes),
+            np.ascontiguousarray(amplitudes.T),
             self.observed,
             self.joints,
             tuple(self.now),

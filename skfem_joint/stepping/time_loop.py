@@ -8,16 +8,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.compiling import compiled
+from skfem_joint.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
 from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
 from skfem_joint.minimise.compiled_step import minimise_step, slips
 from skfem_joint.stepping import energy
 
-_add_dissipation = compiled(energy.add_dissipation)
-_add_input_work = compiled(energy.add_input_work)
-_add_friction_work = compiled(energy.add_friction_work)
-_joint_slips = compiled(energy.joint_slips)
+_add_dissipation = compiled_inside(energy.add_dissipation)
+_add_input_work = compiled_inside(energy.add_input_work)
+_add_friction_work = compiled_inside(energy.add_friction_work)
+_joint_slips = compiled_inside(energy.joint_slips)
 
 
 class LoopWorkspace(NamedTuple):
@@ -70,7 +70,7 @@ def time_loop(
     tolerance : float
     loads, observed : CompressedRows
         Load vectors and named points.
-    amplitude : ndarray, shape (loads, n_steps + 1)
+    amplitude : ndarray, shape (n_steps + 1, loads)
         Load amplitudes at the steps' ends, N.
     joints : tuple of ndarray
         As in `Recorder`, with the problem's points.
@@ -113,7 +113,7 @@ def time_loop(
             right[i] -= image[i]
         for k in range(load_start.size - 1):
             for e in range(load_start[k], load_start[k + 1]):
-                right[load_column[e]] += amplitude[k, step] * load_value[e]
+                right[load_column[e]] += amplitude[step, k] * load_value[e]
         outcome = minimise_step(problem, workspace, right, v, tolerance)
         counts[0] += outcome.newton_iterations
         counts[1] += outcome.nested_solves
@@ -148,9 +148,7 @@ def time_loop(
         _add_dissipation(
             M, C, c.h, c.trapezoidal, change, v_mean, a_mean, v_change, image, right, dissipated
         )
-        _add_input_work(
-            loads, amplitude[:, step - 1], amplitude[:, step], change, moved, input_work
-        )
+        _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
         _add_friction_work(w, sigma, sigma_new, slip_moved, work)
         raise_to_norms(slip_peak, slip)
