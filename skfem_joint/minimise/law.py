@@ -108,8 +108,8 @@ def speed_of(force):
 #: The law exceeds z / (z + WIDTH) everywhere, with the same slope at rest. The resolvent's bracket
 #: comes from it.
 WIDTH = 0.5 * pi
-#: The graph's parameter compares the law with z / (z + 1), which has a resolvent in closed form. It
-#: need not be close to the law; it must rise to 1 in a width of the same order.
+# The parameter of the graph compares the law with z / (z + 1), whose resolvent has a closed form.
+# That law need not be close; it must rise to 1 in a width of the same order.
 
 # At one point
 
