@@ -3,16 +3,20 @@
 The house, room by room; a room uses only those above it:
 
 ===========  =====================================================================================
-(here)       errors, files, arrays in files, checks of numbers, progress, friction law, loads (force
-             over time), modes, unknowns, slips, and `System`, the one type of all models:
+(here)       errors, files, arrays in files, checks of numbers, progress, loads (force over time),
+             compilation
+linalg       compressed rows, factors, Schur complements, compiled kernels
+(here)       modes, unknowns, slips, and `System`, the one type of all models:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
 structure    the elastic body (mass, stiffness, stress), joints, pressure, preload, the contact
              manifold, and the `Structure` that makes a `System` of them; `contact`,
              `point_friction` and `MatrixModel` for given matrices
-stepping     time integration: schemes, the steppers for what a system's matrices allow, recording,
-             checkpoints, and whether a step is short enough
+minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
+             protocol, and three methods, chosen by the structure of the matrices
+stepping     time integration: schemes, steppers, the compiled time loop, energies, recording,
+             checkpoints, and whether a step is short enough; quasi-static response
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
 analysis     a scene's models run and compared, their estimated errors, error against run time,

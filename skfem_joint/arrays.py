@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -50,10 +51,46 @@ def as_dense(A: Matrix) -> FloatArray:
     return np.ascontiguousarray(A.toarray() if sparse.issparse(A) else A, dtype=float)
 
 
-def as_compressed(A: Matrix) -> Matrix:
-    """Compressed rows of a sparse matrix, with sorted entries; a dense one as it is."""
-    if isinstance(A, np.ndarray):
-        return A
-    rows = sparse.csr_array(A)
-    rows.sort_indices()
-    return rows
+def slip_norms(slip: FloatArray, directions: NDArray[np.int64]) -> FloatArray:
+    """Norms of slip vectors.
+
+    Parameters
+    ----------
+    slip : ndarray, shape (..., rows)
+        Slip of each row; the rows of a point follow each other.
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+    """
+    rows = np.asarray(slip, dtype=np.float64)
+    if directions.size == rows.shape[-1]:
+        return np.abs(rows)
+    first = np.cumsum(directions) - directions
+    return np.asarray(np.sqrt(np.add.reduceat(rows * rows, first, axis=-1)))
+
+
+def check_like(
+    saved: Mapping[str, NDArray[Any]], planned: Mapping[str, NDArray[Any]], what: str
+) -> None:
+    """See that saved arrays are those that a run plans: names, shapes, types, finite values.
+
+    Raises
+    ------
+    ValueError
+        Naming the first array that is not.
+    """
+    if saved.keys() != planned.keys():
+        names = ", ".join(sorted(saved.keys() ^ planned.keys())[:5])
+        raise ValueError(f"{what} holds other arrays than the run, such as {names:.100}")
+    for name, right in planned.items():
+        array = saved[name]
+        if (array.shape, array.dtype) != (right.shape, right.dtype):
+            raise ValueError(
+                f"{what}/{name} is of shape {array.shape} and type {array.dtype}, must be "
+                f"{right.shape} and {right.dtype}"
+            )
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise ValueError(f"{what}/{name} is not finite")

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised, pivots
+from skfem_joint.linalg.factors import factorised, pivots
 from skfem_joint.loads import Amplitude
 from skfem_joint.values import Kind, problems
 

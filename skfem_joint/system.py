@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real, slip_norms
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.factors import pivots
-from skfem_joint.friction import norms
+from skfem_joint.linalg.factors import pivots
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
 from skfem_joint.slips import SlipRows
@@ -213,7 +212,7 @@ class System:
 
     def slip_norm(self, slip: FloatArray) -> FloatArray:
         """Norm of the slip vector of each contact point, shape (..., m), from (..., rows)."""
-        return norms(slip, self.directions)
+        return slip_norms(slip, self.directions)
 
     @property
     def mean_square_frequency(self) -> float:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
-from skfem_joint import friction
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.minimise import law
 from skfem_joint.stepping.recording import Recorder, Save
 from skfem_joint.stepping.schemes import State
 
@@ -31,7 +31,7 @@ def stable_step(system):
     systems use bounds from their extreme eigenvalues instead. `InputError`: set-valued Coulomb
     friction, whose slope is infinite.
     """
-    slope = np.where(system.w > 0.0, friction.slope(0.0, system.beta), 0.0)
+    slope = np.where(system.w > 0.0, law.force_slope(0.0, system.beta), 0.0)
     if np.any(np.isinf(slope)):
         raise InputError(
             "explicit integration: set-valued Coulomb friction has no stable step; use the "
@@ -90,18 +90,18 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
     solve, rubs = factorised(system.M), bool(system.contact_points)
     w = system.on_rows(system.w)
 
-    def law(v):
-        return friction.force_vectors(system.B @ v, system.beta, system.directions)
+    def friction(v):
+        return law.force_vectors(system.B @ v, system.beta, system.directions)
 
     def acceleration(u, v, amplitudes):
         right = recorder.vectors @ amplitudes - system.K @ u - system.C @ v
-        return solve(right - system.B.T @ (w * law(v)) if rubs else right)
+        return solve(right - system.B.T @ (w * friction(v)) if rubs else right)
 
     begin = time.perf_counter()
     loads = system.load_amplitudes(0.5 * step * np.arange(2 * n_steps + 1))  # of half steps
     u, v = np.zeros((2, system.n))
     a = acceleration(u, v, loads[:, 0])
-    now = State(u, v, a, a, law(v))
+    now = State(u, v, a, a, friction(v))
     recorder.store(0, now)
     for k in range(n_steps):
         f0, f1, f2 = loads[:, 2 * k : 2 * k + 3].T
@@ -118,7 +118,7 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
             told = f"explicit step {k} at t = {step * k:.6g} s: the solution grows without bound"
             raise ConvergenceError(f"{told}, the step of {step:.4g} s is unstable")
         a = acceleration(u, v, f2)
-        old, now = now, State(u, v, a, a, law(v))
+        old, now = now, State(u, v, a, a, friction(v))
         recorder.add_step(step, (f0, f2), old, now)
         recorder.store(k + 1, now)
         if cycle_steps is not None and (k + 1) % cycle_steps == 0:

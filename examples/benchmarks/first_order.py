@@ -18,9 +18,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from skfem_joint import friction
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
+from skfem_joint.minimise import law
 
 #: Bands of the Jacobians below and above the diagonal.
 LOWER, UPPER = 3, 2
@@ -145,7 +145,7 @@ class FirstOrder:
 
 def slip_work(system, u, v):
     """Friction energy (J) between samples of all unknowns, (samples, n), trapezoidal rule."""
-    force, slip = (system.w * friction.force((system.B @ v.T).T, system.beta)), system.B @ u.T
+    force, slip = (system.w * law.force((system.B @ v.T).T, system.beta)), system.B @ u.T
     return float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(slip.T, axis=0)))
 
 

@@ -15,6 +15,7 @@ at each iteration with the same ordering and library, from the same extrapolated
 import os
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from statistics import median
 from unittest.mock import patch
@@ -24,9 +25,9 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np
 
 import skfem_joint as sj
-from skfem_joint import factors
 from skfem_joint.analysis.history import compare
-from skfem_joint.stepping import contact_problem
+from skfem_joint.linalg import schur
+from skfem_joint.minimise import truncated_newton
 
 FREQUENCY, STEPS, CYCLES, REPEATS = 500.0, 200, 2, 3
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -74,8 +75,14 @@ def report(along, across, width, bolted):
         "  displacement, %  friction energy, %"
     )
     first = run(system, n_steps=60)
-    patience = patch.multiple(contact_problem, PATIENCE=0, SWEEPS=0)
-    with patience, patch.multiple(factors, CONDENSED=0, SPARSE=np.inf):
+    settings = truncated_newton.SETTINGS._replace(patience=0, sweeps=0)
+    patience = patch.object(truncated_newton, "SETTINGS", settings)
+    with (
+        patience,
+        patch.object(
+            schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0, fewest_sparse=np.inf)
+        ),
+    ):
         line("refactoring each iteration", first.wall_s / 60, [run(system, n_steps=60)])
     full = run(system)
     base = full.wall_s / full.counters.steps

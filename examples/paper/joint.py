@@ -10,7 +10,7 @@ from paper.cases import CASES, STIFFNESS, friction, loop_area, peak, run
 from paper.page import percent
 
 from skfem_joint.analysis.history import hysteresis_loop
-from skfem_joint.friction import force as friction_force
+from skfem_joint.minimise.law import force as friction_force
 from skfem_joint.reduction import reference as package
 from skfem_joint.reduction.pod import proper_modes
 

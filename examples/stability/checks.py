@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from skfem_joint.analysis.history import steady_state
-from skfem_joint.friction import force
+from skfem_joint.minimise.law import force
 from skfem_joint.stepping.schemes import generalized_alpha
 
 #: Energy left over in the audit, over the energy in play.

@@ -32,17 +32,18 @@ import numpy as np
 from scipy import sparse
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
-from skfem_joint import friction
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.minimise.law import force as friction_force
 from skfem_joint.modes import natural_modes
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.quasi_static import HELD, QuasiStatic
+from skfem_joint.stepping.quasi_static import SETTINGS as QUASI_STATIC
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
@@ -190,7 +191,7 @@ class _Path(QuasiStatic):
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = HELD,
+        held: float = QUASI_STATIC.held,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
         """As `QuasiStatic.follow`; level by level, each a row, where times do not matter."""
@@ -345,7 +346,7 @@ def _own_law(
         course = path.follow(np.outer(np.cos(turn), top), turn / omega[k], np.inf, start)
         half = course[n - 1 :]
         slip = system.slip_norm((system.B @ np.diff(half, axis=0).T).T).T
-        limits = friction.force(slip * (n * omega[k] / np.pi), beta) * system.w[:, np.newaxis]
+        limits = friction_force(slip * (n * omega[k] / np.pi), beta) * system.w[:, np.newaxis]
         q = 0.5 * float(np.ptp(half @ force))
         return float(2.0 * np.vdot(limits, slip) / (2.0 * np.pi * level[k] * q))
 

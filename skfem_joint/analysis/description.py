@@ -20,7 +20,7 @@ from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.modes import LOOKED_AT, straining_modes
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged

@@ -42,10 +42,10 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint import friction
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
+from skfem_joint.minimise import law
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
@@ -321,7 +321,7 @@ def _friction(system: System, v: FloatArray) -> FloatArray:
     """Forces of friction (times, n), N, at some velocities of the unknowns (times, n)."""
     B, limits = np.asarray(system.B), system.on_rows(system.w)
     parts = np.array_split(v, 1 + len(v) * len(B) // AT_ONCE)
-    forces = (friction.force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
+    forces = (law.force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
 
 

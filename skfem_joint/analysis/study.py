@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint import friction
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
@@ -20,7 +19,8 @@ from skfem_joint.analysis.history import Errors, compare, difference, results
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.factors import CONDENSED
+from skfem_joint.linalg import schur
+from skfem_joint.minimise import law
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import active_fractions, gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
@@ -97,7 +97,7 @@ class Model:
             sigma[:, np.flatnonzero(system.on_rows(system.w))] = self.run.sigma
             return sigma
         beta = np.minimum(system.beta, self.run.system.beta.max())
-        return friction.force_vectors(self.slips(system)[1], beta, system.directions)
+        return law.force_vectors(self.slips(system)[1], beta, system.directions)
 
 
 @dataclass
@@ -315,7 +315,7 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
     basis = condensed_basis(system)
     small, shares = condensed_system(system, basis.V), carrying(system)[1]
     kept = small.B.shape[0]
-    if kept > CONDENSED or arranged(system).kind == "chain":
+    if kept > schur.SETTINGS.most_dense or arranged(system).kind == "chain":
         study.warnings.append(
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
             "the full one, which has few entries, will hardly cost more; a reduced one costs less."

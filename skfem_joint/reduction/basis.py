@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, slip_norms
 from skfem_joint.errors import InputError
-from skfem_joint.factors import Uncondensed, factorised
-from skfem_joint.friction import norms
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import (
@@ -336,7 +336,7 @@ def scaled_basis(
     parts.append(_following(system, F, np.hstack(breathing)))
     if F.shape[1]:
         parts += _rest_modes(system, wide, parts[0], interface_modes)
-    slips = norms(probe.point_v, system.directions[mouths(zones)])
+    slips = slip_norms(probe.point_v, system.directions[mouths(zones)])
     course = probe.u, probe.v, probe.slip_peak, float(slips.max(initial=0.0))
     carrying = active & (system.w > 0.0)
     basis = _basis(system, np.hstack(parts), modes, reference.proper, carrying, *course)

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points

@@ -22,9 +22,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.cluster.hierarchy import fclusterdata
 
-from skfem_joint import friction
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.factors import Condensation, Uncondensed, condensed
+from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
+from skfem_joint.minimise import law
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
@@ -85,14 +85,14 @@ class Residual:
         """The stiffness, to which springs at what the contact moves will be added."""
         moved = np.unique(sparse.csr_array(self.system.B).indices)
         known = self.stiffness
-        if isinstance(known, Condensation) and np.array_equal(known.kept, moved):
+        if isinstance(known, SchurComplement) and np.array_equal(known.kept, moved):
             return known
         return condensed(self._stiffness, moved)
 
     def _holding(self, rows: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver for what is kept, with springs (N/m) that resist each slip."""
         B = sparse.csc_array(self.system.B)
-        return self._condensed.alone(B.T @ sparse.diags_array(rows) @ B)
+        return self._condensed.solver_of_kept(B.T @ sparse.diags_array(rows) @ B)
 
     @cached_property
     def _free(self) -> Callable[[FloatArray], FloatArray]:
@@ -114,7 +114,7 @@ class Residual:
             sigma[:, self._carrying] = run.sigma
         else:
             slip = run.v @ (system.B @ V).T
-            sigma = friction.force_vectors(slip, self._beta(run), system.directions)
+            sigma = law.force_vectors(slip, self._beta(run), system.directions)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
 
     def _beta(self, run: Run) -> FloatArray:
@@ -123,20 +123,20 @@ class Residual:
     def _held(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Stiffness (frames, m), N/m, by which friction holds points that the forces R act on."""
         system, slip = self.system, run.v @ (self.system.B @ V).T
-        force = system.on_rows(system.w) * friction.force_vectors(
+        force = system.on_rows(system.w) * law.force_vectors(
             slip, self._beta(run), system.directions
         )
         squares = sparse.csr_array(system.B).power(2).sum(axis=1)
         force += (system.B @ R).T / np.where(squares > 0.0, squares, 1.0)
-        slope = friction.slope(system.slip_norm(slip), self._beta(run))
+        slope = law.force_slope(system.slip_norm(slip), self._beta(run))
         slope[system.slip_norm(force) > system.w] = 0.0
         return np.asarray(system.w * slope * _RATE / (run.field_times[1] - run.field_times[0]))
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the forces that a run leaves: free, and held by friction."""
         R, whole = self.forces(V, run), self._condensed
-        right, still = whole.inward(np.ascontiguousarray(R))
-        yield whole.outward(self._free(right), still)
+        right, still = whole.restrict(np.ascontiguousarray(R))
+        yield whole.extend(self._free(right), still)
         if picks_unknowns(run.system.B):  # all slips are in the basis
             return
         held = self._held(V, run, R)
@@ -147,7 +147,7 @@ class Residual:
             alike = np.flatnonzero(kinds == kind)
             solve = self._holding(self.system.on_rows(np.exp(held[alike].mean(axis=0))))
             x[:, alike] = solve(np.ascontiguousarray(right[:, alike]))
-        yield whole.outward(x, still)
+        yield whole.extend(x, still)
 
     def lacking(self, V: FloatArray, run: Run, most: int, known: FloatArray) -> FloatArray:
         """Modes that the basis ``V`` of a run lacks, at most so many, (n, k).

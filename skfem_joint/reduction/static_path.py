@@ -21,7 +21,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.factors import Uncondensed
+from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.loads import Amplitude, common_period
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import THRESHOLD

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.factors import factorised
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.modes import natural_modes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.arrangement import picks_unknowns

@@ -1,8 +1,9 @@
 """Time integration: implicit steps of any system, full, condensed or reduced.
 
-`integrate.integrate` is the way in. `arrangement` gives a system the order of unknowns and the
-stepper that its matrices allow: `steppers` holds those of large sparse systems, `chain` that of
-tridiagonal and `dense` that of reduced ones. `recording` says what a run keeps, `schemes` what a
-step is, `resolution` how long it may be, `checkpoint` how a run that was killed goes on. `march`
-is the compiled loop over steps, `compiled` what compiled functions share.
+`integrate.integrate` is the entry. `arrangement` finds the unknowns in which a system is stepped
+and the kind of its matrices; `steppers` advances it by step problems (`skfem_joint.minimise`), in
+Python or in the compiled loop of `time_loop`. `schemes` defines a step, `energy` its works and
+peaks, `recording` what a run keeps, `resolution` whether steps are short enough, `checkpoint` how
+an interrupted run is resumed. `steady` finds steady vibration, `quasi_static` the response without
+inertia.
 """

@@ -1,13 +1,13 @@
-"""The order of unknowns in which a system is stepped, and the stepper that its matrices allow.
+"""The unknowns in which a system is stepped, and the stepper that its matrices allow.
 
-Both are read off the matrices, never off the kind of structure: a line mesh whose nodes are
-numbered at random is put in a row, and slips that are differences of displacements become unknowns.
+Both follow from the matrices, never from the kind of structure: a line mesh whose nodes are
+numbered at random is renumbered into a chain, and slips that are differences of displacements
+become unknowns.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -16,52 +16,55 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
-from skfem_joint.stepping.steppers import Stepper
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import ChangeOfUnknowns, selection
 
-#: Most unknowns of a sparse system that is stepped as a dense one for want of anything better.
+#: Most unknowns of a sparse system with dependent slips: it can only be stepped as a dense one.
 MOST_DENSE = 500
-#: Module and class of the stepper for each kind of system; compilers are loaded where one is used.
-_STEPPERS = {
-    "linear": ("steppers", "LinearStepper"),
-    "dense": ("dense", "DenseStepper"),
-    "chain": ("chain", "ChainStepper"),
-    "contact": ("steppers", "ContactStepper"),
-}
 
 
 @dataclass(frozen=True)
 class Arranged:
-    """A system as it is stepped, and how its unknowns and those of the one that was given go over.
+    """System in stepping unknowns, with maps to and from the caller's unknowns.
 
     It has the same contact points, slip rows, loads and named points.
+
+    Attributes
+    ----------
+    system : System
+    kind : str
+        Of its matrices: "linear" (no friction), "chain" (tridiagonal, each slip an unknown),
+        "contact" (each slip an unknown) or "dense".
+    maps : tuple of Arrangement
+        Changes of unknowns that led to it, in turn; none if the unknowns are the caller's.
     """
 
     system: System
-    kind: str  #: "linear", "dense", "chain" or "contact": the stepper for it
-    maps: tuple[ChangeOfUnknowns, ...] = ()  #: that led to it, in turn; none: it is that given
+    kind: str
+    maps: tuple[ChangeOfUnknowns, ...] = ()
 
     def inner(self, u: FloatArray) -> FloatArray:
-        """Unknowns of the system stepped, (n,), from those of the system given."""
+        """Stepping unknowns, (n,), from the caller's."""
         for arrangement in self.maps:
             u = np.asarray(arrangement.inverse @ u)
         return u
 
     def force(self, f: FloatArray) -> FloatArray:
-        """Forces on the unknowns of the system stepped, (n,), from those on the system given."""
+        """Forces on the stepping unknowns, (n,), from those on the caller's."""
         for arrangement in self.maps:
             f = np.asarray(arrangement.forward.T @ f)
         return f
 
     def outer(self, u: FloatArray) -> FloatArray:
-        """Unknowns of the system given, (..., n), from those of the system stepped."""
+        """The caller's unknowns, (..., n), from the stepping ones."""
         for arrangement in reversed(self.maps):
             u = np.ascontiguousarray((arrangement.forward @ u.T).T)
         return u
 
     def outer_number(self, unknown: int) -> int:
-        """Unknown of the system given that has most to do with one of the system stepped."""
+        """The caller's unknown that depends most on a stepping unknown."""
         for arrangement in reversed(self.maps):
             column = sparse.csc_array(arrangement.forward)[:, [unknown]].tocoo()
             unknown = int(column.coords[0][np.abs(column.data).argmax()])
@@ -69,10 +72,10 @@ class Arranged:
 
 
 def arranged(system: System) -> Arranged:
-    """System in unknowns of which each slip row picks one, in a row where that can be.
+    """System in unknowns that include the slips, renumbered into a chain where that is possible.
 
-    Left as they are: dense systems, reduced or condensed, those without friction, and small ones
-    whose slip rows depend on each other.
+    Dense systems (reduced or condensed), systems without friction, and small ones whose slip rows
+    depend on each other keep their unknowns.
 
     Raises
     ------
@@ -81,7 +84,7 @@ def arranged(system: System) -> Arranged:
     """
     if system.contact_points == 0:
         return Arranged(system, "linear")
-    if system.is_dense:  # one that keeps its slips as unknowns says so by a sparse B
+    if system.is_dense:  # a sparse B tells that slips are unknowns
         keeps = not isinstance(system.B, np.ndarray) and picks_unknowns(system.B)
         return Arranged(system, "contact" if keeps else "dense")
     maps: tuple[ChangeOfUnknowns, ...] = ()
@@ -102,7 +105,7 @@ def arranged(system: System) -> Arranged:
 
 
 def _path(system: System) -> ChangeOfUnknowns | None:
-    """Order of unknowns in which the matrices are tridiagonal; None: there is none."""
+    """Numbering of the unknowns in which the matrices are tridiagonal; None if there is none."""
     n = system.n
     pattern = sparse.csr_array(abs(system.M) + abs(system.C) + abs(system.K))
     pattern.setdiag(0.0)
@@ -124,7 +127,7 @@ def _path(system: System) -> ChangeOfUnknowns | None:
 def is_chain(system: System) -> bool:
     """Whether a sparse system is tridiagonal, and each slip row picks an unknown of its own."""
     for A in (system.M, system.C, system.K):
-        rows = _csr(A)
+        rows = as_compressed(A)
         row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
         beyond = np.abs(row - rows.indices) > 1
         if beyond.any() and rows.data[beyond].any():
@@ -134,25 +137,19 @@ def is_chain(system: System) -> bool:
 
 def picks_unknowns(B: Any) -> bool:
     """Whether each row holds a single 1, in a column of its own."""
-    rows = _csr(B)
+    rows = B if isinstance(B, sparse.csr_array) else sparse.csr_array(B)
     if not ((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all()):
         return False
     return rows.indices.size == 0 or bool(np.bincount(rows.indices).max() == 1)
 
 
-def _csr(A: Any) -> Any:
-    """Compressed rows; making them anew of what has them already takes longer than most steps."""
-    return A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
-
-
 def choose(to: Arranged, *others: Any) -> Stepper:
-    """Stepper for a system that is `arranged`, from what else it takes.
+    """Stepper for an `arranged` system, from the other arguments of `Stepper`.
 
     Raises
     ------
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    module, name = _STEPPERS[to.kind]
-    stepper: type[Stepper] = getattr(import_module(f"skfem_joint.stepping.{module}"), name)
-    return stepper(to.system, *others)
+    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
+    return stepper(to.kind, to.system, *others)

@@ -151,28 +151,6 @@ class Checkpoint:
         )
 
 
-def check_like(saved: Arrays, planned: Arrays, what: str) -> None:
-    """See that saved arrays are those that a run plans: names, shapes, types, finite values.
-
-    Raises
-    ------
-    ValueError
-        Naming the first array that is not.
-    """
-    if saved.keys() != planned.keys():
-        names = ", ".join(sorted(saved.keys() ^ planned.keys())[:5])
-        raise ValueError(f"{what} holds other arrays than the run, such as {names:.100}")
-    for name, right in planned.items():
-        array = saved[name]
-        if (array.shape, array.dtype) != (right.shape, right.dtype):
-            raise ValueError(
-                f"{what}/{name} is of shape {array.shape} and type {array.dtype}, must be "
-                f"{right.shape} and {right.dtype}"
-            )
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise ValueError(f"{what}/{name} is not finite")
-
-
 @dataclass(frozen=True)
 class Checkpoints:
     """Checkpoints of all models of a study, in the folder of its results."""

@@ -1,61 +1,82 @@
-"""What a structure does under forces that change slowly, with Coulomb friction: no inertia.
+"""Quasi-static response to slowly changing forces under Coulomb friction, without inertia.
 
 From the state before, each increment d of the displacement solves
 
     minimise  1/2 d K d - (f - K u) d + sum w |B d|,
 
-the problem of a time step with K in place of the step's matrix and the increment in place of the
-velocity. Points that stick do so exactly, reversals and histories of loads come by themselves. Each
-increment goes straight: slips that turn within one are not resolved. Dense systems, as reduction
-makes them, have more contact points than unknowns, which cannot all stick: there Coulomb's law is
-the limit of steeper and steeper ones.
+the step problem with the stiffness for its matrix and the increment for its unknown
+(:mod:`skfem_joint.minimise.problem`). Points that stick do so exactly; reversals and histories of
+loads need no special treatment. Each increment goes straight: slips that turn within one are not
+resolved. Dense systems, as reduction makes them, have more contact points than unknowns, which
+cannot all stick: there Coulomb's law is the limit of steeper and steeper ones.
 
-Bodies that friction alone holds have no stiffness of their own: there K gets a little of M, and
-forces that make everything slip are scaled back to just below what friction holds. That load is
-found from the rigid motion d it sets off: by virtue of the upper bound theorem of limit analysis
+Bodies that friction alone holds have a singular stiffness. A little of the mass is added to it, and
+forces that would make everything slip are scaled back to just below what friction holds. That limit
+is found from the rigid motion d that a load sets off: by the upper bound theorem of limit analysis
 sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
-brings it down to it.
+decreases it to the limit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, as_compressed, as_dense
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, factorised
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem, step_problem
+from skfem_joint.minimise.truncated_newton import CondensedNewton
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.stepping.chain import bands, build_chain, make_memory
-from skfem_joint.stepping.chain_solver import passes_of
-from skfem_joint.stepping.contact_problem import ContactProblem, Solution
-from skfem_joint.stepping.dense import Dense, contact_of, found_alone
-from skfem_joint.stepping.dense import make_memory as make_dense_memory
-from skfem_joint.stepping.steppers import Condensed, Points
 from skfem_joint.system import System
 
-#: Share of the load at which everything slips that is taken where nothing else holds.
-HELD = 0.98
-#: A level that is not found at once is gone to in parts, halved at most this often.
-HALVINGS = 6
-#: Force that the added mass may carry, as a share of the load, and how much of it is added.
-_SHIFTED, _SHIFT = 1e-3, 1e-12
-#: Iterations for the friction limit; stiffness of motions without strain, as a share of the mean
-#: square frequency, and most of them; share of their displacement that is no slip.
-_ITERATIONS, _RIGID, _MOST_RIGID, _STILL = 20, 1e-9, 12, 1e-6
-#: Steepness of the laws that Coulomb's is the limit of in dense systems, over the largest slip, and
-#: their stiffness, over the least of all, beyond which round-off hides that one.
-_STEEPER, _STIFFEST = (1e2, 1e4, 1e6), 1e12
-#: Steepness of the law that a path starts with, over that of its own, and the tolerance for it. (To
-#: slip at once as far as a load's peak takes a plate of 20,000 unknowns 7 iterations, not 14.)
-_SOFTER, _ROUGHLY = 1e-2, 0.1
+
+@dataclass(frozen=True)
+class QuasiStaticSettings:
+    """Numbers of quasi-static paths.
+
+    Attributes
+    ----------
+    held : float
+        Share of the friction limit that loads are scaled back to where nothing else holds.
+    halvings : int
+        A level that does not converge at once is reached in parts, halved at most this often.
+    carried : float
+        Share of the load that the added mass may carry before everything counts as slipping.
+    shift : float
+        Added mass over the mean square frequency, s2.
+    limit_iterations : int
+        Most iterations for the friction limit.
+    rigid : float
+        Motions whose stiffness over mass is below this share of the mean square frequency are
+        rigid.
+    most_rigid : int
+        Most rigid motions.
+    still : float
+        Share of a rigid motion's displacement that is no slip.
+    """
+
+    held: float = 0.98
+    halvings: int = 6
+    carried: float = 1e-3
+    shift: float = 1e-12
+    limit_iterations: int = 20
+    rigid: float = 1e-9
+    most_rigid: int = 12
+    still: float = 1e-6
+
+
+SETTINGS = QuasiStaticSettings()
 
 
 class QuasiStatic:
@@ -79,38 +100,29 @@ class QuasiStatic:
     def __init__(self, system: System, tolerance: float = 1e-8, tally: Tally | None = None) -> None:
         self.to = arranged(system)
         inner = self.to.system
-        acting = inner.w > 0.0
-        if not acting.any():
+        if not inner.contact_points:
             raise InputError("quasi-static slip: needs friction, no contact point carries any")
         self.tolerance, self.tally = tolerance, tally or Tally()
         dense = self.to.kind == "dense"
         self.K, self.M = (as_dense(A) if dense else as_compressed(A) for A in (inner.K, inner.M))
-        self.shift = _SHIFT * inner.mean_square_frequency if is_singular(self.K) else 0.0
+        self.shift = 0.0
+        if is_singular(self.K):
+            self.shift = SETTINGS.shift * inner.mean_square_frequency
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
-        self.A, self.beta = as_compressed(self.K + self.added), inner.beta[acting]
-        self.problem: ContactProblem | Condensed | _Dense
-        self.whole: Condensed | None = None  # what is condensed
-        self.condensed: Condensed | None = None  # the same, where the contact is stepped alone
-        if dense:
-            self.problem, self._limited = _Dense(self.A, inner), np.flatnonzero(acting)
-            self._rate = self.problem.beta
-        else:
-            points = Points.of(inner)
-            chain = self.to.kind == "chain"  # its own factors cost nothing
-            self.problem = contact = (points.problem if chain else points.best_problem)(self.A)
-            if isinstance(contact, Condensed):
-                self.whole, points = contact, points.numbered(contact.kept)
-                contact = contact.problem
-                self._step_contact_alone(self.whole)
-            self._limited, self._rate = np.searchsorted(contact.first, points.first), contact.beta
-        self._fronts = _Fronts(self.A, inner) if self.to.kind == "chain" else None
+        self.A, self.beta = as_compressed(self.K + self.added), inner.beta
+        self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
+        self.whole: CondensedNewton | None = None  # the problem, where it is condensed
+        self.condensed: SchurComplement | None = None  # where the contact is stepped alone
+        if isinstance(self.problem, CondensedNewton):
+            self.whole = self.problem
+            self._step_contact_alone(self.whole)
         self.last = np.zeros(self.A.shape[0])
         self.solves = 0
         self.held_back = 0  # levels whose forces were scaled back
 
     def afresh(self, to: Arranged, tolerance: float | None = None) -> QuasiStatic:
-        """One with the same factors that has followed nothing; ``to``: of what was arranged."""
+        """Copy at rest that reuses the factorisations; ``to`` maps to the caller's unknowns."""
         path = copy(self)
         path.to, path.tally = to, Tally()
         path.tolerance = self.tolerance if tolerance is None else tolerance
@@ -123,32 +135,29 @@ class QuasiStatic:
         What is followed next then depends, to the bit, on that and on its own start alone.
         """
         self.last = np.zeros_like(self.last) if last is None else last
-        problem = self.problem
-        contact = problem.problem if isinstance(problem, Condensed) else problem
-        if isinstance(contact, ContactProblem):
-            contact.factor = None
-        else:
-            contact.memory = contact.new_memory()
-        if self._fronts is not None:
-            self._fronts.memory = make_memory(len(self.last))
+        self.problem.forget()
 
     @property
     def factorizations(self) -> int:
         """Matrices factorised so far."""
         return self.problem.factorizations
 
-    def _step_contact_alone(self, whole: Condensed) -> None:
-        """Let all else follow, unless it can move as a rigid body without slip.
+    def _step_contact_alone(self, whole: CondensedNewton) -> None:
+        """Iterate on contact unknowns only, unless a rigid motion without slip exists.
 
-        Nor where bodies can move rigidly and the contact is sparse: what is added to it is not.
+        Neither is it done where bodies can move rigidly and the contact is sparse: the projection
+        that is added to it is dense.
         """
-        rigid = self.rigid[whole.kept]
+        kept, contact = whole.schur.kept, whole.contact
+        rigid = self.rigid[kept]
         if rigid.size:
-            still = _STILL * np.abs(self.rigid).max()
-            if not whole.problem.dense or np.linalg.svd(rigid, compute_uv=False).min() <= still:
+            still = SETTINGS.still * np.abs(self.rigid).max()
+            if not contact.dense or np.linalg.svd(rigid, compute_uv=False).min() <= still:
                 return
-        self.condensed, self.problem, self.A = whole, whole.problem, whole.problem.A
-        self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, whole.kept]
+        self.condensed, self.problem, self.A = whole.schur, contact, contact.H
+        acting = self.to.system.w > 0.0
+        self.beta = self.beta[acting]
+        self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, kept]
         if rigid.size:
             image = self.A @ rigid
             self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
@@ -156,43 +165,46 @@ class QuasiStatic:
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
-        if isinstance(self.problem, Condensed):
-            return self.problem.solver()
+        if isinstance(self.problem, CondensedNewton):
+            return self.problem.schur.solver()
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
 
     @cached_property
     def rigid(self) -> FloatArray:
-        """Motions without strain, (n, r), in the unknowns of ``to.system``.
+        """Rigid motions, (n, r), in the unknowns of ``to.system``.
 
-        Inverse iteration finds them at once, so small is what is added to K.
+        Inverse iteration finds them in a few steps, because so little is added to K.
         """
         n = self.to.system.n
         if not self.shift:
             return np.zeros((n, 0))
         solve = self._without_friction()
-        X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
+        X = np.random.default_rng(0).normal(size=(n, min(SETTINGS.most_rigid, n)))
         for _ in range(3):
             X = np.linalg.qr(solve(self.M @ X))[0]
         squares, shares = linalg.eigh(X.T @ (self.K @ X), X.T @ (self.M @ X))
-        limit = _RIGID * self.to.system.mean_square_frequency
+        limit = SETTINGS.rigid * self.to.system.mean_square_frequency
         return np.asarray(X @ shares[:, squares < limit])
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
-        """Solver for motions that pick the unknowns of the columns of F, if it is there already."""
-        if self.whole is None or self.to.maps or not np.array_equal(F.indices, self.whole.rest):
+        """Solver for the unknowns that the columns of F pick, if their factor exists already."""
+        if self.whole is None or self.to.maps:
             return None
-        return cast("Callable[[FloatArray], FloatArray]", self.whole.inside)
+        schur = self.whole.schur
+        if not np.array_equal(F.indices, schur.rest):
+            return None
+        return cast("Callable[[FloatArray], FloatArray]", schur.solve_interior)
 
     @property
-    def unshifted(self) -> Uncondensed | None:
-        """The stiffness, condensed, in the system's own unknowns, if it is there."""
-        return None if self.shift or self.to.maps else self.whole
+    def unshifted(self) -> SchurComplement | None:
+        """Schur complement of the stiffness in the system's own unknowns, if it exists already."""
+        return None if self.shift or self.to.maps or self.whole is None else self.whole.schur
 
     def follow(
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = HELD,
+        held: float = SETTINGS.held,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
         """Displacements (levels, n), m, under forces (levels, n), N, one after another.
@@ -216,28 +228,29 @@ class QuasiStatic:
         """
         right, inside = self.to.force(forces.T), self.condensed
         if inside is not None:
-            right, still = inside.inward(right)
+            right, interior = inside.restrict(right)
         u = f = np.zeros(len(right))
         if start is not None:
             u, f = self.to.inner(start[0]), self.to.force(start[1])
             if inside is not None:
-                u, f = u[inside.kept], inside.inward(f)[0]
+                u, f = u[inside.kept], inside.restrict(f)[0]
         path = np.empty((len(forces), u.size))
         lasting = np.zeros(len(forces)) if times is None else np.diff(times, prepend=0.0)
         for level, force in enumerate(right.T):
             before, f = f, np.ascontiguousarray(force)
-            rate = np.inf if times is None else self.beta / lasting[level]
+            rate = np.full(self.beta.size, np.inf) if times is None else self.beta / lasting[level]
             u = path[level] = self._state(u, before, f, held, rate)
             self.tally.add()
-        return self.to.outer(path if inside is None else inside.outward(path.T, still).T)
+        return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
 
     def limit(self, force: FloatArray) -> float:
-        """Multiple of the forces (N) that friction can just hold; ``inf`` where more holds."""
-        self._rate[self._limited] = np.inf
+        """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold."""
         if not self.shift:
             return np.inf
         f = self.to.force(force)
-        return self._limit(f if self.condensed is None else self.condensed.inward(f)[0])
+        if self.condensed is not None:
+            f = self.condensed.restrict(f)[0]
+        return self._limit(f, np.full(self.beta.size, np.inf))
 
     def _state(
         self,
@@ -245,143 +258,69 @@ class QuasiStatic:
         before: FloatArray,
         f: FloatArray,
         held: float,
-        rate: FloatArray | float,
+        rate: FloatArray,
         halvings: int = 0,
     ) -> FloatArray:
-        """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be."""
-        self._rate[self._limited] = rate
-        found = self._solve(f - self.stiffness @ u)
-        if np.isfinite(held) and self._carried(found, f) > _SHIFTED:
+        """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be.
+
+        ``rate`` is the law's scaling constant for increments, 1/m, of each point.
+        """
+        increment = self._minimise(f - self.stiffness @ u, rate)
+        if np.isfinite(held) and self._carried(increment, f) > SETTINGS.carried:
             self.held_back += 1
-            found = self._solve(min(1.0, held * self._limit(f)) * f - self.stiffness @ u)
-        elif not found.converged and halvings < HALVINGS:
+            right = min(1.0, held * self._limit(f, rate)) * f - self.stiffness @ u
+            increment = self._minimise(right, rate)
+        elif not increment.converged and halvings < SETTINGS.halvings:
             middle = 0.5 * (before + f)
             rest = (held, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
-        elif not found.converged:
-            where = found.where if self.condensed is None else self.condensed.kept[found.where]
+        elif not increment.converged:
+            where = (
+                increment.where if self.condensed is None else self.condensed.kept[increment.where]
+            )
             raise ConvergenceError(
                 "the slip under a slowly changing load was not found: a force residual of "
-                f"{found.residual:.3g} N is left at unknown {where}"
+                f"{increment.residual:.3g} N is left at unknown {where}"
             )
-        self.last = found.v
-        return u + found.v
+        self.last = increment.v
+        return u + increment.v
 
-    def _solve(self, right: FloatArray) -> Solution:
-        """Increment, from a multiple of the last one: that which is best under Coulomb's law."""
+    def _minimise(self, right: FloatArray, rate: FloatArray) -> Minimum:
+        """Increment, from the multiple of the last one that is best under Coulomb's law."""
         self.solves += 1
-        if self._fronts is not None and np.isinf(self._rate[self._limited]).all():
-            found = self._fronts.solve(right, self.tolerance)
-            if found is not None:
-                return found
         problem, work = self.problem, float(right @ self.last)
+        if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest
+            return problem.minimise(right, None, self.tolerance, rate)
         stored = float(self.last @ (self.A @ self.last))
-        lost = problem.objective(self.last, right) - 0.5 * stored + work
+        lost = problem.objective(self.last, right, rate) - 0.5 * stored + work
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
-        if problem.objective(start, right) >= 0.0:
-            start = self._of_softer_law(right)
-        return problem.solve(right, start, self.tolerance)
+        if problem.objective(start, right, rate) < 0.0:
+            return problem.minimise(right, start, self.tolerance, rate)
+        return problem.minimise(right, None, self.tolerance, rate)
 
-    def _of_softer_law(self, right: FloatArray) -> FloatArray:
-        """Increment, roughly, under a law less steep, which few iterations find from rest."""
-        start, steep = np.zeros_like(right), self._rate[self._limited]
-        if isinstance(self.problem, _Dense) or np.isinf(steep).any():
-            return start
-        self._rate[self._limited] = _SOFTER * steep
-        found = self.problem.solve(right, start, _ROUGHLY)
-        self._rate[self._limited] = steep
-        return found.v if self.problem.objective(found.v, right) < 0.0 else start
-
-    def _carried(self, found: Solution, f: FloatArray) -> float:
+    def _carried(self, increment: Minimum, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""
         if not self.shift:
             return 0.0
-        carried = float(np.linalg.norm(self.added @ found.v))
+        carried = float(np.linalg.norm(self.added @ increment.v))
         return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
 
-    def _limit(self, f: FloatArray) -> float:
+    def _limit(self, f: FloatArray, rate: FloatArray) -> float:
         """Multiple of the forces at which everything slips."""
         limit, inner = np.inf, self.to.system
         multiple, without_friction = 1.0, self._without_friction()
-        for _ in range(_ITERATIONS):
-            found = self._solve(multiple * f)
-            if self._carried(found, multiple * f) <= _SHIFTED:
+        for _ in range(SETTINGS.limit_iterations):
+            increment = self._minimise(multiple * f, rate)
+            if self._carried(increment, multiple * f) <= SETTINGS.carried:
                 if np.isfinite(limit):
                     return limit
                 if multiple > 1e6:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = without_friction(self.added @ found.v)  # without what strains
+            rigid = without_friction(self.added @ increment.v)  # the rigid part of it
             lower = float(inner.w @ inner.slip_norm(self.B @ rigid) / (f @ rigid))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower
         return limit
-
-
-class _Dense:
-    """Increments of a dense system: `ContactProblem` for points that cannot all stick."""
-
-    factorizations = 0
-
-    def __init__(self, A: FloatArray, system: System) -> None:
-        self.A, self.B, self.system = A, as_dense(system.B), system
-        self.beta = np.ones(system.w.size)
-        self.contact, places = contact_of(self.B, system.first_row, system.w, self.beta)
-        self.places = places.point
-        sticking = (self.B.T * system.on_rows(system.w)) @ self.B
-        unit = np.trace(A) / np.trace(sticking)
-        sticking = A + unit * sticking
-        self.first = factorised(sticking)
-        softest = np.linalg.eigvalsh(sticking)[0]
-        self.steepest = _STIFFEST * unit * softest / np.trace(A)
-        self.memory = self.new_memory()
-
-    def new_memory(self) -> Any:
-        """Memory of a solver that has found nothing yet."""
-        return make_dense_memory(self.system.n, self.contact.w.size, self.system.w.size)
-
-    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
-        """Increment; Coulomb's law is as steep, at last, as the largest slip found asks for."""
-        memory, coulomb = self.memory, np.isinf(self.beta)
-        memory.velocity[:] = start if start.any() else self.first(g)
-        for steepness in _STEEPER:
-            slip = self.system.slip_norm(self.B @ memory.velocity).max()
-            steep = min(steepness / slip, self.steepest) if slip > 0.0 else self.steepest
-            self.contact.beta[self.places] = np.where(coulomb, steep, self.beta)
-            memory.old_velocity[:] = v = memory.velocity.copy()
-            found = found_alone(Dense(self.A, self.contact), memory, g, v, tolerance)
-            if not (found.converged and coulomb.any()):
-                break
-        counts = {"newton_iterations": found.newton_iterations}
-        v, sigma = memory.velocity.copy(), memory.force.copy()
-        return Solution(v, sigma, found.converged, counts, found.residual, found.unknown)
-
-    def objective(self, v: FloatArray, g: FloatArray) -> float:
-        """1/2 v A v - g v + sum w |v_p|."""
-        return float(v @ (0.5 * self.A @ v - g) + self.system.w @ self.system.slip_norm(self.B @ v))
-
-
-class _Fronts:
-    """Increments of a chain under Coulomb's law, from its slip fronts: no matrix is factorised."""
-
-    def __init__(self, A: sparse.csr_array, system: System) -> None:
-        limits = np.zeros(A.shape[0])
-        limits[sparse.csr_array(system.B).indices] = system.w
-        self.chain = build_chain(bands(A), limits, np.full(limits.size, np.inf))
-        self.memory = make_memory(limits.size)
-
-    def solve(self, right: FloatArray, tolerance: float) -> Solution | None:
-        """Increment; None where the fronts are not found."""
-        chain, memory = self.chain, self.memory
-        limits = chain.w[: right.size]
-        count, found, memory.middle[0] = passes_of(
-            chain.H0, chain.H1, chain.w, limits, chain.pivot, chain.stretch, chain.kappa, right,
-            memory.new_parameter, memory.velocity, memory.force, memory.work[2], memory.work[4],
-            memory.middle[0], tolerance,
-        )  # fmt: skip
-        if not found:
-            return None
-        counts = {"newton_iterations": int(count)}
-        return Solution(memory.velocity.copy(), memory.force.copy(), True, counts, 0.0, 0)

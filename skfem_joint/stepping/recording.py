@@ -1,15 +1,4 @@
-"""What a run keeps: stored rows, accumulated works, peaks and counters.
-
-Works of a step use the trapezoidal means of the forces at its ends times the change of
-displacement. With the equation of motion holding at both ends this closes the energy balance to
-round-off for any one-step scheme:
-
-    change of stored energy = input - viscous - friction - scheme,
-    scheme = (du - h vm) M am + vm M (h am - dv),
-
-with vm and am the mean velocity and acceleration: what the scheme's own kinematics dissipates,
-zero for the trapezoidal rule.
-"""
+"""What a run keeps: stored rows, accumulated works, peaks and counters."""
 
 from __future__ import annotations
 
@@ -21,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, check_like
 from skfem_joint.errors import InputError
-from skfem_joint.friction import AT_LIMIT
-from skfem_joint.stepping.checkpoint import check_like
+from skfem_joint.linalg.compressed import compressed_rows
+from skfem_joint.linalg.vectors import raise_to, raise_to_norms
+from skfem_joint.minimise.compiled_step import row_order
+from skfem_joint.stepping import energy
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
@@ -79,19 +70,22 @@ class Counters:
     Attributes
     ----------
     steps : int
-        Steps done, without the parts of halved ones.
-    newton_iterations, largest_iterations : int
-        Iterations of Newton's method in all, and most of them in one step.
+        Steps asked for; the parts of halved ones are not counted.
+    newton_iterations : int
+        Newton iterations with a tangent of their own (passes of elimination under Coulomb friction
+        on chains).
+    largest_iterations : int
+        Most of them in one step.
     nested_solves, descents : int
-        Steps that needed the second and the third tier of the solver on a chain.
+        Steps on a chain that needed the second and the third tier.
     line_searches : int
-        Evaluations beyond the full Newton step in the dense solver.
+        Evaluations of friction beyond the full Newton step, in dense systems.
     friction_evaluations : int
-        Evaluations of the friction law on all contact points.
+        Evaluations of the law at all contact points.
     linear_solves : int
-        Solves with the factor of a large sparse step matrix.
+        Solves with the factor of a sparse step matrix.
     factorizations : int
-        Step matrices prepared, one for each step size.
+        Step matrices prepared, one for each step size, and tangents factorised.
     halved_steps : int
         Steps that were done in parts because they did not converge whole.
     """
@@ -292,13 +286,13 @@ class Run:
         )
 
     def thinned(self, every: int) -> Run:
-        """With every so many of its stored fields."""
+        """Same run with one of so many of its stored fields."""
         names = ("field_times", "u", "v", "sigma", "friction_work_rows")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     @property
     def energy_residual(self) -> float:
-        """Energy left over in the balance, relative to the energy that was in play."""
+        """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
         friction = float(self.friction_work.sum())
         dissipated = self.viscous_work + friction + self.scheme_work
@@ -307,7 +301,7 @@ class Run:
         return abs(balance) / in_play if in_play > 0.0 else 0.0
 
     def finished(self) -> Run:
-        """Pass on a whole run; one that was interrupted is a KeyboardInterrupt again."""
+        """The run itself; raises KeyboardInterrupt if it was interrupted."""
         if self.interrupted:
             raise KeyboardInterrupt
         return self
@@ -355,29 +349,8 @@ def _first_of(values: Mapping[str, float], unit: str) -> str:
     return ", ".join([*shown, *more]) or "none"
 
 
-class Compressed(NamedTuple):
-    """Rows of a sparse matrix: row k has ``start[k]:start[k + 1]`` of the others."""
-
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
-    value: FloatArray
-
-
-def compressed(A: Any) -> Compressed:
-    """Compressed rows of an array or sparse array."""
-    if isinstance(A, np.ndarray):
-        row, column = np.nonzero(A)
-        start = np.searchsorted(row, np.arange(A.shape[0] + 1))
-        return Compressed(start, column, A[row, column])
-    A = A if isinstance(A, sparse.csr_array) else sparse.csr_array(A)
-    return Compressed(A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data.astype(float))
-
-
 class Rows(NamedTuple):
-    """Where rows are stored: fields, and motion of the named points and what the joints do.
-
-    They are named as in `Run`.
-    """
+    """Arrays of stored rows: four of fields, five of named points and joints; names as in `Run`."""
 
     u: FloatArray
     v: FloatArray
@@ -392,7 +365,24 @@ class Rows(NamedTuple):
 
 @dataclass
 class Recorder:
-    """Arrays that steppers fill in place while a run of ``n_steps`` steps of ``h`` goes on."""
+    """Arrays that steppers fill in place during a run of ``n_steps`` steps of ``h`` seconds.
+
+    Attributes
+    ----------
+    rows, field_rows : int
+        Rows of points and of fields that are stored so far.
+    halved_steps : int
+    dissipated : ndarray, shape (2,)
+        Dissipation of damping and of the scheme so far, J.
+    stored : Rows
+    vectors : ndarray, shape (n, loads)
+        Load vectors.
+    order : tuple of ndarray or slice
+        Order of slip rows and of points in the bookkeeping, see `row_order`.
+    joints : tuple of ndarray
+        ``start``, ``point``, ``value`` and ``share`` of the points with friction of each joint: its
+        parts in their works, and their shares of its friction limit.
+    """
 
     system: System
     save: Save
@@ -412,7 +402,15 @@ class Recorder:
         shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         self.stored = Rows(*map(np.zeros, shapes))
-        self._limits = sparse.csr_array(s.J).toarray() * s.w  # in each joint
+        single = (s.directions == 1).all()  # then the order is the system's own
+        self.order = 2 * (slice(None),) if single else row_order(s.directions)
+        self._limits = s.on_rows(s.w)[self.order[0]]
+        self._rubs = bool(s.w.any())
+        carrying = sparse.csr_array(s.J * (s.w > 0.0))
+        carrying.eliminate_zeros()
+        start, point, value = compressed_rows(carrying)
+        share = value * s.w[point] / np.repeat(s.J @ s.w, np.diff(start))
+        self.joints = start, point, value, share
         self.input_work = np.zeros(len(s.loads))
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
@@ -421,7 +419,7 @@ class Recorder:
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
 
     def sums(self) -> tuple[FloatArray, ...]:
-        """What the compiled steps add up, see `Run`; dissipated are viscous and scheme, J."""
+        """Works and peaks so far, which the compiled loop adds to in place."""
         return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
 
     def free_rows(self) -> Rows:
@@ -446,12 +444,10 @@ class Recorder:
             stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
-                slip = system.slip_norm(system.B @ state.u)
-                reached = system.slip_norm(state.sigma) >= AT_LIMIT
-                for j, limit in enumerate(self._limits):
-                    if limit.any():
-                        stored.joint_slip[k, j] = slip[limit > 0.0].max()
-                        stored.joint_slipping[k, j] = limit[reached].sum() / limit.sum()
+                start, point, _, share = self.joints
+                sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
+                results = stored.joint_slip[k], stored.joint_slipping[k]
+                energy.joint_slips(start, point, share, *sizes, *results)
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
@@ -461,10 +457,12 @@ class Recorder:
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
-        np.maximum(self.peak, np.abs(self.system.P @ u), out=self.peak)
+        raise_to(self.peak, self.system.P @ u)
         if self.slip_peak.size:
-            slip = self.system.slip_norm(self.system.B @ u)
-            np.maximum(self.slip_peak, slip, out=self.slip_peak)
+            rows, points = self.order
+            peak = self.slip_peak[points]
+            raise_to_norms(peak, (self.system.B @ u)[rows])
+            self.slip_peak[points] = peak
 
     def add_step(
         self,
@@ -474,31 +472,42 @@ class Recorder:
         new: State,
         trapezoidal: bool = False,
     ) -> None:
-        """Add the works of a step of ``h`` done in Python; `march` does it for its own.
+        """Add the works and peaks of a step of ``h`` seconds that was done in Python.
 
-        ``amplitudes`` are those of the loads at both ends, N. A ``trapezoidal`` scheme dissipates
-        nothing by itself.
+        Parameters
+        ----------
+        amplitudes : tuple of ndarray, shape (loads,)
+            Load amplitudes at both ends, N.
+        old, new : State
+            At both ends; ``sigma`` by slip row of the system.
+        trapezoidal : bool
+            Whether the scheme itself dissipates nothing.
         """
         system = self.system
-        du = new.u - old.u
+        change, v_change = new.u - old.u, new.v - old.v
         v_mean, a_mean = 0.5 * (old.v + new.v), 0.5 * (old.d + new.d)
-        self.input_work += 0.5 * (amplitudes[0] + amplitudes[1]) * (self.vectors.T @ du)
-        self.dissipated[0] += v_mean @ (system.C @ du)
-        if not trapezoidal:
-            drift = h * a_mean - (new.v - old.v)
-            self.dissipated[1] += (du - h * v_mean) @ (system.M @ a_mean)
-            self.dissipated[1] += v_mean @ (system.M @ drift)
-        if self.friction_work.size:
-            work = 0.5 * (old.sigma + new.sigma) * (system.B @ du)
-            self.friction_work += system.w * system.by_point(work)
+        image, slack = np.empty((2, system.n))
+        energy.add_dissipation(
+            system.M, system.C, h, trapezoidal, change, v_mean, a_mean, v_change, image, slack,
+            self.dissipated,
+        )  # fmt: skip
+        moved = np.empty(self.input_work.size)
+        energy.add_input_work(self.vectors.T, *amplitudes, change, moved, self.input_work)
+        if self._rubs:
+            rows, points = self.order
+            work, slip_change = self.friction_work[points], (system.B @ change)[rows]
+            energy.add_friction_work(
+                self._limits, old.sigma[rows], new.sigma[rows], slip_change, work
+            )
+            self.friction_work[points] = work
         self.observe(new.u)
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """All that was filled in so far, for a checkpoint."""
+        """All that is filled in so far, for a checkpoint."""
         return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
-        """Copies of all but stored rows and finished cycles, which are only ever added to."""
+        """Copies of what later steps change: not of stored rows and finished cycles."""
         arrays = {name: np.array(getattr(self, name)) for name in (*_SUMS, *_NUMBERS)}
         return arrays | {"cycles": np.array(len(self.boundaries))}
 
@@ -529,7 +538,7 @@ class Recorder:
                 raise ValueError(f"recorder/{name} is negative")
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
-        """Take up what :meth:`saved` or, in the same run, :meth:`mark` gave."""
+        """Take up what :meth:`saved` or, in the same run, :meth:`mark` returned."""
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
@@ -564,9 +573,9 @@ class Recorder:
         *,
         steps: int,
         counts: Mapping[str, int],
-        **told: Any,
+        **others: Any,
     ) -> Run:
-        """Close the run; ``counts`` are those of the stepper, ``told`` what else a `Run` tells."""
+        """Run of the steps so far; ``counts`` are of the stepper, ``others`` further fields."""
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
@@ -585,5 +594,5 @@ class Recorder:
             slip_peak=self.slip_peak,
             final=(u.copy(), v.copy()),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
-            **told,
+            **others,
         )

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from skfem_joint.arrays import FloatArray
 from skfem_joint.values import between, check
 
-#: Angle, rad, that a jump's vibration may turn in a step for the scheme to follow it by itself.
+#: Largest phase angle, rad, of a jump's vibration in a step that the scheme resolves by itself.
 FOLLOWED = 0.3
 
 
@@ -27,7 +27,7 @@ class Coefficients(NamedTuple):
 
     ``(c_M M + C + c_K K) v1 + friction = f1 - K (u0 + u_v v0 + u_a a0) + M (c_M v0 + y_a a0
     + y_d d0)``, then ``u1 = u0 + u_v v0 + u_a a0 + c_K v1``, ``a1 = a_v (v1 - v0) + a_a a0`` and
-    ``d1 = d_a a1 + d_a0 a0 + d_d0 d0``. ``trapezoidal`` tells that the scheme itself dissipates
+    ``d1 = d_a a1 + d_a0 a0 + d_d0 d0``. ``trapezoidal`` is whether the scheme itself dissipates
     nothing.
     """
 
@@ -114,10 +114,22 @@ def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
 
 
 class State(NamedTuple):
-    """State of a run between two steps."""
+    """State of a run between two steps.
 
-    u: FloatArray  #: (n,) displacement, m
-    v: FloatArray  #: (n,) velocity, m/s
-    a: FloatArray  #: (n,) auxiliary acceleration of the scheme, m/s2
-    d: FloatArray  #: (n,) acceleration, m/s2
-    sigma: FloatArray  #: friction over its limit of each slip row, in the stepper's order
+    Attributes
+    ----------
+    u, v : ndarray, shape (n,)
+        Displacement, m, and velocity, m/s.
+    a : ndarray, shape (n,)
+        Auxiliary acceleration of the scheme, m/s2.
+    d : ndarray, shape (n,)
+        Acceleration, m/s2.
+    sigma : ndarray, shape (rows,)
+        Friction over its limit of each slip row, in the stepper's order.
+    """
+
+    u: FloatArray
+    v: FloatArray
+    a: FloatArray
+    d: FloatArray
+    sigma: FloatArray

@@ -1,42 +1,37 @@
-"""Steppers: each advances one system by equal implicit steps, as its matrices allow.
+"""Steppers: each advances one system by equal implicit steps.
 
-Here is what all of them share, and those whose steps are done in Python: for linear systems (no
-friction is loaded or evaluated), and for large sparse systems with contact points. The compiled
-ones are in :mod:`skfem_joint.stepping.chain` and :mod:`skfem_joint.stepping.dense`.
-
-Where the contact of a sparse system is small, everything else is condensed once for each step size
-(exactly: a Schur complement of the step matrix), and the iteration runs on the contact alone.
+`Stepper` is what the driver needs. There are two: `CompiledStepper` does many steps in one call of
+the compiled loop, for chains and small dense systems; `PythonStepper` does them one by one, for
+systems whose step problem takes much longer than a few lines of Python (large and sparse) or none
+but a solution (without friction).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
 
-from skfem_joint import friction
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_compressed
-from skfem_joint.factors import Condensation, condenses, factorised
-from skfem_joint.stepping.checkpoint import check_like
-from skfem_joint.stepping.recording import Recorder, compressed
+from skfem_joint.arrays import FloatArray, as_dense, check_like
+from skfem_joint.errors import InputError
+from skfem_joint.linalg.compressed import as_compressed, compressed_rows
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem, step_problem
+from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.stepping.contact_problem import ContactProblem, Solution
+    from skfem_joint.minimise.compiled_step import CompiledStepProblem
 
 Saved = Mapping[str, NDArray[Any]]
 #: Share by which round-off may exceed a limit.
 _ROUND_OFF = 1e-9
-#: Velocity or acceleration, and normalised friction by slip row.
-Motion = tuple[FloatArray, FloatArray]
 
 #: Stride of rows that are never stored.
 NEVER = 2**62
@@ -44,35 +39,55 @@ NEVER = 2**62
 
 @dataclass
 class Failure:
-    """Why the last step did not converge: its largest force residual, N, and where it is."""
+    """Why the last step did not converge.
+
+    Attributes
+    ----------
+    residual : float
+        Its largest force residual, N.
+    unknown : int
+        Unknown at which it is.
+    """
 
     residual: float = 0.0
     unknown: int = 0
 
 
 class Stepper(ABC):
-    """What the driver needs of a stepper, and what all of them do alike.
+    """What the driver needs of a stepper, and what both kinds do alike.
+
+    Parameters
+    ----------
+    kind : str
+        Of the system's matrices, see :func:`skfem_joint.minimise.problem.step_problem`.
+    system : System
+    scheme : Scheme
+    u, v : ndarray, shape (n,)
+        Initial displacement (m) and velocity (m/s).
+    tolerance : float
+        Largest force residual of a step relative to its largest force.
+    recorder : Recorder
 
     Attributes
     ----------
     now : State
         ``sigma`` may have an order of its own, see :meth:`state`.
     counts : dict
-        Work done so far, by those names of :class:`skfem_joint.stepping.recording.Counters` that
-        the stepper counts.
+        Work done so far, by names of :class:`skfem_joint.stepping.recording.Counters`.
     prepared : dict
-        What each step size needs, by its coefficients.
+        Step problem of each step size, by its coefficients.
     frequency : float
         Of the vibration, rad/s, that the last jump of the acceleration sets off; 0 after a step.
     first_call, most_at_once : int
         Steps that surely take less than a second, and the most that are to be done in one call.
     """
 
-    COUNTS: ClassVar[tuple[str, ...]] = ()
+    COUNTS: ClassVar[tuple[str, ...]]
     first_call, most_at_once = 1, 1
 
     def __init__(
         self,
+        kind: str,
         system: System,
         scheme: Scheme,
         u: FloatArray,
@@ -80,55 +95,67 @@ class Stepper(ABC):
         tolerance: float,
         recorder: Recorder,
     ) -> None:
-        self.system, self.scheme = system, scheme
+        self.kind, self.system, self.scheme = kind, system, scheme
+        self.points = ContactPoints.of(system)
         self.tolerance, self.recorder = tolerance, recorder
         self.frequency = 0.0
         self.failure = Failure()
         self.counts = dict.fromkeys((*self.COUNTS, "factorizations"), 0)
-        self.prepared: dict[Coefficients, Any] = {}
+        self.prepared: dict[Coefficients, StepProblem] = {}
         rest = *np.zeros((2, system.n)), np.zeros(system.B.shape[0])
         self.now = State(np.array(u), np.array(v), *rest)
-
-    @abstractmethod
-    def make(self, c: Coefficients) -> Any:
-        """What a step needs, such as the factor of its matrix, which it counts."""
 
     @abstractmethod
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged.
 
-        ``first_step`` is the index of the first one in the run; ``store`` tells whether rows may
-        be stored (not inside a step that is done in parts).
+        ``first_step`` is the index of the first one in the run; ``store`` is whether rows may be
+        stored (not inside a step that is done in parts).
         """
 
-    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
-        """Acceleration under forces (N), which at points at rest obeys their velocity's law.
+    @abstractmethod
+    def new_problem(self, c: Coefficients) -> StepProblem:
+        """Problem of a step: its matrix is c_M M + C + c_K K, N s/m."""
 
-        None, and the failure noted: not found.
-        """
-        raise NotImplementedError
+    def problem(self, c: Coefficients) -> StepProblem:
+        """Problem of a step, made once for each step size."""
+        if c not in self.prepared:
+            new = self.prepared[c] = self.new_problem(c)
+            self.counts["factorizations"] += new.factorizations
+        return self.prepared[c]
 
     def restart(self, amplitudes: FloatArray) -> bool:
-        """Make the acceleration consistent with the loads now (start, or after a jump).
+        """Make the acceleration consistent with the loads now (at the start, or after a jump).
 
-        Points at rest stick under Coulomb as long as they can. False: not found.
+        Points at rest stick under Coulomb friction as long as they can: their acceleration and
+        friction minimise the step problem of the mass with these points alone. False, and the
+        failure noted, where it is not found.
         """
         s, (u, v) = self.system, self.now[:2]
         slip, limits = s.B @ v, s.on_rows(s.w)
-        sigma = np.where(limits > 0.0, friction.force_vectors(slip, s.beta, s.directions), 0.0)
-        at_rest = (s.w > 0.0) & np.isinf(s.beta) & (s.slip_norm(slip) == 0.0)
+        at_rest, sigma = self.points.at_rest(slip), np.zeros(slip.size)
+        if s.contact_points:
+            from skfem_joint.minimise.law import force_vectors
+
+            sigma = force_vectors(slip, s.beta, s.directions) * (limits > 0.0)
         right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u - s.B.T @ (limits * sigma)
         acceleration = np.zeros(s.n)
         if at_rest.any() and right.any():
-            found = self.sticking(right, at_rest)
-            if found is None:
+            minimum = self._sticking(at_rest).minimise(right, None, self.tolerance)
+            if not minimum.converged:
+                self.failure = Failure(minimum.residual, minimum.where)
                 return False
-            acceleration = found[0]
-            sigma += found[1]
+            acceleration = minimum.v
+            sigma += minimum.sigma
         elif s.is_dense or right.any():
             acceleration = factorised(s.M)(right)
         self.started(acceleration, sigma)
         return True
+
+    def _sticking(self, points: NDArray[np.bool_]) -> StepProblem:
+        """Problem of an acceleration that obeys Coulomb friction at some points at rest."""
+        mass, some = as_compressed(self.system.M), self.points.without_friction_but(points)
+        return step_problem(mass, some, self.kind, condense=False)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on from an acceleration and friction, by slip row, consistent with the loads."""
@@ -136,17 +163,11 @@ class Stepper(ABC):
         self.frequency = self.system.frequency_of(acceleration)
 
     def prepare(self, h: float) -> None:
-        """Do all that the first step of ``h`` would have to do beside itself: compile, factorise.
-
-        After :meth:`restart`.
-        """
-        self.matrices(self.coefficients(h))
-
-    def matrices(self, c: Coefficients) -> Any:
-        """What :meth:`make` gives, made once."""
-        if c not in self.prepared:
-            self.prepared[c] = self.make(c)
-        return self.prepared[c]
+        """Factorise and compile what steps of ``h`` and restarts need; after :meth:`restart`."""
+        self.problem(self.coefficients(h))
+        coulomb = (self.system.w > 0.0) & np.isinf(self.system.beta)
+        if coulomb.any():
+            self._sticking(coulomb).compile()
 
     def coefficients(self, h: float) -> Coefficients:
         """Coefficients of the next step of ``h`` seconds.
@@ -166,6 +187,12 @@ class Stepper(ABC):
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
+        problems = enumerate(self.prepared.values())
+        parts = {f"{name}_{k}": x for k, p in problems for name, x in p.saved().items()}
+        return self._own() | parts
+
+    def _own(self) -> dict[str, NDArray[Any]]:
+        """What steps depend on beside their problems."""
         return {
             "state": np.array(self.now[:4]),
             "sigma": np.array(self.now.sigma),
@@ -182,11 +209,17 @@ class Stepper(ABC):
         ValueError
             Naming what is not so.
         """
-        planned, steps = self.saved(), saved.get("steps")
+        steps = saved.get("steps")
         width = len(Coefficients._fields)
         if steps is None or steps.dtype != np.float64 or steps.shape[1:] != (width,):
             raise ValueError(f"stepper/steps must be rows of {width} numbers")
-        check_like(saved, planned | {"steps": steps} | self.kept_like(saved), "stepper")
+        of_problems = [_of_problem(saved, k) for k in range(len(steps))]
+        names = {f"{name}_{k}" for k, part in enumerate(of_problems) for name in part}
+        own = {name: x for name, x in saved.items() if name not in names}
+        check_like(own, self._own() | {"steps": steps}, "stepper")
+        some = next(iter(self.prepared.values()))
+        for part in of_problems:
+            some.check(part)
         for row in steps.tolist():
             h, c = row[0], Coefficients._make([*row[:-1], bool(row[-1])])
             known = 0.0 < h <= self.recorder.h * (1.0 + 1e-9)
@@ -197,89 +230,105 @@ class Stepper(ABC):
         if saved["frequency"] < 0.0 or np.any(saved["counts"] < 0):
             raise ValueError("stepper/frequency and stepper/counts must not be negative")
 
-    def kept_like(self, saved: Saved) -> dict[str, NDArray[Any]]:
-        """Arrays like those of ``saved`` that are there at some moments only."""
-        return {}
-
     def restore(self, saved: Saved) -> None:
         """Take up what :meth:`saved` gave, whatever was done before."""
         self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
         self.frequency = float(saved["frequency"])
-        for row in saved["steps"].tolist():
-            self.matrices(Coefficients._make([*row[:-1], bool(row[-1])]))
+        for k, row in enumerate(saved["steps"].tolist()):
+            problem = self.problem(Coefficients._make([*row[:-1], bool(row[-1])]))
+            problem.restore(_of_problem(saved, k))
         self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
 
 
-class CompiledStepper(Stepper):
-    """Steps of which a compiled loop does many at a time, in place.
+def _of_problem(saved: Saved, k: int) -> dict[str, NDArray[Any]]:
+    """What was saved of the step problem number ``k``."""
+    end = f"_{k}"
+    return {name.removesuffix(end): x for name, x in saved.items() if name.endswith(end)}
 
-    A subclass sets what :func:`skfem_joint.stepping.march.march` takes: ``dynamics`` (mass,
-    damping and stiffness), ``memory`` (of which steps depend on what is ``REMEMBERED``), ``room``,
-    the friction ``limits`` of its slip rows, and the ``places`` of the system's among them; its
-    problem is what it makes.
+
+class CompiledStepper(Stepper):
+    """Steps of a chain or of a dense system: the compiled loop does many at a time, in place.
+
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction in a dense system.
     """
 
     COUNTS = (
         *("newton_iterations", "nested_solves", "descents", "line_searches"),
         *("friction_evaluations", "largest_iterations"),
     )
-    REMEMBERED: ClassVar[tuple[str, ...]]
     most_at_once = 20_000
-    dynamics: tuple[Any, Any, Any]
-    memory: Any
-    room: Any
-    limits: FloatArray
-    places: Any
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.loads = compressed(self.recorder.vectors.T)
-        self.observed = compressed(self.system.P)
-
-    @cached_property
-    def joints(self) -> tuple[Any, ...]:
-        """Points of each joint that rub, with their parts in its work, and in its friction."""
+    def __init__(self, kind: str, system: System, *others: Any) -> None:
+        super().__init__(kind, system, *others)
         s = self.system
-        joints = compressed(s.J * (s.w > 0.0))
-        shares = joints.value * s.w[joints.column]
-        shares /= np.repeat(s.J @ s.w, np.diff(joints.start))
-        return joints.start, self.places.point[joints.column], joints.value, shares
+        if kind == "dense" and np.any(np.isinf(s.beta[s.w > 0.0])):
+            raise InputError(
+                "set-valued Coulomb friction (beta = inf) needs one unknown for each contact "
+                "point, which a reduced or dense system has not; use System.with_beta with a "
+                "finite beta"
+            )
+        from skfem_joint.linalg.kernels import Full, bands
+        from skfem_joint.stepping.time_loop import loop_workspace
+
+        form = bands if kind == "chain" else lambda A: Full(as_dense(A))
+        self.matrices = tuple(form(A) for A in (s.M, s.C, s.K))
+        self.loads, self.observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
+        # The problem of the mass, from which those of all steps are made.
+        own = cast("CompiledStepProblem", step_problem(self.matrices[0], self.points, kind))
+        self.own = own
+        rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
+        self.room = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
+        self.first_call = own.steps_per_second
+        start, point, value, share = self.recorder.joints
+        self.joints = start, own.places.point[point], value, share
+
+    def new_problem(self, c: Coefficients) -> CompiledStepProblem:
+        """See `Stepper`."""
+        M, C, K = self.matrices
+        H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
+        return self.own.with_matrix(H)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
-        """Go on with the friction in the order of the problem."""
-        own = np.zeros(self.limits.size)
-        own[self.places.row] = sigma
-        super().started(acceleration, own)
+        """Go on with friction in the order of the problem."""
+        by_place = np.zeros(self.own.limits.size)
+        by_place[self.own.places.row] = sigma
+        super().started(acceleration, by_place)
+        self.own.restart(self.now.v, by_place)
 
     def state(self) -> State:
         """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.places.row])
+        return self.now._replace(sigma=self.now.sigma[self.own.places.row])
 
     def prepare(self, h: float) -> None:
-        """Compile the loop, and prepare a step of ``h``, by doing none."""
+        """See `Stepper`; the loop is compiled by doing no step."""
+        super().prepare(h)
         self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps in the compiled loop."""
-        from skfem_joint.stepping.march import march
+        from skfem_joint.stepping.time_loop import time_loop
 
         c, r = self.coefficients(h), self.recorder
-        problem = self.problem(c)
+        problem = cast("CompiledStepProblem", self.problem(c))
+        problem.resume(self.now.v, self.now.sigma)
         counted = np.array([self.counts[name] for name in self.COUNTS])
-        steps, rows, field_rows, residual, unknown = march(
+        steps, rows, field_rows, residual, unknown = time_loop(
             amplitudes.shape[1] - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
             c,
-            self.dynamics,
-            problem,
-            self.memory,
-            self.limits,
-            tuple(self.places),
+            self.matrices,
+            problem.kernel,
+            problem.workspace,
+            problem.limits,
+            tuple(problem.places),
             self.tolerance,
-            tuple(self.loads),
-            np.ascontiguousarray(amplitudes),
-            tuple(self.observed),
+            self.loads,
+            np.ascontiguousarray(amplitudes.T),
+            self.observed,
             self.joints,
             tuple(self.now),
             tuple(self.room),
@@ -295,44 +344,49 @@ class CompiledStepper(Stepper):
             self.frequency = 0.0
         return int(steps)
 
-    def problem(self, c: Coefficients) -> Any:
-        """Problem of the next step."""
-        return self.matrices(c)
 
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """State and memory."""
-        return super().saved() | {n: np.array(getattr(self.memory, n)) for n in self.REMEMBERED}
+class PythonStepper(Stepper):
+    """Steps done one by one in Python: of sparse systems in contact, and of linear systems."""
 
-    def restore(self, saved: Saved) -> None:
-        """Take up a saved state and memory."""
-        super().restore(saved)
-        for name in self.REMEMBERED:
-            getattr(self.memory, name)[:] = saved[name]
+    COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
 
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.v_before = self.now.v
 
-class PlainStepper(Stepper):
-    """Steps done one by one in Python."""
+    def new_problem(self, c: Coefficients) -> StepProblem:
+        """See `Stepper`."""
+        s = self.system
+        return step_problem(as_compressed(c.c_M * s.M + s.C + c.c_K * s.K), self.points, self.kind)
 
-    @abstractmethod
-    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
-        """Velocity and friction at a step's end; None, and the failure noted: not found."""
+    def prepare(self, h: float) -> None:
+        """See `Stepper`."""
+        super().prepare(h)
+        self.problem(self.coefficients(h)).compile()
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the velocity now: earlier ones are forgotten."""
+        super().started(acceleration, sigma)
+        self.v_before = self.now.v
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
         s, c, recorder = self.system, self.coefficients(h), self.recorder
-        matrices, done = self.matrices(c), 0
+        problem, done = self.problem(c), 0
         for ends in pairwise(amplitudes.T):
             before = u, v, a, d, _ = self.now
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            found = self.solve(matrices, right)
-            if found is None:
+            minimum = problem.minimise(right, self._extrapolated(), self.tolerance)
+            self._count(minimum)
+            if not minimum.converged:
+                self.failure = Failure(minimum.residual, minimum.where)
                 break
-            velocity, sigma = found
-            a = c.a_v * (velocity - v) + c.a_a * a
+            v_new, self.v_before = minimum.v, v
+            a = c.a_v * (v_new - v) + c.a_a * a
             d = c.d_a * a + c.d_a0 * before.a + c.d_d0 * d
-            self.now = State(predictor + c.c_K * velocity, velocity, a, d, sigma)
+            self.now = State(predictor + c.c_K * v_new, v_new, a, d, minimum.sigma)
             recorder.add_step(h, ends, before, self.now, c.trapezoidal)
             done += 1
             self.frequency = 0.0
@@ -340,192 +394,26 @@ class PlainStepper(Stepper):
                 recorder.store(first_step + done, self.now)
         return done
 
-
-class LinearStepper(PlainStepper):
-    """Steps of a system without friction: one factorization, one solve a step."""
-
-    def make(self, c: Coefficients) -> Any:
-        """Factor of the step matrix."""
-        s = self.system
-        self.counts["factorizations"] += 1
-        return factorised(c.c_M * s.M + s.C + c.c_K * s.K)
-
-    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
-        """Velocity at a step's end."""
-        v = np.asarray(matrices(right))
-        if not np.all(np.isfinite(v)):
-            self.failure = Failure(float("nan"), int(np.flatnonzero(~np.isfinite(v))[0]))
+    def _extrapolated(self) -> FloatArray | None:
+        """Start of a step: extrapolated velocity, in which points at rest stay at rest."""
+        if self.kind == "linear":
             return None
-        return v, self.now.sigma
-
-
-@dataclass(frozen=True)
-class Points:
-    """Contact points that carry friction, by unknown; ``second`` is -1 where it is not there."""
-
-    first: IntArray
-    second: IntArray
-    w: FloatArray
-    beta: FloatArray
-
-    @staticmethod
-    def of(system: System, among: BoolArray | None = None) -> Points:
-        """Those of a system whose slip rows each pick an unknown of their own, or some of them."""
-        which = system.w > 0.0 if among is None else among
-        unknown = np.append(sparse.csr_array(system.B).indices, -1).astype(np.int64)
-        first = system.first_row[:-1][which]
-        second = np.where(system.directions[which] == 2, first + 1, -1)
-        return Points(unknown[first], unknown[second], system.w[which], system.beta[which])
-
-    def unknowns(self) -> IntArray:
-        """All unknowns in contact, sorted."""
-        return np.unique(np.concatenate([self.first, self.second[self.second >= 0]]))
-
-    def problem(self, A: Any) -> ContactProblem:
-        """Contact problem of a matrix at these points."""
-        from skfem_joint.stepping.contact_problem import ContactProblem
-
-        return ContactProblem(A, self.first, self.second, self.w, self.beta)
-
-    def best_problem(self, A: Any) -> ContactProblem | Condensed:
-        """The same, condensed to the contact where that is cheaper."""
-        return Condensed(A, self) if condenses(A, self.unknowns()) else self.problem(A)
-
-    def numbered(self, unknowns: IntArray) -> Points:
-        """Same points where the given unknowns are all that there are."""
-        second = np.where(self.second >= 0, np.searchsorted(unknowns, self.second), -1)
-        return Points(np.searchsorted(unknowns, self.first), second, self.w, self.beta)
-
-
-class Condensed(Condensation):
-    """Contact problem of a matrix that is condensed to its contact unknowns."""
-
-    def __init__(self, A: Any, points: Points) -> None:
-        super().__init__(A, points.unknowns())
-        self.A, self.problem = A, points.numbered(self.kept).problem(self.complement)
-
-    @property
-    def factorizations(self) -> int:
-        """Matrices factorised so far."""
-        return self.problem.factorizations
-
-    def alone(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
-        """Solver for the contact without friction, with a matrix added, (n, n)."""
-        if self.problem.dense and added is None:  # nearly singular: Cholesky's method refuses it
-            return partial(linalg.lu_solve, linalg.lu_factor(self.problem.A))
-        return super().alone(added)
-
-    def objective(self, v: FloatArray, g: FloatArray) -> float:
-        """As `ContactProblem.objective`, on all unknowns."""
-        return float(v @ (0.5 * (self.A @ v) - g)) + self.problem.lost(v[self.kept])
-
-    def solve(self, g: FloatArray, start: FloatArray, tolerance: float) -> Solution:
-        """As `ContactProblem.solve`, on all unknowns."""
-        force, (right, still) = float(np.abs(g).max()), self.inward(g)
-        found = self.problem.solve(right, start[self.kept], tolerance, force)
-        v, sigma = self.outward(found.v, still), np.zeros_like(g)
-        sigma[self.kept] = found.sigma
-        return replace(
-            found,
-            v=v,
-            sigma=sigma,
-            converged=found.converged and bool(np.all(np.isfinite(v))),
-            counts=found.counts | {"linear_solves": found.counts["linear_solves"] + 2},
-            where=int(self.kept[found.where]),
-        )
-
-
-class ContactStepper(PlainStepper):
-    """Steps of a system whose slip rows each pick an unknown of their own."""
-
-    COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.unknown = sparse.csr_array(self.system.B).indices
-        self.points = Points.of(self.system)
-        self.v_before = self.now.v
-
-    def sticking(self, right: FloatArray, at_rest: BoolArray) -> Motion | None:
-        """Acceleration and friction of points at rest."""
-        held = Points.of(self.system, at_rest).problem(as_compressed(self.system.M))
-        found = held.solve(right, np.zeros_like(right), self.tolerance)
-        if not found.converged:
-            self.failure = Failure(found.residual, found.where)
-        return (found.v, found.sigma[self.unknown]) if found.converged else None
-
-    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
-        """Go on from the velocity now."""
-        super().started(acceleration, sigma)
-        self.v_before = self.now.v
-
-    def prepare(self, h: float) -> None:
-        """Condense or factorise a step of ``h``, and compile what steps and restarts need."""
-        super().prepare(h)
-        for problem in self._problems():
-            problem.compile()
-        if np.any(np.isinf(self.points.beta)):
-            self.points.problem(as_compressed(self.system.M)).compile()
-
-    def make(self, c: Coefficients) -> Any:
-        """Step matrix as a contact problem, condensed where that is cheaper."""
-        s = self.system
-        H = as_compressed(c.c_M * s.M + s.C + c.c_K * s.K)
-        problem = self.points.best_problem(H)
-        self.counts["factorizations"] += isinstance(problem, Condensed)
-        return problem
-
-    def _problems(self) -> list[ContactProblem]:
-        return [getattr(matrices, "problem", matrices) for matrices in self.prepared.values()]
-
-    def solve(self, matrices: Any, right: FloatArray) -> Motion | None:
-        """Velocity and friction at a step's end, from those of the steps before."""
-        # On the line through the last two velocities, at rest where it was.
         v = 2.0 * self.now.v - self.v_before
-        at_rest = self.system.slip_norm(self.now.v[self.unknown]) == 0.0
-        v[self.unknown[self.system.on_rows(at_rest)]] = 0.0
-        found = matrices.solve(right, v, self.tolerance)
-        for name, count in found.counts.items():
+        unknowns = self.points.unknowns
+        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
+        return v
+
+    def _count(self, minimum: Minimum) -> None:
+        for name, count in minimum.counts.items():
             self.counts[name] += count
-        most = max(self.counts["largest_iterations"], found.counts["newton_iterations"])
-        self.counts["largest_iterations"] = most
-        if not found.converged:
-            self.failure = Failure(found.residual, found.where)
-            return None
-        self.v_before = self.now.v
-        return found.v, found.sigma[self.unknown]
+        iterations = minimum.counts.get("newton_iterations", 0)
+        self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
 
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """State, the velocity before it, and the tangents whose factors are kept."""
-        kept: dict[str, NDArray[Any]] = {"before": np.array(self.v_before)}
-        for k, problem in enumerate(self._problems()):
-            if problem.kept is not None:
-                kept[f"tangents_{k}"], kept[f"held_{k}"] = problem.kept
-        return super().saved() | kept
-
-    def kept_like(self, saved: Saved) -> dict[str, NDArray[Any]]:
-        """Tangents and held unknowns of factors that are kept."""
-        problem, kept = self._problems()[0], dict[str, NDArray[Any]]()
-        shapes = np.zeros((problem.first.size, 3)), np.zeros(problem.diagonal.size, dtype=np.bool_)
-        for k in range(len(saved["steps"])):
-            if f"tangents_{k}" in saved:
-                kept |= {f"tangents_{k}": shapes[0], f"held_{k}": shapes[1]}
-        return kept
-
-    def check(self, saved: Saved) -> None:
-        """See besides that no tangent of friction is negative."""
-        super().check(saved)
-        for name in saved:
-            if name.startswith("tangents_"):
-                a, b, c = saved[name].T
-                small = _ROUND_OFF * np.maximum(a, c)
-                if np.any(np.minimum(a, c) < -small) or np.any(b * b > (a + small) * (c + small)):
-                    raise ValueError(f"stepper/{name} is negative")
+    def _own(self) -> dict[str, NDArray[Any]]:
+        """State, and the velocity before it."""
+        return super()._own() | {"before": np.array(self.v_before)}
 
     def restore(self, saved: Saved) -> None:
-        """Take up a saved state and factorise the tangents again."""
+        """Take up a saved state."""
         super().restore(saved)
         self.v_before = np.array(saved["before"])
-        for k, problem in enumerate(self._problems()):
-            if f"tangents_{k}" in saved:
-                problem.keep(saved[f"tangents_{k}"], saved[f"held_{k}"])

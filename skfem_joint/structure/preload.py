@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.factors import Uncondensed, condensed
+from skfem_joint.linalg.schur import Uncondensed, condensed
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.slips import SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.body import Body

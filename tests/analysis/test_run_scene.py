@@ -27,9 +27,9 @@ from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.history import Errors, difference, results
 from skfem_joint.analysis.study import Study, friction_work
 from skfem_joint.analysis.summary import violated
-from skfem_joint.friction import AT_LIMIT
 from skfem_joint.output import report
 from skfem_joint.output.report import summary
+from skfem_joint.stepping.energy import AT_LIMIT
 
 GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
 MULTI_HARMONIC = {

@@ -11,8 +11,9 @@ from stability.cases import BAR, ONE, PLATE, TWO, UNITS, matrix, quick_matrix
 from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
 
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.stepping import chain, steppers
-from skfem_joint.stepping.contact_problem import ContactProblem
+from skfem_joint.minimise import front_elimination
+from skfem_joint.minimise.truncated_newton import TruncatedNewton
+from skfem_joint.stepping import steppers
 
 EASY = replace(BAR, elements=(20,), periods=2)
 SMALL = replace(PLATE, steps=20)
@@ -151,13 +152,16 @@ def test_a_broken_step_is_wrong_in_silence(monkeypatch, what, beta):
 @pytest.mark.parametrize("rho", [1.0, 0.5, 0.0])
 def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
     """The law, the audit of each step and a quarter of the step all agree with one another."""
-    build, make = chain.build_chain, ContactProblem.__init__
+    build, make = front_elimination.build_chain, TruncatedNewton.__init__
 
-    def halved(self, A, first, second, w, *rest):
-        make(self, A, first, second, 0.5 * w, *rest)
+    def halved(self, H, points):
+        make(self, H, replace(points, w=0.5 * points.w))
 
-    monkeypatch.setattr(chain, "build_chain", lambda H, w, beta: build(H, 0.5 * w, beta))
-    monkeypatch.setattr(ContactProblem, "__init__", halved)
+    def halved_chain(H, w, beta):
+        return build(H, 0.5 * w, beta)
+
+    monkeypatch.setattr(front_elimination, "build_chain", halved_chain)
+    monkeypatch.setattr(TruncatedNewton, "__init__", halved)
     for case in (EASY, SMALL)[: 2 if rho > 0.0 else 1]:
         verdict = judge(replace(case, beta=inf, rho=rho))
         assert verdict.outcome == WRONG
@@ -169,7 +173,8 @@ def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
 
 def _leaves_the_line_of_the_slip(problem, found):
     """The same size of force at each point, a thousandth of a radian off."""
-    i, j = (x[problem.second >= 0] for x in problem.points)
+    i = problem.points.first_row[:-1][problem.points.directions == 2]
+    j = i + 1
     c, s = np.cos(1e-3), np.sin(1e-3)
     sigma = found.sigma.copy()
     sigma[i] = c * sigma[i] - s * found.sigma[j]
@@ -178,20 +183,19 @@ def _leaves_the_line_of_the_slip(problem, found):
 
 
 def _creeps(problem, found):
-    acts = problem.w > 0.0
-    unknowns = np.concatenate([x[acts & (x >= 0)] for x in problem.points])
+    unknowns = problem.points.unknowns[problem.points.on_rows(problem.points.w) > 0.0]
     v = found.v.copy()
     v[unknowns[v[unknowns] == 0.0]] = 1e-12
     return replace(found, v=v)
 
 
 def judged_with(monkeypatch, damage, case):
-    real = ContactProblem.solve
+    real = TruncatedNewton.minimise_beside
 
-    def solve(self, *args, **rest):
+    def minimise(self, *args, **rest):
         return damage(self, real(self, *args, **rest))
 
-    monkeypatch.setattr(ContactProblem, "solve", solve)
+    monkeypatch.setattr(TruncatedNewton, "minimise_beside", minimise)
     return judge(case)
 
 

@@ -28,12 +28,12 @@ FORKED = """
 #: Normalised friction at three slips, by a small function that calls another one.
 FORCES = """
     import numpy as np
-    from skfem_joint.stepping import compiled
+    from skfem_joint.minimise import law
     def forces(loaded):
         sigma = np.zeros(3)
-        compiled.forces(np.full(3, 1e5), np.array([-1e-5, 0.0, 1e-5]), sigma)
+        law.forces(np.full(3, 1e5), np.array([-1e-5, 0.0, 1e-5]), sigma)
         assert np.allclose(sigma, [-0.5, 0.0, 0.5], rtol=1e-15)
-        assert bool(compiled.forces.stats.cache_hits) == loaded
+        assert bool(law.forces.stats.cache_hits) == loaded
 """
 
 
@@ -125,7 +125,7 @@ def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path)
 
 def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once():
     before = "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = []"
-    after = "from skfem_joint.stepping import chain_solver, contact_problem, dense; forces(False)"
+    after = "from skfem_joint.minimise import front_elimination, truncated_newton; forces(False)"
     errors = errors_of(before, FORCES, after)
     assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1
     assert "NUMBA_CACHE_DIR" in errors

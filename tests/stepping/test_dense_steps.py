@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from stepping_systems import LapJoint, dense_system
 
-from skfem_joint import friction, reduce
+from skfem_joint import reduce
+from skfem_joint.arrays import slip_norms
 from skfem_joint.loads import Harmonic
+from skfem_joint.minimise import law
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -33,8 +35,8 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
     """A wrong tangent of the friction would take tens of iterations."""
     s = dense_system(singles, pairs, beta=np.full(pairs + singles, beta))
     run = run_of(s, tolerance=1e-13)
-    law = [friction.force_vectors(slip, s.beta, s.directions) for slip in run.v @ s.B.T]
-    np.testing.assert_allclose(run.sigma, law, atol=1e-9)
+    expected = [law.force_vectors(slip, s.beta, s.directions) for slip in run.v @ s.B.T]
+    np.testing.assert_allclose(run.sigma, expected, atol=1e-9)
     forces = (run.sigma * s.on_rows(s.w)) @ s.B + run.v @ s.C + run.u @ s.K
     left = s.load_amplitudes(run.field_times).T @ s.load_vectors().T - forces
     change = np.diff(run.v, axis=0) @ s.M / STEP
@@ -79,7 +81,7 @@ def test_energy_and_works_of_each_point_add_up(scheme):
     np.testing.assert_allclose(run.friction_work, work.sum(axis=0), rtol=1e-9)
     np.testing.assert_allclose(run.friction_work_rows[1:], np.cumsum(work, axis=0), atol=1e-9)
     np.testing.assert_allclose(
-        run.slip_peak, friction.norms(run.u @ s.B.T, s.directions).max(axis=0), rtol=1e-12
+        run.slip_peak, slip_norms(run.u @ s.B.T, s.directions).max(axis=0), rtol=1e-12
     )
     assert np.all(work > -1e-12)
 
@@ -91,7 +93,7 @@ def test_steady_circular_sliding_is_exact():
     frequency, steps = 1.5, 60
     h = 1.0 / frequency / steps
     rate = 2.0 / h * np.tan(np.pi / steps)
-    normalised = float(friction.force(rate * r, beta))
+    normalised = float(law.force(rate * r, beta))
     F = (K - rate**2 * M) * r + 1j * (C * rate * r + w * normalised)
     phase, one = float(np.angle(F)), np.eye(2)
     loads = tuple(

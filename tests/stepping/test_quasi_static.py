@@ -10,8 +10,8 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint import factors
-from skfem_joint.stepping import steppers
+from skfem_joint.linalg import schur
+from skfem_joint.minimise import truncated_newton
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 TAU, JOINT = 1.75e6, 0.2  # N/m, m
@@ -64,7 +64,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(factors, "CONDENSED", 0)
+    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0))
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (np.asarray((system.B @ path.follow(forces).T).T) for path in (alone, together))
@@ -87,7 +87,7 @@ def test_many_in_contact_are_stepped_as_the_whole_is(fixed, monkeypatch):
     alone = QuasiStatic(system, 1e-10)
     assert alone.whole is not None
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(steppers, "condenses", lambda A, kept: False)
+    monkeypatch.setattr(truncated_newton, "condensing_pays", lambda A, kept: False)
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (path.follow(forces) for path in (alone, together))

@@ -1,4 +1,4 @@
-"""The friction law: force, slope, slip vectors, graph, and the compiled functions of them."""
+"""The law of friction: force, slope, potential, slip vectors, resolvent, graph and its inverse."""
 
 import math
 from math import inf, pi, sqrt
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skfem_joint import friction
-from skfem_joint.friction import ARCTAN, COULOMB, FREE
-from skfem_joint.stepping import compiled
+from skfem_joint.compiling import compiled
+from skfem_joint.minimise import law
+from skfem_joint.minimise.law import COULOMB, FREE, REGULAR
 
 EPS = float(np.finfo(float).eps)
 BETAS = [1e2, 1e5, 1e9, 1e12]
@@ -30,17 +30,55 @@ def test_arctan_law_is_equation_2():
     # At beta v = 1, sqrt(3) and 1 / sqrt(3) the arctangent is pi / 4, pi / 3 and pi / 6.
     beta = 1e5
     v = np.array([1.0, sqrt(3.0), 1.0 / sqrt(3.0)]) / beta
-    np.testing.assert_allclose(friction.force(v, beta), [1 / 2, 2 / 3, 1 / 3], rtol=4 * EPS)
+    np.testing.assert_allclose(law.force(v, beta), [1 / 2, 2 / 3, 1 / 3], rtol=4 * EPS)
 
 
 @pytest.mark.parametrize("beta", BETAS)
 @pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (-3.0, 5.0), (0.1, 40.0), (-200.0, 1.0)])
 def test_slope_is_the_derivative_of_the_force(beta, a, b):
     integral, _ = quad(
-        lambda z: float(friction.slope(z / beta, beta)), a, b, epsrel=1e-13, limit=200
+        lambda z: float(law.force_slope(z / beta, beta)), a, b, epsrel=1e-13, limit=200
     )
-    difference = friction.force(b / beta, beta) - friction.force(a / beta, beta)
+    difference = law.force(b / beta, beta) - law.force(a / beta, beta)
     assert difference == pytest.approx(integral / beta, rel=1e-11)
+
+
+@pytest.mark.parametrize("beta", BETAS)
+@pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (-3.0, 5.0), (0.1, 40.0), (-200.0, 1.0)])
+def test_force_is_the_derivative_of_the_potential(beta, a, b):
+    integral, _ = quad(lambda z: float(law.force(z / beta, beta)), a, b, epsrel=1e-13, limit=200)
+    difference = law.potential(b / beta, beta) - law.potential(a / beta, beta)
+    assert difference == pytest.approx(integral / beta, rel=1e-11)
+
+
+@pytest.mark.parametrize("beta", [*BETAS, inf])
+def test_potential_is_even_and_convex_and_no_larger_than_coulombs(beta):
+    v = np.linspace(-10.0, 10.0, 401)
+    psi = law.potential(v, beta)
+    np.testing.assert_array_equal(psi, law.potential(-v, beta))
+    assert np.all(np.diff(psi, 2) >= -8 * EPS * psi.max())
+    assert law.potential(0.0, beta) == 0.0
+    assert np.all(psi <= np.abs(v))
+
+
+def test_coulomb_is_the_limit_of_steeper_and_steeper_laws():
+    v = np.array([-3.0, -1e-2, 1e-2, 0.7])
+    for beta in (1e6, 1e9, 1e12):
+        np.testing.assert_allclose(law.force(v, beta), law.force(v, inf), atol=100.0 / beta)
+        np.testing.assert_allclose(law.potential(v, beta), np.abs(v), atol=30.0 / beta)
+        found = np.array([law.resolvent(x, 2.0, beta) for x in v.tolist()])
+        exact = np.array([law.resolvent(x, 2.0, inf) for x in v.tolist()])
+        np.testing.assert_allclose(found, exact, atol=100.0 / beta)
+    assert law.force(0.0, inf) == 0.0
+    assert law.force_slope(np.array([0.0, 1.0]), inf).tolist() == [inf, 0.0]
+
+
+def test_stiffness_across_a_slip_is_force_over_speed_and_the_slope_at_rest():
+    for beta in BETAS:
+        for speed in (1e-9, 1e-3, 2.0):
+            assert law.across(speed, beta) == pytest.approx(float(law.force(speed, beta)) / speed)
+        assert law.across(0.0, beta) == law.force_slope(0.0, beta)
+    assert law.across(0.5, inf) == 2.0
 
 
 @pytest.mark.parametrize("beta", [*BETAS, inf])
@@ -48,11 +86,11 @@ def test_force_is_odd_monotone_and_bounded(beta):
     v = np.sort(
         np.concatenate([-np.geomspace(1e-15, 10, 400), [0.0], np.geomspace(1e-15, 10, 400)])
     )
-    force = friction.force(v, beta)
-    np.testing.assert_array_equal(force, -friction.force(-v, beta))
+    force = law.force(v, beta)
+    np.testing.assert_array_equal(force, -law.force(-v, beta))
     assert np.all(np.diff(force) >= 0.0)
     assert np.all(np.abs(force) <= 1.0)
-    assert np.all(friction.slope(v, beta) >= 0.0)
+    assert np.all(law.force_slope(v, beta) >= 0.0)
 
 
 def slips(count: int = 50) -> np.ndarray:
@@ -64,18 +102,18 @@ def slips(count: int = 50) -> np.ndarray:
 def test_force_has_the_slip_s_direction_and_the_scalar_law_s_size(beta):
     y = slips()
     two = np.full(len(y), 2)
-    f = friction.force_vectors(y.ravel(), beta, two).reshape(-1, 2)
+    f = law.force_vectors(y.ravel(), beta, two).reshape(-1, 2)
     size = np.hypot(*y.T)
-    np.testing.assert_allclose(np.hypot(*f.T), friction.force(size, beta), rtol=8 * EPS)
+    np.testing.assert_allclose(np.hypot(*f.T), law.force(size, beta), rtol=8 * EPS)
     np.testing.assert_allclose(f[:, 0] * y[:, 1], f[:, 1] * y[:, 0], rtol=8 * EPS)
     assert np.all(np.einsum("pd,pd->p", f, y) > 0.0)
-    assert np.array_equal(friction.force_vectors(np.zeros(4), beta, two[:2]), np.zeros(4))
+    assert np.array_equal(law.force_vectors(np.zeros(4), beta, two[:2]), np.zeros(4))
 
 
-@compiled.compiled
+@compiled
 def arctangents(z: Any, result: Any) -> None:
     for i in range(z.size):
-        result[i] = compiled.arctangent(z[i])
+        result[i] = law.arctangent(z[i])
 
 
 def arctangent(z: Any) -> Any:
@@ -104,14 +142,14 @@ def test_compiled_forces_are_the_plain_ones():
     slip[:3] = 0.0, 1e300, -1e300
     beta = 10.0 ** rng.uniform(0.0, 7.0, slip.size)
     sigma = np.full(slip.size, np.nan)
-    compiled.forces(beta, slip, sigma)
-    np.testing.assert_allclose(sigma, friction.force(slip, beta), rtol=4 * EPS, atol=0.0)
+    law.forces(beta, slip, sigma)
+    np.testing.assert_allclose(sigma, law.force(slip, beta), rtol=4 * EPS, atol=0.0)
     assert np.all(np.abs(sigma) <= 1.0)
 
 
 def resolved(kappa: float, beta: float) -> Any:
     """Velocity and force at all parameters by the compiled resolvent."""
-    return np.array([compiled.resolvent(s, kappa, beta) for s in PARAMETERS.tolist()]).T
+    return np.array([law.resolvent(s, kappa, beta) for s in PARAMETERS.tolist()]).T
 
 
 @pytest.mark.parametrize("kappa", KAPPAS)
@@ -126,19 +164,19 @@ def test_resolvent_solves_its_equation_to_round_off(beta, kappa):
         np.testing.assert_array_equal(sigma[v != 0.0], np.sign(v[v != 0.0]))
         assert np.all(np.abs(sigma) <= 1.0)
     else:
-        np.testing.assert_allclose(sigma, friction.force(v, beta), rtol=8 * EPS, atol=0.0)
+        np.testing.assert_allclose(sigma, law.force(v, beta), rtol=8 * EPS, atol=0.0)
 
 
 @pytest.mark.parametrize("kappa", KAPPAS)
-@pytest.mark.parametrize("kind", [ARCTAN, COULOMB, FREE])
+@pytest.mark.parametrize("kind", [REGULAR, COULOMB, FREE])
 def test_points_of_the_graph_lie_on_the_law_and_know_their_parameter(kind, kappa):
     """Their slopes show in the iterations that the tests of chains count."""
-    kinds, mixed = np.full(PARAMETERS.size, kind, dtype=np.int8), 0 if kind == ARCTAN else 2
+    kinds, mixed = np.full(PARAMETERS.size, kind, dtype=np.int8), 0 if kind == REGULAR else 2
     for beta in BETAS:
         inverse = np.full(PARAMETERS.size, 1.0 / beta)
         v, sigma, dv, dsigma, again = np.full((5, PARAMETERS.size), np.nan)
-        compiled.graph(kinds, mixed, kappa, inverse, PARAMETERS, v, sigma, dv, dsigma)
-        laws = {ARCTAN: friction.force(v, beta), COULOMB: np.clip(PARAMETERS, -1, 1), FREE: 0.0 * v}
+        law.graph(kinds, mixed, kappa, inverse, PARAMETERS, v, sigma, dv, dsigma)
+        laws = {REGULAR: law.force(v, beta), COULOMB: np.clip(PARAMETERS, -1, 1), FREE: 0.0 * v}
         np.testing.assert_allclose(sigma, laws[kind], rtol=1e-11, atol=0.0)
-        compiled.parameters(kinds, kappa, inverse, v, sigma, again)
+        law.graph_parameters(kinds, kappa, inverse, v, sigma, again)
         np.testing.assert_allclose(again, PARAMETERS, rtol=1e-12, atol=0.0)

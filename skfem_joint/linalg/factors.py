@@ -1,0 +1,186 @@
+"""Factors of symmetric matrices, dense and sparse: along a narrow band, else of any pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.errors import InputError
+from skfem_joint.linalg.bands import Band
+
+#: Unknowns from which on PARDISO is used where it is installed; with fewer SuperLU is as fast.
+LARGE = 5000
+
+
+def factorised(A: Any) -> Any:
+    """Solver of A x = b, from one factorisation.
+
+    Parameters
+    ----------
+    A : ndarray or sparse array, shape (n, n)
+        Symmetric positive definite. Sparse matrices may be indefinite, with less accuracy.
+
+    Returns
+    -------
+    callable
+        Takes right sides of shape (n,) or (n, m).
+
+    Raises
+    ------
+    InputError
+        If a dense A is not positive definite.
+    """
+    if isinstance(A, np.ndarray):
+        try:
+            factor = linalg.cho_factor(A.T, check_finite=False)
+        except linalg.LinAlgError as error:
+            raise InputError(
+                "a matrix is not positive definite: is the step tiny, a body held by nothing, or "
+                "do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal then"
+            ) from error
+        return lambda right: linalg.cho_solve(factor, right, check_finite=False)
+    return Factoriser()(A)
+
+
+class Factoriser:
+    """`factorised` for a sequence of matrices; equal patterns are arranged along a band once."""
+
+    def __init__(self) -> None:
+        self._pattern: tuple[IntArray, IntArray] | None = None
+
+    def __call__(self, A: Any) -> Callable[[FloatArray], FloatArray]:
+        """Solver of A x = b."""
+        solve: Callable[[FloatArray], FloatArray]
+        if isinstance(A, np.ndarray):
+            solve = factorised(A)
+            return solve
+        A = sparse.csr_array(A)
+        pattern = A.indptr, A.indices
+        if self._pattern is None or not all(map(np.array_equal, pattern, self._pattern)):
+            entries = A.tocoo(copy=False)
+            self._pattern, self._band = pattern, Band(entries.row, entries.col, A.shape[0])
+        banded = self._band.factorised(A.data)
+        return _of_any_pattern(A) if banded is None else banded
+
+
+def _of_any_pattern(A: Any) -> Any:
+    """Solver by PARDISO where it is installed, pays and succeeds; by SuperLU otherwise."""
+    if A.shape[0] >= LARGE and find_spec("pypardiso") is not None:
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
+        try:
+            return _by_pardiso(A)
+        except PyPardisoError as error:
+            if error.value != -4:  # PARDISO's code for a matrix that is not positive definite
+                raise
+    return symmetric_lu(A).solve
+
+
+def _by_pardiso(A: Any) -> Callable[[FloatArray], FloatArray]:
+    """Solver by PARDISO; its memory is freed with the solver."""
+    from pypardiso import PyPardisoSolver
+
+    solver = PyPardisoSolver(mtype=2)  # symmetric positive definite, by its upper triangle
+    upper = sparse.csr_matrix(sparse.triu(A, format="csr"))
+    # 1: not the default parameters; 2: ordered by METIS; 8: no iterative refinement, which makes a
+    # solution take twice as long.
+    for place, value in {1: 1, 2: 2, 8: 0}.items():
+        solver.set_iparm(place, value)
+    solver.factorize(upper)
+
+    def solve(right: FloatArray) -> FloatArray:
+        return np.asarray(solver.solve(upper, right))
+
+    finalize(solve, solver.free_memory, everything=True)
+    return solve
+
+
+def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A") -> SuperLU:
+    """LU factors of a sparse matrix with pivots from the diagonal.
+
+    Raises
+    ------
+    RuntimeError
+        If a pivot is zero.
+    """
+    how: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    return splu(sparse.csc_array(A), order, **how)
+
+
+def pivots(A: Any) -> FloatArray:
+    """Pivots of a sparse symmetric matrix, (n,); their signs are those of its eigenvalues.
+
+    Raises
+    ------
+    RuntimeError
+        If a pivot is zero.
+    """
+    entries = sparse.coo_array(A)
+    factor = Band(entries.row, entries.col, A.shape[0]).factorised(entries.data)
+    return np.asarray(symmetric_lu(A).U.diagonal()) if factor is None else factor.pivots
+
+
+class BlockFactors:
+    """Factors of a fixed matrix plus symmetric 1 x 1 or 2 x 2 blocks at given points.
+
+    The matrix is that of a step, the blocks are tangents of friction. Its pattern is arranged once.
+
+    Parameters
+    ----------
+    A : csr_array or ndarray, shape (n, n)
+    first, second : ndarray of int, shape (m,)
+        Unknowns of each point; ``second`` is -1 where a point has one unknown.
+    """
+
+    def __init__(self, A: Any, first: IntArray, second: IntArray) -> None:
+        self.A, self.both = A, second >= 0
+        i, j = first[self.both], second[self.both]
+        self.rows, self.columns = np.concatenate([first, j, i, j]), np.concatenate([first, j, j, i])
+        self.band: Band | None = None
+
+    def factorised(self, blocks: FloatArray, held: BoolArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver with the blocks added, restricted to unknowns that are not ``held``, (n,).
+
+        ``blocks``, shape (m, 3), has the entries (11, 12, 22) of each block. Solutions are zero at
+        unknowns that are held.
+        """
+        values = np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
+        moving = np.flatnonzero(~held)
+        solve: Callable[[FloatArray], FloatArray]
+        solve = self._solver(values, ~held if held.any() else None)
+        if not held.any():
+            return solve
+
+        def factor(x: FloatArray) -> FloatArray:
+            y = np.zeros_like(x)
+            y[moving] = solve(x[moving])
+            return y
+
+        return factor
+
+    def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
+        if isinstance(self.A, np.ndarray):
+            T = self.A.copy() if among is None else self.A[np.ix_(among, among)]
+            place, moves = np.arange(len(self.A)), np.ones(self.rows.size, dtype=bool)
+            if among is not None:
+                place, moves = np.cumsum(among) - 1, among[self.rows]
+            T[place[self.rows[moves]], place[self.columns[moves]]] += values[moves]
+            return factorised(T)
+        entries, n = self.A.tocoo(copy=False), self.A.shape[0]
+        values = np.concatenate([entries.data, values])
+        if self.band is None:
+            self.rows = np.concatenate([entries.row, self.rows])
+            self.columns = np.concatenate([entries.col, self.columns])
+            self.band = Band(self.rows, self.columns, n)
+        banded = self.band.factorised(values, among)
+        if banded is not None:
+            return banded
+        T = sparse.csr_array((values, (self.rows, self.columns)), shape=(n, n))
+        return _of_any_pattern(T if among is None else T[among][:, among])

@@ -1,0 +1,199 @@
+"""Schur complements: exact elimination of all unknowns but those that later changes act on.
+
+With A split into kept unknowns k and interior ones r, A x = g becomes
+
+    S x_k = g_k - A_kr A_rr^-1 g_r,    S = A_kk - A_kr A_rr^-1 A_rk,
+    x_r = A_rr^-1 (g_r - A_rk x_k).
+
+S is worth its cost where many problems follow that change A on the kept unknowns alone, as friction
+does on the contact's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import SuperLU
+
+from skfem_joint.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.linalg import bands
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.linalg.factors import Factoriser, factorised, symmetric_lu
+
+
+@dataclass(frozen=True)
+class SchurSettings:
+    """When a sparse matrix is condensed.
+
+    Attributes
+    ----------
+    most_dense : int
+        Most kept unknowns of a dense Schur complement.
+    square_per_entry : float
+        The square of their number may be this many times the number of entries of the matrix:
+        beyond, products with the dense complement cost more than those with the sparse matrix.
+    fewest_sparse : int
+        A complement of at least so many unknowns stays sparse, if few of them meet the interior: at
+        most half of them, and no more than the rows of the widest band.
+    block : int
+        Right sides that are solved for at once while a dense complement is made.
+    """
+
+    most_dense: int = 1200
+    square_per_entry: float = 3.0
+    fewest_sparse: int = 512
+    block: int = 64
+
+
+SETTINGS = SchurSettings()
+
+
+def condensing_pays(A: Any, kept: IntArray) -> bool:
+    """Whether problems that change A on its ``kept`` unknowns alone are cheaper condensed."""
+    if isinstance(A, np.ndarray):
+        return kept.size < len(A)
+    most = min(SETTINGS.most_dense, np.sqrt(SETTINGS.square_per_entry * A.nnz))
+    return bool(kept.size <= most or _narrow_border(A, kept).size)
+
+
+def condensed(A: Any, kept: IntArray, most: int = 0) -> Uncondensed:
+    """Schur complement of A on its ``kept`` unknowns where that pays, else A itself.
+
+    With at most ``most`` kept unknowns it is made in any case.
+    """
+    if kept.size <= most or condensing_pays(A, kept):
+        return SchurComplement(A, kept)
+    return Uncondensed(A)
+
+
+def _narrow_border(A: Any, kept: IntArray) -> IntArray:
+    """Places among the kept unknowns of those that meet the interior, if they are few of many."""
+    if isinstance(A, np.ndarray) or kept.size < SETTINGS.fewest_sparse:
+        return np.zeros(0, dtype=np.intp)
+    others = np.setdiff1d(np.arange(A.shape[0]), kept)
+    border = np.unique(sparse.csr_array(A[others][:, kept]).indices)
+    few = border.size <= min(bands.SETTINGS.widest, kept.size // 2)
+    return border[: border.size if few else 0]
+
+
+class Uncondensed:
+    """The interface of `SchurComplement` for a matrix that is not condensed: all is kept."""
+
+    def __init__(self, A: Any) -> None:
+        self.A, self._factorise = A, Factoriser()
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Right side of the kept unknowns, (k,) or (k, m), from that of all, (n,) or (n, m).
+
+        Also returns A_rr^-1 g_r, the interior response with the kept unknowns at zero.
+        """
+        return g, g[:0]
+
+    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
+        """All unknowns, (n,) or (n, m), from the kept ones and the interior response to forces."""
+        del interior
+        return x
+
+    def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """Solver for the kept unknowns, with a matrix (n, n) added that acts on them alone."""
+        return self._factorise(self.A if added is None else self.A + added)
+
+    def solver(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """Solver for all unknowns, with a matrix (n, n) added that acts on the kept ones alone."""
+        solve = self.solver_of_kept(added)
+
+        def solve_all(g: FloatArray) -> FloatArray:
+            right, interior = self.restrict(g)
+            return self.extend(solve(right), interior)
+
+        return solve_all
+
+
+class SchurComplement(Uncondensed):
+    """Symmetric positive definite matrix condensed to some of its unknowns.
+
+    Parameters
+    ----------
+    A : ndarray or sparse array, shape (n, n)
+    kept : ndarray of int, shape (k,)
+        Sorted.
+
+    Attributes
+    ----------
+    kept, rest : ndarray of int, shape (k,) and (n - k,)
+        Kept and interior unknowns.
+    solve_interior : callable
+        Solver of A_rr.
+    complement : ndarray or csr_array, shape (k, k)
+        S; sparse if many unknowns are kept and few of them meet the interior.
+    """
+
+    def __init__(self, A: Any, kept: IntArray) -> None:
+        self.A, self._factorise = A, Factoriser()
+        self.kept, self.rest = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
+        self.solve_interior = factorised(A[self.rest][:, self.rest])
+        self._to_rest = as_compressed(A[self.rest][:, kept])
+        self._to_kept = as_compressed(self._to_rest.T)
+        self._border = _narrow_border(A, kept)
+        if self._border.size:
+            coupling = as_dense(self._to_rest[:, self._border])
+            self._response = self.solve_interior(coupling)  # of the interior, to its border
+            product = sparse.csr_array(coupling.T @ self._response)
+            place = sparse.eye_array(kept.size, format="csr")[:, self._border]
+            product = place @ (0.5 * (product + product.T)) @ place.T
+            self.complement = as_compressed(A[kept][:, kept] - product)
+        else:
+            self.complement = _dense_complement(A, kept, self.rest, self.solve_interior)
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Uncondensed`."""
+        interior = self.solve_interior(g[self.rest])
+        return np.asarray(g[self.kept] - self._to_kept @ interior), interior
+
+    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
+        """See `Uncondensed`."""
+        u = np.empty((self.kept.size + self.rest.size, *x.shape[1:]))
+        u[self.kept] = x
+        if self._border.size:
+            u[self.rest] = interior - self._response @ x[self._border]
+        else:
+            u[self.rest] = interior - self.solve_interior(self._to_rest @ x)
+        return u
+
+    def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
+        """See `Uncondensed`."""
+        if added is not None:
+            added = sparse.csr_array(added)[self.kept][:, self.kept]
+            return self._factorise(self.complement + added)
+        if isinstance(self.complement, np.ndarray):  # if nearly singular, Cholesky refuses it
+            return partial(linalg.lu_solve, linalg.lu_factor(self.complement))
+        return self._factorise(self.complement)
+
+
+def _dense_complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
+    """Dense Schur complement.
+
+    For large matrices it is the product of the last pivot blocks of one factorisation of A with the
+    kept unknowns last, instead of a solution with A_rr for each kept unknown.
+    """
+    lu = getattr(solve, "__self__", None)
+    if isinstance(lu, SuperLU):
+        order = np.concatenate([rest[np.argsort(lu.perm_c)], kept])
+        whole = symmetric_lu(as_compressed(A)[order][:, order], "NATURAL")
+        last = np.argsort(whole.perm_c)[rest.size :] - rest.size
+        # SuperLU may reorder across bodies that are apart: then kept unknowns do not come last.
+        if last.size and last.min() == 0 and np.array_equal(whole.perm_r, whole.perm_c):
+            L, U = (as_dense(part[rest.size :, rest.size :]) for part in (whole.L, whole.U))
+            S = np.empty((kept.size, kept.size))
+            S[np.ix_(last, last)] = L @ U
+            return np.asarray(0.5 * (S + S.T))
+    S, columns = as_dense(A[kept][:, kept]), as_compressed(A[rest][:, kept].T)
+    for k in range(0, kept.size, SETTINGS.block):
+        part = slice(k, k + SETTINGS.block)
+        S[:, part] -= columns @ solve(as_dense(columns[part].T))
+    return np.ascontiguousarray(0.5 * (S + S.T))

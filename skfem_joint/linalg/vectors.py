@@ -1,0 +1,70 @@
+"""Operations on vectors that formulas are written in once, for NumPy and for compiled loops.
+
+A function that uses only these, loops over few entries and slices runs as it is in Python, on
+sparse or dense matrices. Compiled, it gets the loops of :mod:`skfem_joint.linalg.kernels` in their
+place, which allocate nothing. So :mod:`skfem_joint.stepping.energy` needs no second version.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray, IntArray
+
+
+def product(A: Any, x: FloatArray, y: FloatArray) -> None:
+    """Compute y = A x."""
+    y[:] = A @ x
+
+
+def dot(x: FloatArray, y: FloatArray) -> float:
+    """Scalar product."""
+    return float(x @ y)
+
+
+def combine(out: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
+    """Compute out = a x + b y; ``out`` may be x or y."""
+    out[:] = a * x + b * y
+
+
+def add_mean_products(
+    out: FloatArray, x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray
+) -> None:
+    """Add the products x (a + b)/2 y, entry by entry, to ``out``."""
+    out += 0.5 * x * (a + b) * y
+
+
+def raise_to(out: FloatArray, x: FloatArray) -> None:
+    """Raise ``out`` to the magnitudes of x where these are larger."""
+    np.maximum(out, np.abs(x), out=out)
+
+
+def raise_to_norms(out: FloatArray, rows: FloatArray) -> None:
+    """Raise ``out`` to `point_norms` of some rows where these are larger."""
+    norms = np.empty_like(out)
+    point_norms(rows, norms)
+    np.maximum(out, norms, out=out)
+
+
+def point_norms(rows: FloatArray, out: FloatArray) -> None:
+    """Norms of vectors of points, (m,), from their rows: first ones of all, then second ones."""
+    pairs = rows.size - out.size
+    out[:] = np.abs(rows[: out.size])
+    out[:pairs] = np.hypot(rows[:pairs], rows[out.size :])
+
+
+def weighted(weights: FloatArray, places: IntArray, x: FloatArray) -> float:
+    """Sum of weights times the entries of x at some places."""
+    return float(weights @ x[places])
+
+
+def largest_at(places: IntArray, x: FloatArray) -> float:
+    """Largest entry of x at some places, not below 0."""
+    return float(x[places].max(initial=0.0))
+
+
+def mark_reached(x: FloatArray, limit: float) -> None:
+    """Replace entries of x by 1 where they reach a limit, by 0 elsewhere."""
+    x[:] = x >= limit

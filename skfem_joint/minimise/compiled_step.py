@@ -1,0 +1,113 @@
+"""What the compiled loop over steps needs of a compiled step problem: two generic functions.
+
+Each method with compiled steps implements both for its own kind of problem, a named tuple.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.minimise.problem import StepProblem
+
+
+class Places(NamedTuple):
+    """Places of a system's slip rows and contact points among those of a compiled problem.
+
+    Attributes
+    ----------
+    row : ndarray of int, shape (rows,)
+    point : ndarray of int, shape (m,)
+    """
+
+    row: IntArray
+    point: IntArray
+
+
+def row_order(directions: NDArray[np.int64]) -> tuple[IntArray, IntArray]:
+    """Order of slip rows and points in which loops along points need no branches.
+
+    First rows of all points come before the second rows of those that have one, and these points
+    come first. ``directions``, (m,), is 1 or 2 for each point. Returns the row at each place,
+    (rows,), and the point at each place, (m,).
+    """
+    first = np.cumsum(directions) - directions
+    pair = directions == 2
+    points = np.concatenate([np.flatnonzero(pair), np.flatnonzero(~pair)])
+    return np.concatenate([first[points], first[pair] + 1]), points
+
+
+class Outcome(NamedTuple):
+    """Work and residual of one compiled minimisation.
+
+    Attributes
+    ----------
+    converged : bool
+    newton_iterations, nested_solves, descents, line_searches, friction_evaluations : int
+        Work done, see :class:`skfem_joint.stepping.recording.Counters`.
+    residual : float
+        Largest force residual, N.
+    unknown : int
+        Unknown at which it is.
+    """
+
+    converged: bool
+    newton_iterations: int
+    nested_solves: int
+    descents: int
+    line_searches: int
+    friction_evaluations: int
+    residual: float
+    unknown: int
+
+
+def minimise_step(problem, workspace, right, v, tolerance):
+    """Minimise from the velocity ``v`` of the step before; returns an `Outcome`.
+
+    Leaves velocity and friction in ``workspace.velocity`` and ``workspace.force``. What the
+    workspace remembers for later steps is changed only if the minimisation converged.
+    """
+    raise NotImplementedError
+
+
+def slips(problem, x, room):
+    """Slip of all rows of a problem from displacements ``x``: in ``room``, or ``x`` itself."""
+    raise NotImplementedError
+
+
+class CompiledStepProblem(StepProblem, Protocol):
+    """Step problem whose minimisation runs inside the compiled loop over steps.
+
+    Attributes
+    ----------
+    kernel : named tuple
+        First argument of `minimise_step` and `slips`.
+    workspace : named tuple
+        Second argument of `minimise_step`, shared by all matrices of a run.
+    limits : ndarray, shape (rows of the kernel,)
+        Friction limit of each slip row of the kernel, N.
+    places : Places
+        Of the system's rows and points among those of the kernel.
+    steps_per_second : int
+        Steps that surely take less than a second.
+    """
+
+    kernel: Any
+    workspace: Any
+    limits: FloatArray
+    places: Places
+    steps_per_second: int
+
+    def restart(self, v: FloatArray, sigma: FloatArray) -> None:
+        """Forget earlier steps: go on from a velocity and friction in the kernel's order."""
+
+    def resume(self, v: FloatArray, sigma: FloatArray) -> None:
+        """Prepare for steps from a velocity and friction after steps with another matrix."""
+
+    def with_matrix(self, H: Any) -> CompiledStepProblem:
+        """See `StepProblem`."""

@@ -1,0 +1,585 @@
+"""Front elimination, for chains: H is tridiagonal, and each unknown has at most one slip row.
+
+Under set-valued Coulomb friction a point that sticks separates its neighbours, so that elimination
+can decide stick and slip on its way. Towards a meeting point at rest each point slips if it would
+with its inner neighbour at the velocity of before, and on the way back each obeys its law. One such
+pass moves a slip front over any number of nodes, where Newton's method moves it by about one. The
+first pass starts from rest: from the velocities of the last step, passes may alternate between two
+wrong states.
+
+Where a law is regularised, or passes fail, :mod:`skfem_joint.minimise.minty_newton` solves the
+problem, from the parameters extrapolated over the last two steps. After a slow step it starts, for
+a while, from Coulomb's solution (on short chains) or nested (on long ones).
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from math import copysign
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from skfem_joint.arrays import FloatArray, check_like
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.linalg.kernels import Bands, bands, largest_of
+from skfem_joint.minimise import law
+from skfem_joint.minimise.compiled_step import Outcome, Places, minimise_step, slips
+from skfem_joint.minimise.law import COULOMB, FREE, REGULAR, graph_parameters, sticks
+from skfem_joint.minimise.minty_newton import newton_on_graph
+from skfem_joint.minimise.problem import ContactPoints, Minimum
+
+
+class FrontSettings(NamedTuple):
+    """Numbers of the front elimination.
+
+    Attributes
+    ----------
+    passes : int
+        Most passes; where so many are not enough, more seldom are.
+    round_off : float
+        Accepted residual in units of the forces that are added up.
+    kappa : float
+        Scale of the graph's parameter times the largest velocity that friction can change in a
+        step, max |H^-1 w|. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
+        from the diagonal of H fail on fine meshes because they grow with the mesh.
+    shortest : int
+        Shorter chains are not coarsened.
+    slow, persistence : int
+        Iterations that make a step slow, and the steps after one for which the start is another.
+    longest : int
+        Longest chain whose other start is Coulomb's solution.
+    """
+
+    passes: int = 8
+    round_off: float = 8 * float(np.finfo(np.float64).eps)
+    kappa: float = 3.0
+    shortest: int = 48
+    slow: int = 8
+    persistence: int = 30
+    longest: int = 2000
+
+
+SETTINGS = FrontSettings()
+
+
+class Chain(NamedTuple):
+    """Problem of a step on a chain and its coarser chains, concatenated, the finest first.
+
+    Attributes
+    ----------
+    start : ndarray of int, shape (levels + 1,)
+        Level k has the entries ``start[k]:start[k + 1]`` of the arrays by node.
+    H0, H1 : ndarray
+        Diagonal of H, N s/m, and off-diagonal, padded by a zero on each level.
+    w : ndarray
+        Friction limits, N.
+    kind : ndarray of int
+        Of each point: REGULAR, COULOMB or FREE.
+    mixed : int
+        0 if all points are REGULAR, 1 if some are, 2 if none is.
+    inverse_beta : ndarray
+        1 / beta, m/s.
+    kappa : float
+        Scale of the graph's parameter, s/m.
+    hold : ndarray, shape (n,)
+        Largest force at which a point sticks, N: w under Coulomb friction, -1 elsewhere.
+    pivot : ndarray, shape (n,)
+        Inverse pivots between points that stick, as far as they were needed, m/(N s).
+    stretch : ndarray of int, shape (n,)
+        End of the stretch of slipping points for which each pivot holds.
+    """
+
+    start: Any
+    H0: Any
+    H1: Any
+    w: Any
+    kind: Any
+    mixed: int
+    inverse_beta: Any
+    kappa: float
+    hold: Any
+    pivot: Any
+    stretch: Any
+
+
+class ChainWorkspace(NamedTuple):
+    """What steps of a chain remember, and arrays that they work in.
+
+    Attributes
+    ----------
+    parameter, old_parameter : ndarray, shape (n,)
+        Parameters of the graph at the last step and the one before.
+    scale : ndarray, shape (1,)
+        The kappa that they belong to, s/m.
+    wary : ndarray of int, shape (1,)
+        Steps left in which not to start from the steps before.
+    middle : ndarray of int, shape (1,)
+        Node at which eliminations met last.
+    velocity, force : ndarray, shape (n,)
+        Result of the last minimisation: the first two rows of ``work``.
+    new_parameter : ndarray, shape (n,)
+        Its parameters: the finest level of ``parameters``.
+    parameters, rights : ndarray, shape (nodes of all levels,)
+    work, trial : ndarray, shape (6, n) and (3, n)
+    """
+
+    parameter: Any
+    old_parameter: Any
+    scale: Any
+    wary: Any
+    middle: Any
+    velocity: Any
+    force: Any
+    parameters: Any
+    new_parameter: Any
+    rights: Any
+    work: Any
+    trial: Any
+
+
+def chain_workspace(n: int) -> ChainWorkspace:
+    """Make the workspace for a chain of ``n`` unknowns."""
+    work, levels = np.zeros((6, n)), np.zeros((2, _levels_of(n)[-1]))
+    return ChainWorkspace(
+        parameter=np.zeros(n),
+        old_parameter=np.zeros(n),
+        scale=np.zeros(1),
+        wary=np.zeros(1, dtype=np.int64),
+        middle=np.full(1, n // 2, dtype=np.int64),
+        velocity=work[0],
+        force=work[1],
+        parameters=levels[0],
+        new_parameter=levels[0, :n],
+        rights=levels[1],
+        work=work,
+        trial=np.zeros((3, n)),
+    )
+
+
+# The hierarchy
+
+
+def _levels_of(n: int) -> NDArray[np.int64]:
+    """Where the levels of a chain of ``n`` unknowns begin, and where the last one ends."""
+    starts = [0, n]
+    while n >= SETTINGS.shortest:
+        n = (n + 1) // 2
+        starts.append(starts[-1] + n)
+    return np.array(starts)
+
+
+def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
+    """Chain with its Galerkin hierarchy, halved down to a few dozen unknowns.
+
+    Coarse node j is the fine node 2 j (or 2 j + 1, so that the last node stays); fine nodes between
+    two coarse ones get the mean of them.
+
+    Parameters
+    ----------
+    H : Bands
+        Step matrix, N s/m.
+    w, beta : ndarray, shape (n,)
+        Friction limits (N; 0 where no friction acts) and scaling constants (s/m).
+    """
+    H0, H1 = H
+    kappa = SETTINGS.kappa / np.abs(_solve(H0, H1, w)).max()
+    start, levels = _levels_of(H0.size), [(H0, np.append(H1, 0.0), w)]
+    for n in np.diff(start)[:-1]:
+        H0, H1, w = _halved(H0, H1, w, (n - 1) % 2)
+        levels.append((H0, np.append(H1, 0.0), w))
+    H0, H1, w = (np.concatenate([level[i] for level in levels]) for i in range(3))
+    n = start[1]
+    none = np.zeros(0)
+    chain = Chain(start, H0, H1, w, none, 0, none, float(kappa), none, np.zeros(n), np.full(n, -1))
+    return with_law(chain, beta)
+
+
+def with_law(chain: Chain, beta: FloatArray) -> Chain:
+    """Same chain with other scaling constants, (n,), s/m."""
+    levels, n = [beta], beta.size
+    for size in np.diff(chain.start)[:-1]:
+        levels.append(levels[-1][(size - 1) % 2 :: 2])
+    beta, w = np.concatenate(levels), chain.w
+    kind = np.where(w > 0.0, np.where(np.isinf(beta), COULOMB, REGULAR), FREE).astype(np.int8)
+    regular = kind == REGULAR
+    return chain._replace(
+        kind=kind,
+        mixed=0 if np.all(regular) else 1 if np.any(regular) else 2,
+        inverse_beta=1.0 / np.where(regular, beta, 1.0),
+        hold=w[:n] if np.all(kind == COULOMB) else np.where(kind[:n] == COULOMB, w[:n], -1.0),
+    )
+
+
+def _halved(
+    H0: FloatArray, H1: FloatArray, w: FloatArray, first: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Galerkin projection of a chain on every second node: P^T H P and P^T w.
+
+    P has 1 at a coarse node and 1/2 at its neighbours. Written out, because a step size that is
+    used once should not cost more than its steps.
+    """
+    diagonal = np.concatenate([[0.0], H0, [0.0]])
+    off = np.concatenate([[0.0], H1, [0.0]])  # off[i] couples nodes i - 1 and i
+    limit = np.concatenate([[0.0], w, [0.0]])
+    node = np.arange(first, H0.size, 2)
+    coarse_0 = H0[node] + 0.25 * (diagonal[node] + diagonal[node + 2]) + off[node] + off[node + 1]
+    between = node[:-1] + 1
+    coarse_1 = 0.25 * H0[between] + 0.5 * (H1[between - 1] + H1[between])
+    return coarse_0, coarse_1, w[node] + 0.5 * (limit[node] + limit[node + 2])
+
+
+def _solve(H0: FloatArray, H1: FloatArray, right: FloatArray) -> FloatArray:
+    if H0.size == 1:
+        return right / H0
+    return np.asarray(lapack.dptsv(H0, H1, right)[2])
+
+
+# Fronts
+
+
+@compiled_inside
+def _meeting_point(v, middle):
+    """Middle of the longest run of points at rest; ``middle`` if none is."""
+    longest = 0
+    begin = 0
+    for i in range(v.size + 1):
+        if i == v.size or v[i] != 0.0:
+            if i - begin > longest:
+                longest = i - begin
+                middle = (begin + i) // 2
+            begin = i + 1
+    return middle
+
+
+@compiled_inside
+def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
+    """Eliminate from both ends to the meeting point, deciding stick and slip on the way.
+
+    A point slips if it would with its inner neighbour at the velocity that ``v`` has for it.
+    Leaves the sign of the slip in ``slip`` and, in ``v``, the velocity with the inner neighbour
+    at rest. Runs of points in the same state have loops of their own: the next point then need
+    not wait for the decision on the one before.
+    """
+    # Unsigned indices, which wrap: signed ones are checked for counting from an array's end.
+    one, end = np.uint64(1), np.uint64(middle)
+    t = g[end]
+    diagonal = H0[end]
+    for side in range(2):
+        way = one if side == 0 else -one
+        inner = np.uint64(0) if side == 0 else -one  # H1[j + inner] is inside of point j
+        j = np.uint64(0) if side == 0 else np.uint64(v.size - 1)
+        first = j  # where the stretch of slipping points begins
+        x = 0.0
+        outer = 0.0
+        while j != end:
+            held = g[j] - outer * x - H1[j + inner] * v[j + way]
+            if sticks(held, hold[j]):
+                x = slip[j] = v[j] = 0.0
+                j += way
+                while j != end and sticks(g[j] - H1[j + inner] * v[j + way], hold[j]):
+                    slip[j] = v[j] = 0.0
+                    j += way
+                first = j
+                continue
+            sign = copysign(1.0, held)
+            while True:
+                if stretch[j] != np.int64(first):
+                    stretch[j] = first
+                    taken = 0.0 if j == first else outer * outer * pivot[j - way]
+                    pivot[j] = 1.0 / (H0[j] - taken)
+                x = (g[j] - sign * w[j]) * pivot[j] - (outer * pivot[j]) * x
+                v[j] = x
+                slip[j] = sign
+                outer = H1[j + inner]
+                j += way
+                if j == end or not sign * (g[j] - outer * x - H1[j + inner] * v[j + way]) > hold[j]:
+                    break
+        if first != end:
+            t -= outer * x
+            diagonal -= outer * outer * pivot[end - way]
+    v[end] = 0.0 if sticks(t, hold[end]) else (t - copysign(w[end], t)) / diagonal
+
+
+@compiled_inside
+def _outwards(H0, H1, w, hold, pivot, g, v, slip, middle):
+    """Go back to the ends: each point obeys its law at the inner neighbour's new velocity."""
+    one, start = np.uint64(1), np.uint64(middle)
+    for side in range(2):
+        way = one if side == 1 else -one
+        inner = np.uint64(0) if side == 0 else -one
+        end = -one if side == 0 else np.uint64(v.size)
+        i = start + way
+        x = v[start]
+        while i != end:
+            while i != end:
+                slipping = v[i] - (H1[i + inner] * pivot[i]) * x
+                if not slipping * slip[i] > 0.0:
+                    break
+                x = v[i] = slipping
+                i += way
+            if x == 0.0:
+                # Between points at rest; the outermost point is left to the lines below.
+                while i != end and i + way != end:
+                    if slip[i] != 0.0 or slip[i + way] != 0.0 or not sticks(g[i], hold[i]):
+                        break
+                    i += way
+            if i == end:
+                break
+            t = g[i] - H1[i + inner] * x
+            diagonal = H0[i]
+            if i + way != end and slip[i + way] != 0.0:
+                outer = H1[i + inner + way]
+                t -= outer * v[i + way]
+                diagonal -= outer * outer * pivot[i + way]
+            x = v[i] = 0.0 if sticks(t, hold[i]) else (t - copysign(w[i], t)) / diagonal
+            i += way
+
+
+@compiled_inside
+def _friction_and_residual(H0, H1, w, g, v, friction, r):
+    """Friction that holds the points at rest and opposes the others, and what it leaves over."""
+    last = v.size - 1
+    r[0] = H0[0] * v[0] - g[0]
+    if last > 0:
+        r[0] += H1[0] * v[1]
+        r[last] = H0[last] * v[last] - g[last] + H1[last - 1] * v[last - 1]
+    for i in range(1, last):
+        r[i] = H0[i] * v[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
+    for i in range(v.size):
+        friction[i] = min(max(-r[i], -w[i]), w[i]) if v[i] == 0.0 else copysign(w[i], v[i])
+        r[i] += friction[i]
+
+
+@compiled_inside
+def _beyond(x, bound):
+    """How many entries are larger than a bound, or not numbers."""
+    count = 0
+    for i in range(x.size):
+        count += not abs(x[i]) <= bound
+    return count
+
+
+@compiled
+def eliminate_fronts(
+    H0, H1, w, hold, pivot, stretch, kappa, g, s, v, sigma, slip, r, middle, tolerance
+):
+    """Passes of elimination that decide stick and slip on their way, the first from rest.
+
+    Returns the number of passes, whether the last one solves the problem, and the node at which it
+    met. Results are in ``v``, ``sigma`` and ``s``; ``slip`` and ``r`` are worked in.
+    """
+    bound = tolerance * largest_of(g)
+    for i in range(v.size):
+        v[i] = 0.0
+    passes = 0
+    converged = False
+    while passes < SETTINGS.passes and not converged:
+        passes += 1
+        if v[middle] != 0.0:  # slip spreads fast towards the meeting point alone
+            middle = _meeting_point(v, middle)
+        _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle)
+        _outwards(H0, H1, w, hold, pivot, g, v, slip, middle)
+        _friction_and_residual(H0, H1, w, g, v, sigma, r)
+        converged = _beyond(r, bound) == 0
+        if not converged:
+            for i in range(v.size):
+                slip[i] = H0[i] * v[i]
+            converged = _beyond(r, SETTINGS.round_off * largest_of(slip)) == 0
+    if converged:
+        for i in range(v.size):
+            sigma[i] = sigma[i] / w[i] if hold[i] > 0.0 else 0.0
+            s[i] = kappa * v[i] + sigma[i]
+    return passes, converged, middle
+
+
+@compiled_for(minimise_step, Chain)
+def _minimise_chain(problem, workspace, right, v, tolerance):
+    """Fronts where no law is regularised or the last steps were slow; then Newton on the graph."""
+    chain, n = problem, right.size
+    s, s_new, slip, r = (
+        workspace.parameter,
+        workspace.new_parameter,
+        workspace.work[2],
+        workspace.work[4],
+    )
+    v_new, sigma_new, wary = workspace.velocity, workspace.force, workspace.wary[0]
+    count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
+    if chain.mixed == 2:
+        count, converged, workspace.middle[0] = eliminate_fronts(
+            chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, right,
+            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
+        )  # fmt: skip
+    elif wary > 0 and n <= SETTINGS.longest:
+        count, near, workspace.middle[0] = eliminate_fronts(
+            chain.H0, chain.H1, chain.w, chain.w, chain.pivot, chain.stretch, chain.kappa, right,
+            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
+        )  # fmt: skip
+        if near:
+            graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
+    if not converged:
+        for i in range(n):
+            workspace.rights[i] = right[i]
+            if not near:
+                s_new[i] = 2.0 * s[i] - workspace.old_parameter[i]
+        more, tier, converged, residual, unknown = newton_on_graph(
+            chain, workspace.rights, workspace.parameters, workspace.work, workspace.trial,
+            tolerance, wary > 0 and not near,
+        )  # fmt: skip
+        count += more
+    if converged:
+        if wary == 0 and (tier == 1 or count > SETTINGS.slow):
+            workspace.wary[0] = SETTINGS.persistence
+        elif wary > 0:
+            workspace.wary[0] -= 1
+        for i in range(n):
+            workspace.old_parameter[i] = s[i]
+            s[i] = s_new[i]
+    return Outcome(converged, count, tier == 1, tier == 2, 0, count + 1, residual, unknown)
+
+
+@compiled_for(slips, Chain)
+def _slips_of_chain(problem, x, room):
+    """The unknowns themselves: each is a slip, of a point without friction where it is none."""
+    return x
+
+
+# The method
+
+
+class FrontElimination:
+    """Front elimination on a chain, see the module, `StepProblem` and `CompiledStepProblem`.
+
+    Parameters
+    ----------
+    H : csr_array, shape (n, n), or Bands
+        Symmetric positive definite and tridiagonal.
+    points : ContactPoints
+        Each row of ``B`` picks an unknown of its own.
+    workspace : ChainWorkspace, optional
+        Shared with problems of other matrices; a new one if not given.
+    """
+
+    remembered = ("parameter", "old_parameter", "scale", "wary", "middle")
+
+    def __init__(
+        self, H: Any, points: ContactPoints, workspace: ChainWorkspace | None = None
+    ) -> None:
+        self.H, self.points, self.factorizations = H, points, 1
+        matrix = H if isinstance(H, Bands) else bands(H)
+        n, contact = matrix.diagonal.size, points.unknowns
+        self.workspace = chain_workspace(n) if workspace is None else workspace
+        self.places = Places(contact, contact)
+        w = np.zeros(n)
+        w[contact] = points.w
+        self._matrix = matrix
+        self.kernel = build_chain(matrix, w, self._by_unknown(points.beta))
+        self._law = points.beta, self.kernel  # of the last call of `minimise` with another one
+        self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
+        self.steps_per_second = max(1, 200_000 // n)
+
+    def _by_unknown(self, beta: FloatArray) -> FloatArray:
+        by_unknown = np.full(self._matrix.diagonal.size, np.inf)
+        by_unknown[self.points.unknowns] = beta
+        return by_unknown
+
+    def with_matrix(self, H: Any) -> FrontElimination:
+        """See `StepProblem`."""
+        return FrontElimination(H, self.points, self.workspace)
+
+    def restart(self, v: FloatArray, sigma: FloatArray) -> None:
+        """See `CompiledStepProblem`: the parameter is taken from the law's graph."""
+        self.workspace.scale[:] = 0.0
+
+    def resume(self, v: FloatArray, sigma: FloatArray) -> None:
+        """See `CompiledStepProblem`: the parameter's scale changes with the matrix."""
+        if self.workspace.scale[0] != self.kernel.kappa:
+            self._set_parameter(self.kernel, v, sigma)
+
+    def _set_parameter(self, chain: Chain, v: FloatArray, sigma: FloatArray) -> None:
+        """Let the next minimisation start from a point of the law's graph."""
+        space, n = self.workspace, v.size
+        kind, inverse_beta = chain.kind[:n], chain.inverse_beta[:n]
+        graph_parameters(kind, chain.kappa, inverse_beta, v, sigma, space.parameter)
+        space.old_parameter[:] = space.parameter
+        space.scale[:] = chain.kappa
+
+    def compile(self) -> None:
+        """See `StepProblem`; what steps remember is left alone."""
+        FrontElimination(self.H, self.points).minimise(np.zeros(self.limits.size))
+
+    def minimise(
+        self,
+        g: FloatArray,
+        start: FloatArray | None = None,
+        tolerance: float = 1e-11,
+        beta: FloatArray | None = None,
+    ) -> Minimum:
+        """See `StepProblem`."""
+        if beta is not None and not np.array_equal(beta, self._law[0]):
+            self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
+        chain, space = self.kernel if beta is None else self._law[1], self.workspace
+        contact = self.points.unknowns
+        if chain.mixed < 2:  # Newton's method needs a start, which elimination does not
+            v = np.zeros_like(g) if start is None else start
+            on_law = np.zeros_like(v)
+            on_law[contact] = law.force(v[contact], self.points.beta if beta is None else beta)
+            self._set_parameter(chain, v, on_law)
+        passes, tier, iterations = 0, 0, 0
+        converged, residual, unknown = False, 0.0, 0
+        g = np.ascontiguousarray(g)
+        if chain.mixed == 2:
+            passes, converged, space.middle[0] = eliminate_fronts(
+                chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, g,
+                space.new_parameter, space.velocity, space.force, space.work[2], space.work[4],
+                space.middle[0], tolerance,
+            )  # fmt: skip
+        if not converged:
+            space.rights[: g.size] = g
+            space.new_parameter[:] = space.parameter if chain.mixed < 2 else 0.0
+            iterations, tier, converged, residual, unknown = newton_on_graph(
+                chain, space.rights, space.parameters, space.work, space.trial, tolerance, False
+            )
+        counts = {
+            "newton_iterations": int(passes + iterations),
+            "nested_solves": int(tier == 1),
+            "descents": int(tier == 2),
+            "friction_evaluations": int(passes + iterations + 1),
+        }
+        sigma = space.force[contact]
+        v = space.velocity.copy()
+        return Minimum(v, sigma, bool(converged), counts, float(residual), int(unknown))
+
+    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+        """See `StepProblem`."""
+        diagonal, off = self._matrix
+        image = diagonal * v
+        image[:-1] += off * v[1:]
+        image[1:] += off * v[:-1]
+        beta = self.points.beta if beta is None else beta
+        friction = self.points.w @ law.potential(v[self.points.unknowns], beta)
+        return float(v @ (0.5 * image - g) + friction)
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """See `StepProblem`."""
+        return {name: np.array(getattr(self.workspace, name)) for name in self.remembered}
+
+    def check(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`: the compiled loops meet at a point of the chain."""
+        check_like(saved, self.saved(), "step problem")
+        n = self.limits.size
+        if not 0 <= saved["middle"][0] < n or saved["wary"][0] < 0:
+            raise ValueError(f"step problem/middle is {saved['middle'][0]} of {n} unknowns")
+
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`."""
+        for name in self.remembered:
+            getattr(self.workspace, name)[:] = saved[name]
+
+    def forget(self) -> None:
+        """See `StepProblem`."""
+        self.restore(FrontElimination(self.H, self.points).saved())

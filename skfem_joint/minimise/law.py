@@ -1,0 +1,341 @@
+"""The law of friction: Coulomb regularised by the arctangent, and set-valued Coulomb as its limit.
+
+With the slip velocity v (m/s) and the scaling constant beta (s/m) of Eq. (2), the normalised
+friction force of a contact point is
+
+    sigma(v) = 2/pi arctan(beta v),        beta finite,
+    sigma(v) in Sgn(v),                    beta = inf (set-valued Coulomb),
+
+so that ``w * sigma`` is the force in N of a point with friction limit ``w``. The law is the
+gradient of an even convex potential psi, which makes every implicit step a strictly convex
+minimisation. A slip *vector* follows the law radially: the force has the direction of the slip and
+depends on its norm; its potential is psi of the norm.
+
+This is the only place of the law. Everything derives from the scalar functions of its first
+section, in terms of the normalised speed z = beta |v|: force, slope, potential, inverse, and two
+facts about the law's graph. A new law of the same kind (no memory, odd, rising to 1) replaces that
+section. The rest of the module is what the solvers evaluate:
+
+- at one point: `sigma`, `slope`, `psi`, `sticks`, and `resolvent`, the solution of
+  k v + sigma(v) = x, with which a point is relaxed while its neighbours stay;
+- along many points of a compiled loop: `forces`, and the graph of the law in a parameter s
+  (Minty's): `graph` gives v(s) and sigma(s) with derivatives, `graph_parameters` is its inverse;
+- of arrays that broadcast, in Python: `force`, `force_slope`, `potential`, `force_vectors`.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from math import atan, copysign, inf, log1p, pi, sqrt, tan
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skfem_joint.arrays import FloatArray, slip_norms
+from skfem_joint.compiling import compiled, compiled_inside
+
+#: Kinds of points: regularised law (finite beta), set-valued Coulomb friction, no friction.
+REGULAR, COULOMB, FREE = 0, 1, 2
+
+# The regularised law as a function of the normalised speed z = beta |v| >= 0
+
+_TWO_OVER_PI = 2.0 / pi
+_TAN_1 = tan(pi / 8.0)
+_TAN_3 = tan(3.0 * pi / 8.0)
+#: Coefficients of arctan(t) / t - 1 in t^2, from the highest power down: interpolation at the
+#: Chebyshev nodes of |t| <= tan(pi/8), computed with 60 digits.
+_HIGHEST = 0.015113765096600925
+_LOWER = (
+    -0.03338782450121195, 0.04499500728984032, -0.05217312574061591, 0.05876834004614161,
+    -0.06666205259976526, 0.07692281099937744, -0.09090908059031191, 0.11111111085322109,
+    -0.1428571428532971, 0.19999999999997015, -0.33333333333333326,
+)  # fmt: skip
+
+
+@compiled_inside
+def arctangent(z):
+    """arctan(z) for z >= 0 with a relative error below 4e-16.
+
+    It has no branches, so that loops over points become vector instructions: the argument is folded
+    to |t| <= tan(pi/8), where arctan(t)/t is a polynomial of degree 12 in t^2.
+    """
+    steep = z > _TAN_3
+    middle = z > _TAN_1
+    numerator = -1.0 if steep else (z - 1.0 if middle else z)
+    denominator = z if steep else (z + 1.0 if middle else 1.0)
+    offset = 0.5 * pi if steep else (0.25 * pi if middle else 0.0)
+    t = numerator / denominator
+    q = t * t
+    p = _HIGHEST
+    for c in _LOWER:
+        p = p * q + c
+    return offset + (t + t * (q * p))
+
+
+@compiled_inside
+def force_of(z):
+    """Normalised force sigma, from 0 to 1."""
+    return _TWO_OVER_PI * arctangent(z)
+
+
+@compiled_inside
+def force_alone(z):
+    """`force_of` by the library's arctangent: faster where points are evaluated one at a time."""
+    return _TWO_OVER_PI * atan(z)
+
+
+@compiled_inside
+def slope_of(z):
+    """Derivative of the normalised force, d sigma / dz."""
+    return _TWO_OVER_PI / (1.0 + z * z)
+
+
+@compiled_inside
+def potential_of(z):
+    """Normalised potential beta psi: integral of the force from 0 to z."""
+    return z * force_alone(z) - 0.5 * _TWO_OVER_PI * log1p(z * z)
+
+
+@compiled_inside
+def speed_of(force):
+    """Inverse of `force_of`, for forces below 1."""
+    return tan(0.5 * pi * force)
+
+
+#: The law exceeds z / (z + WIDTH) everywhere, with the same slope at rest. The resolvent's bracket
+#: comes from it.
+WIDTH = 0.5 * pi
+# The parameter of the graph compares the law with z / (z + 1), whose resolvent has a closed form.
+# That law need not be close; it must rise to 1 in a width of the same order.
+
+# At one point
+
+
+@compiled
+def sigma(v, beta):
+    """Normalised force, from -1 to 1; 0 for Coulomb friction at rest, where any such value acts."""
+    if beta == inf:
+        return copysign(1.0, v) if abs(v) > 0.0 else v
+    return copysign(force_alone(abs(beta * v)), v)
+
+
+@compiled_inside
+def slope(v, beta):
+    """Derivative d sigma / dv, s/m; for Coulomb friction 0 in slip and ``inf`` at rest."""
+    if beta == inf:
+        return inf if v == 0.0 else 0.0
+    return beta * slope_of(beta * v)
+
+
+@compiled
+def across(speed, beta):
+    """Stiffness across a slip vector, sigma / |v|, s/m; at rest the slope."""
+    if speed > 0.0:
+        return (1.0 if beta == inf else force_alone(beta * speed)) / speed
+    return slope(speed, beta)
+
+
+@compiled_inside
+def psi(v, beta):
+    """Potential, m/s, whose derivative is `sigma`; zero at rest, |v| for Coulomb friction."""
+    return abs(v) if beta == inf else potential_of(abs(beta * v)) / beta
+
+
+@compiled_inside
+def sticks(force, limit):
+    """Whether a Coulomb point at rest stays at rest: friction up to the limit balances the force.
+
+    It is the one rule of sticking: of single points, of slip fronts on chains, of restarts.
+    """
+    return abs(force) <= limit
+
+
+@compiled
+def resolvent(x, k, beta):
+    """Solve k v + sigma(v) = x; returns v and sigma."""
+    if beta == inf:
+        if sticks(x, 1.0):
+            return 0.0, x
+        v = (abs(x) - 1.0) / k
+        return (v, 1.0) if x > 0.0 else (-v, -1.0)
+    size = abs(x)
+    k = k / beta
+    # Upper end of a bracket of z, the root for the law z / (z + WIDTH), which is smaller. From
+    # there Newton's iteration may step below the root of the concave residual once, and rises to it
+    # from then on.
+    b = size - 1.0 - k * WIDTH
+    root = sqrt(b * b + 4.0 * k * WIDTH * size)
+    z = (b + root) / (2.0 * k) if b > 0.0 else 2.0 * WIDTH * size / (root - b)
+    for _ in range(60):
+        step = (k * z + force_alone(z) - size) / (k + slope_of(z))
+        z_next = max(z - step, 0.0)
+        if abs(z_next - z) <= 4e-16 * z:
+            break
+        z = z_next
+    force = force_alone(z)
+    return (z / beta, force) if x > 0.0 else (-z / beta, -force)
+
+
+# Along many points
+
+
+@compiled
+def forces(beta, slip, result):
+    """Normalised forces of regularised points (beta finite); without branches."""
+    for i in range(slip.size):
+        z = beta[i] * slip[i]
+        result[i] = copysign(force_of(abs(z)), z)
+
+
+@compiled
+def graph(kind, mixed, kappa, inverse_beta, s, v, force, dv, dforce):
+    """Points of the law's graph with the parameters ``s``, and their derivatives in s.
+
+    For Coulomb friction v and sigma solve kappa v + sigma = s (Minty's parametrisation). For the
+    regularised law v solves this with the comparison law z / (z + 1), z = beta v, which has a
+    closed form, and sigma is the law's force at that v: the point lies on the law's graph to
+    round-off, for one square root and one arctangent. Both v(s) and sigma(s) have bounded slopes
+    however large beta is, so that a Newton iteration on s does not degrade. Points without friction
+    have v = s / kappa.
+
+    Parameters
+    ----------
+    kind : ndarray of int, shape (n,)
+        REGULAR, COULOMB or FREE.
+    mixed : int
+        0 if all points are REGULAR, 1 if some are, 2 if none is.
+    kappa : float
+        Scale, s/m, positive.
+    inverse_beta : ndarray, shape (n,)
+        1 / beta, m/s; any positive number where the kind is not REGULAR.
+    s, v, force, dv, dforce : ndarray, shape (n,)
+        Parameters, and the results: velocities (m/s), normalised forces, and their derivatives.
+    """
+    if mixed < 2:
+        for i in range(s.size):
+            k = kappa * inverse_beta[i]
+            m = abs(s[i])
+            b = m - 1.0 - k
+            root = sqrt(b * b + 4.0 * k * m)
+            beyond = b > 0.0  # of the two forms of the root, the one without cancellation
+            z = (b + root if beyond else 2.0 * m) / (2.0 * k if beyond else root - b)
+            dz = (z + 1.0) / root
+            v[i] = copysign(z * inverse_beta[i], s[i])
+            force[i] = copysign(force_of(z), s[i])
+            dv[i] = dz * inverse_beta[i]
+            dforce[i] = dz * slope_of(z)
+    if mixed > 0:
+        inverse = 1.0 / kappa
+        for i in range(s.size):
+            if kind[i] != REGULAR:
+                coulomb = kind[i] == COULOMB
+                inside = min(max(s[i], -1.0), 1.0) if coulomb else 0.0
+                at_rest = coulomb and sticks(s[i], 1.0)
+                v[i] = (s[i] - inside) * inverse
+                force[i] = inside
+                dv[i] = 0.0 if at_rest else inverse
+                dforce[i] = 1.0 if at_rest else 0.0
+
+
+@compiled
+def graph_parameters(kind, kappa, inverse_beta, v, force, s):
+    """Parameters of points of the graph, from velocity and force: the inverse of `graph`.
+
+    A regularised point at rest under a force, as Coulomb's solution has it, gets the parameter of
+    that force, which may not exceed 0.999.
+    """
+    for i in range(v.size):
+        if kind[i] == REGULAR:
+            z = abs(v[i]) / inverse_beta[i] if v[i] != 0.0 else speed_of(min(abs(force[i]), 0.999))
+            s[i] = copysign(kappa * inverse_beta[i] * z + z / (z + 1.0), force[i])
+        else:
+            s[i] = kappa * v[i] + force[i]
+
+
+# Of arrays
+
+
+@compiled
+def _sigmas(v, beta, result):
+    for i in range(v.size):
+        result[i] = sigma(v[i], beta[i])
+
+
+@compiled
+def _slopes(v, beta, result):
+    for i in range(v.size):
+        result[i] = slope(v[i], beta[i])
+
+
+@compiled
+def _potentials(v, beta, result):
+    for i in range(v.size):
+        result[i] = psi(v[i], beta[i])
+
+
+def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Values at slip velocities and scaling constants that broadcast."""
+    v, beta = np.asarray(v, dtype=float), np.asarray(beta, dtype=float)
+    shape = v.shape
+    if beta.shape != shape:
+        shape = np.broadcast_shapes(shape, beta.shape)
+        v, beta = np.broadcast_to(v, shape), np.broadcast_to(beta, shape)
+    result = np.empty(shape)
+    flat = [x.ravel() if x.flags.writeable else x.copy().ravel() for x in (v, beta)]
+    loop(*flat, result.ravel())
+    return result
+
+
+def force(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Normalised friction force sigma(v) in [-1, 1], Eq. (2).
+
+    Parameters
+    ----------
+    v : array_like
+        Slip velocity, m/s.
+    beta : array_like
+        Scaling constant, s/m; ``inf`` is Coulomb. It broadcasts against ``v``.
+
+    Returns
+    -------
+    ndarray
+        For Coulomb points at rest, where any value in [-1, 1] may act, the value 0.
+    """
+    return _evaluated(_sigmas, v, beta)
+
+
+def force_slope(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Derivative d sigma / dv, s/m, of the shapes of `force`; see `slope`."""
+    return _evaluated(_slopes, v, beta)
+
+
+def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Potential psi(v), m/s, of the shapes of `force`; see `psi`."""
+    return _evaluated(_potentials, v, beta)
+
+
+def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:
+    """Normalised friction forces sigma(|y|) y / |y| of points with slip vectors y (isotropic).
+
+    Parameters
+    ----------
+    slip : array_like, shape (..., rows)
+        Slip velocity of each row, m/s; the rows of a point follow each other.
+    beta : array_like
+        Scaling constant of each point, s/m, which broadcasts against (..., m).
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+
+    Returns
+    -------
+    ndarray, shape (..., rows)
+    """
+    rows = np.asarray(slip, dtype=np.float64)
+    if directions.size == rows.shape[-1]:
+        return force(rows, beta)
+    size = slip_norms(rows, directions)
+    ratio = force(size, beta) / np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.repeat(ratio, directions, axis=-1) * rows)

@@ -1,0 +1,265 @@
+"""The step problem: one strictly convex minimisation for every implicit step.
+
+    minimise over v:   1/2 v H v - g v + sum_p w_p psi(|(B v)_p|)
+
+H is symmetric positive definite, B v are the slips of the contact points, w the friction limits and
+psi the potential of the law (:mod:`skfem_joint.minimise.law`). Time steps have the step matrix for
+H and the velocity for v; restarts have the mass and the acceleration, and the points at rest as
+contact points; quasi-static increments have the stiffness and the increment of displacement.
+
+`StepProblem` is the protocol. `step_problem` chooses the method by the structure of the matrices:
+
+- a chain (H tridiagonal, each slip an unknown):
+  :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
+- any other H with each slip an unknown:
+  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, condensed to the contact where
+  that is cheaper;
+- dense H with slips that depend on each other, as reduction makes them:
+  :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
+- no friction at all: :class:`LinearProblem`.
+
+Two extensions fit into this form. Contact that opens adds a convex term of the normal velocity at
+each point: a further row of the point in B, and one more summand beside psi. A spring in series
+with friction changes psi of a point (to its Moreau envelope, still convex) and so its block of the
+tangent. Both would enter where a method evaluates a point: force, block of the tangent, and
+relaxation of the point alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, check_like, slip_norms
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.system import System
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Result of a minimisation.
+
+    Attributes
+    ----------
+    v : ndarray, shape (n,)
+        Minimiser: velocity (m/s), acceleration or increment of displacement.
+    sigma : ndarray, shape (rows,)
+        Normalised friction force of each row of B.
+    converged : bool
+        Whether the force residual is within the tolerance, or within its round-off. Never true
+        where anything is not finite.
+    counts : dict
+        Work done, by names of :class:`skfem_joint.stepping.recording.Counters`.
+    residual : float
+        Largest force residual, N.
+    where : int
+        Unknown at which it is.
+    """
+
+    v: FloatArray
+    sigma: FloatArray
+    converged: bool
+    counts: dict[str, int] = field(default_factory=dict)
+    residual: float = 0.0
+    where: int = 0
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """Contact points of a step problem.
+
+    Attributes
+    ----------
+    B : ndarray or sparse array, shape (rows, n)
+        Slips from the unknowns; the rows of a point follow each other.
+    directions : ndarray of int, shape (m,)
+        Rows of each point, 1 or 2.
+    w : ndarray, shape (m,)
+        Friction limits, N; points with limit zero have no friction.
+    beta : ndarray, shape (m,)
+        Scaling constants of the law, s/m; ``inf`` is Coulomb.
+    """
+
+    B: Matrix
+    directions: NDArray[np.int64]
+    w: FloatArray
+    beta: FloatArray
+
+    @staticmethod
+    def of(system: System) -> ContactPoints:
+        """Contact points of a system."""
+        return ContactPoints(system.B, system.directions, system.w, system.beta)
+
+    def on_rows(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Repeat a value of each point for each of its rows."""
+        return np.repeat(values, self.directions)
+
+    @property
+    def first_row(self) -> NDArray[np.int64]:
+        """Row of ``B`` at which each point starts, and the number of rows, (m + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.directions)])
+
+    @cached_property
+    def unknowns(self) -> IntArray:
+        """Unknown that each row picks, (rows,); for problems whose slips are unknowns."""
+        return np.asarray(sparse.csr_array(self.B).indices, dtype=np.intp)
+
+    @cached_property
+    def _coulomb(self) -> BoolArray:
+        return (self.w > 0.0) & np.isinf(self.beta)
+
+    def at_rest(self, slip: FloatArray) -> BoolArray:
+        """Points with Coulomb friction whose ``slip``, (rows,), is zero, (m,): these may stick."""
+        if not self._coulomb.any():
+            return self._coulomb
+        resting: BoolArray = slip_norms(slip, self.directions) == 0.0
+        return self._coulomb & resting
+
+    def without_friction_but(self, points: BoolArray) -> ContactPoints:
+        """Same points where only some have a friction limit."""
+        return ContactPoints(self.B, self.directions, np.where(points, self.w, 0.0), self.beta)
+
+    def in_unknowns(self, kept: IntArray) -> ContactPoints:
+        """Same points in some of the unknowns; slips of the others must have no friction."""
+        return ContactPoints(self.B[:, kept], self.directions, self.w, self.beta)
+
+
+class StepProblem(Protocol):
+    """A matrix H with contact points, to be minimised for many right sides.
+
+    Attributes
+    ----------
+    H : ndarray or sparse array, shape (n, n)
+    points : ContactPoints
+    """
+
+    H: Any
+    points: ContactPoints
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices prepared and factorised so far."""
+
+    def minimise(
+        self,
+        g: FloatArray,
+        start: FloatArray | None = None,
+        tolerance: float = 1e-11,
+        beta: FloatArray | None = None,
+    ) -> Minimum:
+        """Minimise for the right side ``g``, (n,), N.
+
+        Parameters
+        ----------
+        start : ndarray, shape (n,), optional
+            Where to start; the method chooses if not given. The minimiser does not depend on it.
+        tolerance : float
+            Largest force residual relative to the largest force.
+        beta : ndarray, shape (m,), optional
+            Scaling constants in place of those of the points.
+        """
+
+    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+        """Value at ``v`` of what is minimised, W."""
+
+    def with_matrix(self, H: Any) -> StepProblem:
+        """Same points with another matrix; what is remembered of earlier steps is shared."""
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """All that later minimisations depend on beside their arguments, for a checkpoint."""
+
+    def check(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See that arrays are such as `saved` gives; ValueError naming what is not."""
+
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+        """Take up what `saved` gave."""
+
+    def forget(self) -> None:
+        """Drop all that earlier minimisations left: the next one depends on its arguments alone."""
+
+    def compile(self) -> None:
+        """Compile all that `minimise` needs, without minimising."""
+
+
+class LinearProblem:
+    """Step problem without friction: one factor, one solution for each right side."""
+
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        self.H, self.points, self.factorizations = H, points, 1
+        self._solve = factorised(H)
+
+    def minimise(
+        self,
+        g: FloatArray,
+        start: FloatArray | None = None,
+        tolerance: float = 1e-11,
+        beta: FloatArray | None = None,
+    ) -> Minimum:
+        """See `StepProblem`."""
+        v = np.asarray(self._solve(g))
+        finite = np.isfinite(v)
+        sigma = np.zeros(self.points.B.shape[0])
+        if finite.all():
+            return Minimum(v, sigma, True)
+        return Minimum(v, sigma, False, {}, float("nan"), int(np.flatnonzero(~finite)[0]))
+
+    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+        """See `StepProblem`."""
+        return float(v @ (0.5 * (self.H @ v) - g))
+
+    def with_matrix(self, H: Any) -> LinearProblem:
+        """See `StepProblem`."""
+        return LinearProblem(H, self.points)
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """See `StepProblem`."""
+        return {}
+
+    def check(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`."""
+        check_like(saved, {}, "step problem")
+
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`."""
+
+    def forget(self) -> None:
+        """See `StepProblem`."""
+
+    def compile(self) -> None:
+        """See `StepProblem`."""
+
+
+def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True) -> StepProblem:
+    """Step problem by the method for a kind of matrices.
+
+    Parameters
+    ----------
+    H : ndarray or csr_array, shape (n, n), or its compiled form
+        Symmetric positive definite; N s/m for the velocity.
+    points : ContactPoints
+    kind : str
+        "linear", "chain", "contact" or "dense", see
+        :func:`skfem_joint.stepping.arrangement.arranged`. The compiler is loaded for the last three
+        only.
+    condense : bool
+        Whether a problem of kind "contact" may be condensed to the contact, which pays where it is
+        minimised more than once.
+    """
+    if kind == "linear":
+        return LinearProblem(H, points)
+    if kind == "chain":
+        from skfem_joint.minimise.front_elimination import FrontElimination
+
+        return FrontElimination(H, points)
+    if kind == "dense":
+        from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+
+        return PrimalDualNewton(H, points)
+    from skfem_joint.minimise.truncated_newton import TruncatedNewton, truncated_newton
+
+    return truncated_newton(H, points) if condense else TruncatedNewton(H, points)

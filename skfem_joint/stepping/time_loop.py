@@ -1,0 +1,186 @@
+"""The compiled loop over steps: predictor, step problem, bookkeeping and stored rows."""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.compiling import compiled, compiled_inside
+from skfem_joint.linalg.kernels import aligned
+from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
+from skfem_joint.minimise.compiled_step import minimise_step, slips
+from skfem_joint.stepping import energy
+
+_add_dissipation = compiled_inside(energy.add_dissipation)
+_add_input_work = compiled_inside(energy.add_input_work)
+_add_friction_work = compiled_inside(energy.add_friction_work)
+_joint_slips = compiled_inside(energy.joint_slips)
+
+
+class LoopWorkspace(NamedTuple):
+    """Arrays that the loop works in: by unknown, slip row, contact point, load, and named point."""
+
+    right: FloatArray
+    image: FloatArray
+    y: FloatArray
+    change: FloatArray
+    v_mean: FloatArray
+    v_change: FloatArray
+    slip_change: FloatArray
+    slip_now: FloatArray
+    work: FloatArray
+    slip_size: FloatArray
+    force_size: FloatArray
+    slip_peak: FloatArray
+    moved: FloatArray
+    seen: FloatArray
+
+
+def loop_workspace(n: int, rows: int, m: int, loads: int, points: int) -> LoopWorkspace:
+    """Make the arrays for ``n`` unknowns, slip rows, ``m`` contact points, loads, named points."""
+    return LoopWorkspace(*aligned(*6 * [n], *2 * [rows], *4 * [m], loads, points))
+
+
+@compiled
+def time_loop(
+    n_steps, first_step, strides, c, matrices, problem, workspace, w, places, tolerance,
+    loads, amplitude, observed, joints, state, room, sums, stored, counts,
+):  # fmt: skip
+    """Advance ``n_steps`` equal steps in place; add up works and peaks, and store rows.
+
+    Parameters
+    ----------
+    n_steps, first_step : int
+        Number of steps, and number in the run of the first one.
+    strides : tuple of int
+        Of stored points and fields, in steps.
+    c : Coefficients
+        Of the scheme and step.
+    matrices : tuple
+        Mass, damping and stiffness.
+    problem, workspace : named tuple
+        Arguments of `minimise_step`.
+    w : ndarray, shape (rows,)
+        Friction limit of each slip row of the problem, N.
+    places : tuple of ndarray
+        Of the system's rows and points among those of the problem.
+    tolerance : float
+    loads, observed : CompressedRows
+        Load vectors and named points.
+    amplitude : ndarray, shape (n_steps + 1, loads)
+        Load amplitudes at the steps' ends, N.
+    joints : tuple of ndarray
+        As in `Recorder`, with the problem's points.
+    state, room, sums, stored : tuple of ndarray
+        `State`, `LoopWorkspace`, `Recorder.sums` and `Recorder.free_rows`.
+    counts : ndarray of int
+        By the names of `CompiledStepper.COUNTS`.
+
+    Returns
+    -------
+    tuple
+        Steps, stored rows and fields, and the last residual (N) and its unknown. With fewer than
+        ``n_steps`` steps one did not converge, and the state is that before it. (Not a named tuple:
+        numba makes one by calling Python, where a pending Ctrl-C would be raised, and does not look
+        for that before it uses what it got.)
+    """
+    M, C, K = matrices
+    u, v, a, d, sigma = state
+    row_place, point_place = places
+    load_start, load_column, load_value = loads
+    input_work, dissipated, friction_work, peak, slip_peaks = sums
+    joint_start, joint_point, joint_value, joint_share = joints
+    stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
+    by_joint, joint_slip, joint_slipping = stored[6:]
+    right, image, y, change, v_mean, v_change, slip_change, slip_now = room[:8]
+    work, slip_size, force_size, slip_peak, moved, seen = room[8:]
+    v_new, sigma_new = workspace.velocity, workspace.force
+    n = u.size
+    for j in range(point_place.size):
+        work[point_place[j]] = friction_work[j]
+        slip_peak[point_place[j]] = slip_peaks[j]
+    steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
+    for step in range(1, n_steps + 1):
+        for i in range(n):
+            u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
+            y[i] = c.c_M * v[i] + c.y_a * a[i] + c.y_d * d[i]
+        product(M, y, right)
+        product(K, u, image)
+        for i in range(n):
+            right[i] -= image[i]
+        for k in range(load_start.size - 1):
+            for e in range(load_start[k], load_start[k + 1]):
+                right[load_column[e]] += amplitude[step, k] * load_value[e]
+        outcome = minimise_step(problem, workspace, right, v, tolerance)
+        counts[0] += outcome.newton_iterations
+        counts[1] += outcome.nested_solves
+        counts[2] += outcome.descents
+        counts[3] += outcome.line_searches
+        counts[4] += outcome.friction_evaluations
+        counts[5] = max(counts[5], outcome.newton_iterations)
+        residual, unknown = outcome.residual, outcome.unknown
+        if not outcome.converged:
+            for i in range(n):
+                u[i] -= c.u_v * v[i] + c.u_a * a[i]
+            break
+        steps += 1
+        for i in range(n):
+            change[i] = c.u_v * v[i] + c.u_a * a[i] + c.c_K * v_new[i]
+            v_mean[i] = 0.5 * (v[i] + v_new[i])
+        for i in range(n):
+            u[i] += c.c_K * v_new[i]
+        a_mean = y
+        if not c.trapezoidal:
+            for i in range(n):
+                v_change[i] = v_new[i] - v[i]
+                a_mean[i] = 0.5 * d[i]
+        for i in range(n):
+            a_new = c.a_v * (v_new[i] - v[i]) + c.a_a * a[i]
+            d[i] = c.d_a * a_new + c.d_a0 * a[i] + c.d_d0 * d[i]
+            a[i] = a_new
+            v[i] = v_new[i]
+        if not c.trapezoidal:
+            for i in range(n):
+                a_mean[i] += 0.5 * d[i]
+        _add_dissipation(
+            M, C, c.h, c.trapezoidal, change, v_mean, a_mean, v_change, image, right, dissipated
+        )
+        _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
+        slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
+        _add_friction_work(w, sigma, sigma_new, slip_moved, work)
+        raise_to_norms(slip_peak, slip)
+        for q in range(w.size):
+            sigma[q] = sigma_new[q]
+        product(observed, u, seen)
+        raise_to(peak, seen)
+        if stored_point_u.shape[0] > 0 and (first_step + step) % strides[0] == 0:
+            for k in range(seen.size):
+                stored_point_u[rows, k] = seen[k]
+            product(observed, v, stored_point_v[rows])
+            for k in range(joint_start.size - 1):
+                own = slice(joint_start[k], joint_start[k + 1])
+                by_joint[rows, k] = weighted(joint_value[own], joint_point[own], work)
+            if joint_slip.shape[0] > 0:
+                point_norms(slip, slip_size)
+                point_norms(sigma, force_size)
+                _joint_slips(
+                    joint_start, joint_point, joint_share, slip_size, force_size,
+                    joint_slip[rows], joint_slipping[rows],
+                )  # fmt: skip
+            rows += 1
+        if stored_u.shape[0] > 0 and (first_step + step) % strides[1] == 0:
+            for i in range(n):
+                stored_u[field_rows, i] = u[i]
+                stored_v[field_rows, i] = v[i]
+            for j in range(row_place.size):
+                stored_sigma[field_rows, j] = sigma[row_place[j]]
+            for j in range(point_place.size):
+                worked[field_rows, j] = work[point_place[j]]
+            field_rows += 1
+    for j in range(point_place.size):
+        friction_work[j] = work[point_place[j]]
+        slip_peaks[j] = slip_peak[point_place[j]]
+    return steps, rows, field_rows, residual, unknown
