@@ -7,16 +7,7 @@ psi the potential of the law (:mod:`skfem_joint.minimise.law`). Time steps have 
 H and the velocity for v; restarts have the mass and the acceleration, and the points at rest as
 contact points; quasi-static increments have the stiffness and the increment of displacement.
 
-`StepProblem` is the protocol. `step_problem` chooses the method by the structure of the matrices:
-
-- a chain (H tridiagonal, each slip an unknown):
-  :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
-- any other H with each slip an unknown:
-  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, condensed to the contact where
-  that is cheaper;
-- dense H with slips that depend on each other, as reduction makes them:
-  :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
-- no friction at all: :class:`LinearProblem`.
+`StepProblem` is the protocol; :func:`skfem_joint.minimise.choice.step_problem` chooses the method.
 
 Two extensions fit into this form. Contact that opens adds a convex term of the normal velocity at
 each point: a further row of the point in B, and one more summand beside psi. A spring in series
@@ -232,34 +223,3 @@ class LinearProblem:
 
     def compile(self) -> None:
         """See `StepProblem`."""
-
-
-def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True) -> StepProblem:
-    """Step problem by the method for a kind of matrices.
-
-    Parameters
-    ----------
-    H : ndarray or csr_array, shape (n, n), or its compiled form
-        Symmetric positive definite; N s/m for the velocity.
-    points : ContactPoints
-    kind : str
-        "linear", "chain", "contact" or "dense", see
-        :func:`skfem_joint.stepping.arrangement.arranged`. The compiler is loaded for the last three
-        only.
-    condense : bool
-        Whether a problem of kind "contact" may be condensed to the contact, which pays where it is
-        minimised more than once.
-    """
-    if kind == "linear":
-        return LinearProblem(H, points)
-    if kind == "chain":
-        from skfem_joint.minimise.front_elimination import FrontElimination
-
-        return FrontElimination(H, points)
-    if kind == "dense":
-        from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
-
-        return PrimalDualNewton(H, points)
-    from skfem_joint.minimise.truncated_newton import TruncatedNewton, truncated_newton
-
-    return truncated_newton(H, points) if condense else TruncatedNewton(H, points)

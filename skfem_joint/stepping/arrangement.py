@@ -37,7 +37,7 @@ class Arranged:
     kind : str
         Of its matrices: "linear" (no friction), "chain" (tridiagonal, each slip an unknown),
         "contact" (each slip an unknown) or "dense".
-    maps : tuple of Arrangement
+    maps : tuple of ChangeOfUnknowns
         Changes of unknowns that led to it, in turn; none if the unknowns are the caller's.
     """
 

@@ -21,7 +21,8 @@ from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed, compressed_rows
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem, step_problem
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
@@ -59,7 +60,7 @@ class Stepper(ABC):
     Parameters
     ----------
     kind : str
-        Of the system's matrices, see :func:`skfem_joint.minimise.problem.step_problem`.
+        Of the system's matrices, see :func:`skfem_joint.minimise.choice.step_problem`.
     system : System
     scheme : Scheme
     u, v : ndarray, shape (n,)

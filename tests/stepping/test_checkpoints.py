@@ -267,7 +267,7 @@ def test_a_forged_place_in_a_chain_is_refused_before_compiled_code_goes_there(mi
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
     system = of_stepper("chain")
     sj.integrate(system, **TIMING, checkpoint=checkpoint)
-    _resaved(checkpoint, part("stepper/middle", with_(0, middle)))
+    _resaved(checkpoint, part("stepper/middle_0", with_(0, middle)))
     with pytest.raises(sj.InputError, match=r"cannot be read as a checkpoint.*middle"):
         sj.integrate(system, **TIMING, checkpoint=checkpoint)
 

@@ -1,0 +1,48 @@
+"""Choice of the method for a step problem, by the structure of its matrix and slips.
+
+- a chain (H tridiagonal, each slip an unknown):
+  :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
+- any other H with each slip an unknown:
+  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, condensed to the contact where
+  that is cheaper;
+- dense H with slips that depend on each other, as reduction makes them:
+  :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
+- no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
+
+
+def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True) -> StepProblem:
+    """Step problem by the method for a kind of matrices.
+
+    Parameters
+    ----------
+    H : ndarray or csr_array, shape (n, n), or its compiled form
+        Symmetric positive definite; N s/m for the velocity.
+    points : ContactPoints
+    kind : str
+        "linear", "chain", "contact" or "dense", see
+        :func:`skfem_joint.stepping.arrangement.arranged`. The compiler is loaded for the last three
+        only.
+    condense : bool
+        Whether a problem of kind "contact" may be condensed to the contact, which pays where it is
+        minimised more than once.
+    """
+    if kind == "linear":
+        return LinearProblem(H, points)
+    if kind == "chain":
+        from skfem_joint.minimise.front_elimination import FrontElimination
+
+        return FrontElimination(H, points)
+    if kind == "dense":
+        from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+
+        return PrimalDualNewton(H, points)
+    from skfem_joint.minimise.truncated_newton import TruncatedNewton, truncated_newton
+
+    return truncated_newton(H, points) if condense else TruncatedNewton(H, points)
