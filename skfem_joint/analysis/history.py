@@ -12,6 +12,8 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run
 
+States = NDArray[np.int8]
+
 #: Results that errors are estimated for.
 QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
 #: A point that moves less than this share of what moves most is compared with that share.
@@ -40,9 +42,7 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(
-    slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE
-) -> NDArray[np.int8]:
+def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE) -> States:
     """1 where a contact point slips, 0 where it sticks.
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the

@@ -193,7 +193,11 @@ def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     """Traction times area is the friction force, and the work's density the energy by joint."""
     if dim == 2:
         study = plate_study()
-    frames, structure, system = frames_of(study), study.structure, study.system
+    frames, structure, system = (
+        frames_of(study.structure, study.runs),
+        study.structure,
+        study.system,
+    )
     content = report.summary(study)
     for field in frames.fields:
         energy = content["models"][field.name]["friction_energy_J"]

@@ -9,7 +9,12 @@ from scipy import linalg, sparse
 
 import skfem_joint as sj
 from skfem_joint.reduction import pod
-from skfem_joint.reduction.pod import inner_matrix, orthonormal, proper_modes, snapshot_matrix
+from skfem_joint.reduction.pod import (
+    inner_matrix,
+    orthonormal,
+    proper_decomposition,
+    snapshot_matrix,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -29,7 +34,7 @@ def test_projection_error_is_the_sum_of_the_discarded_squares(product, times):
     A, M = snapshots(times, 12), spd(12)
     given = {"euclidean": None, "dense": M, "sparse": sparse.csr_array(M)}[product]
     G = np.eye(12) if given is None else M
-    modes = proper_modes(A, given)
+    modes = proper_decomposition(A, given)
     count = min(times, 12)
     np.testing.assert_allclose(modes.modes.T @ G @ modes.modes, np.eye(count), atol=1e-12)
     for r in (1, 3, 5):
@@ -42,7 +47,7 @@ def test_projection_error_is_the_sum_of_the_discarded_squares(product, times):
 
 def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone():
     A = snapshots(30, 6)
-    plain, small = proper_modes(A), proper_modes(1e-160 * A)
+    plain, small = proper_decomposition(A), proper_decomposition(1e-160 * A)
     np.testing.assert_allclose(small.singular_values, 1e-160 * plain.singular_values, rtol=1e-10)
     np.testing.assert_allclose(np.abs(small.modes), np.abs(plain.modes), atol=1e-10)
 
@@ -52,12 +57,12 @@ def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone():
 )
 def test_snapshots_that_hold_nothing_are_refused(bad):
     with pytest.raises(sj.InputError, match="snapshots"):
-        proper_modes(bad)
+        proper_decomposition(bad)
 
 
 def test_a_product_that_is_not_positive_is_refused():
     with pytest.raises(sj.InputError, match="positive definite"):
-        proper_modes(snapshots(9, 4), np.diag([1.0, 1.0, -1.0, 1.0]))
+        proper_decomposition(snapshots(9, 4), np.diag([1.0, 1.0, -1.0, 1.0]))
 
 
 def test_decomposition_falls_back_on_the_slower_driver(monkeypatch):
@@ -69,15 +74,15 @@ def test_decomposition_falls_back_on_the_slower_driver(monkeypatch):
             raise linalg.LinAlgError
         return linalg.svd(A, lapack_driver=lapack_driver, **options)
 
-    expected = proper_modes(A)
+    expected = proper_decomposition(A)
     monkeypatch.setattr(pod, "svd", svd)
     failing = ["gesdd"]
-    found = proper_modes(A)
+    found = proper_decomposition(A)
     assert tried == ["gesdd", "gesvd"]
     np.testing.assert_allclose(found.singular_values, expected.singular_values, rtol=1e-12)
     failing = ["gesdd", "gesvd"]
     with pytest.raises(sj.ConvergenceError, match="did not converge"):
-        proper_modes(A)
+        proper_decomposition(A)
 
 
 def sliding() -> tuple[sj.System, np.ndarray, np.ndarray]:
@@ -99,7 +104,7 @@ def test_slow_gross_slip_has_modes(product):
     """Round-off of the strain energy of rigid motion outweighs its kinetic energy there."""
     system, u, v = sliding()
     G = inner_matrix(system, product, u, v)
-    modes = proper_modes(snapshot_matrix(u, v, "both", G), G).modes
+    modes = proper_decomposition(snapshot_matrix(u, v, "both", G), G).modes
     rigid = modes[:, 0] / modes[0, 0]
     np.testing.assert_allclose(rigid, 1.0, atol=1e-6)
 
