@@ -70,6 +70,7 @@ FIGURES |= {
     ),
     "reduced_structure": loops,
     "own_basis": tips,
+    "paper_by_hand": loops,
     "bolted_plates": bolted,
 }
 

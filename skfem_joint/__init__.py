@@ -4,7 +4,7 @@ The house, room by room; a room uses only those above it:
 
 ===========  =====================================================================================
 (here)       errors, files, arrays in files, progress, friction law, loads (force over time), modes,
-             unknowns, and `System`, the one type of all models:
+             unknowns, and `System`, the one type of all models, also in files:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
@@ -14,7 +14,8 @@ stepping     time integration: schemes, the steppers for what a system's matrice
              checkpoints, and whether a step is short enough
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
-analysis     a scene's models run and compared, their estimated errors, error against run time,
+analysis     what a run says of all contact points, stress and active regions, natural modes; a
+             scene's models run and compared, their estimated errors, error against run time,
              damping against amplitude, response over frequency, sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================

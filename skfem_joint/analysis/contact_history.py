@@ -16,7 +16,7 @@ from scipy import sparse
 from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.friction import AT_LIMIT, force_vectors
+from skfem_joint.friction import force_vectors
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
@@ -58,9 +58,9 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     """Contact of a run with stored fields on all contact points of its structure.
 
     A full and a condensed model have friction and work of each point. A reduced model evaluates
-    friction at points of its own. There the law is evaluated at the velocities of all contact
-    points; Coulomb's, which says nothing of points at rest, is taken from the points that stand for
-    them. Its work in each joint is spread as friction and slip at the stored times say.
+    friction at points of its own, under a law of finite steepness. There the law is evaluated at
+    the velocities of all contact points, and the work in each joint is spread over them as friction
+    and slip at the stored times say.
 
     Raises
     ------
@@ -74,14 +74,10 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     if own is not None:
         friction, work = _placed(run, system, own)
     else:
-        friction = _friction(run, system, rate)
+        friction = force_vectors(rate, system.beta, system.directions)
         work = _spread(run, system, slip, friction)
-    picks = picks_unknowns(run.system.B)
-    grey = GREY_SHARE if picks else GREY_SHARE_REDUCED
+    grey = GREY_SHARE if picks_unknowns(run.system.B) else GREY_SHARE_REDUCED
     state = slip_state(system.slip_norm(rate), system.beta, grey)
-    if not picks and np.isinf(system.beta).any():  # modes hold no point exactly still
-        at_limit = system.slip_norm(friction) >= AT_LIMIT
-        state = np.where(np.isinf(system.beta), at_limit, state).astype(np.int8)
     return ContactHistory(system, slip, friction, state, work)
 
 
@@ -102,6 +98,7 @@ def contact_system(structure: Structure, run: Run) -> System:
     InputError
         If the system of the run was not made from this structure.
     """
+    _unknowns(structure, run)
     base, own = structure.unloaded, run.system
     names = tuple(joint.name for joint in structure.joints)
     m, shares = base.w.size, own.shares
@@ -143,22 +140,38 @@ def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
     return np.asarray(system.slip_norm(slip).max(axis=0, initial=0.0))
 
 
+def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
+    """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N, dim).
+
+    InputError if the system of the run was not made from this structure.
+    """
+    _unknowns(structure, run)
+    u, v = (structure.unpacked(run.system.expand(x)) for x in (run.u, run.v))
+    return u, v
+
+
 def _slip_rows(structure: Structure, run: Run) -> Matrix:
     """Slip of all contact points from the unknowns of a run, (rows, n)."""
-    T = run.system.T
-    size = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
-    inverse = structure.arrangement.inverse
-    fits = T is not None and T.shape[0] == inverse.shape[1]
-    if fits:
+    return structure.unloaded.B @ _unknowns(structure, run)
+
+
+def _unknowns(structure: Structure, run: Run) -> Matrix:
+    """Unknowns of the full system from those of a run, (n of the full one, n).
+
+    InputError if the run's displacements are not those of the structure, supports and closed
+    contact included.
+    """
+    T, inverse = run.system.T, structure.arrangement.inverse
+    found = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
+    if T is not None and T.shape[0] == inverse.shape[1]:
         V = inverse @ T
-        fits = abs(structure.T @ V - T).max() <= _ROUND_OFF * abs(T).max()
-        size += ", which do not obey its supports and contact"
-    if not fits:
-        raise InputError(
-            f"run: its system has {size}, the structure {inverse.shape[1]}; give the structure "
-            "that its system was made from"
-        )
-    return structure.unloaded.B @ V
+        if abs(structure.T @ V - T).max() <= _ROUND_OFF * abs(T).max():
+            return V
+        found += " that do not obey its supports and contact"
+    raise InputError(
+        f"run: its system has {found}, the structure {inverse.shape[1]} displacements; give the "
+        "structure that its system was made from"
+    )
 
 
 def _own_points(system: System) -> IntArray | None:
@@ -181,22 +194,6 @@ def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, Flo
     work = np.zeros((len(run.sigma), system.w.size))
     work[:, points] = run.friction_work_rows
     return friction, work
-
-
-def _friction(run: Run, system: System, rate: FloatArray) -> FloatArray:
-    """Friction over its limit of points that others stand for, from their slip velocities, m/s."""
-    friction = force_vectors(rate, system.beta, system.directions)
-    coulomb = np.isinf(system.on_rows(system.beta))
-    if not coulomb.any():
-        return friction
-    few, both = run.system, (run.system.directions, system.directions)
-    limits = sparse.csr_array(sparse.diags_array(few.w) @ few.shares)
-    new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in both)
-    limits = sparse.csr_array(sparse.kron(limits, np.eye(2)))[new][:, old]
-    total = np.asarray(limits.sum(axis=0)).ravel()
-    known = coulomb & (total > 0.0)
-    friction[:, known] = (run.sigma @ limits)[:, known] / total[known]
-    return friction
 
 
 def _spread(run: Run, system: System, slip: FloatArray, friction: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.analysis.contact_history import check_fields
+from skfem_joint.analysis.contact_history import check_fields, displacements
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, listed
 from skfem_joint.stepping.recording import Run
@@ -84,22 +84,6 @@ def stress_history(structure: Structure, run: Run, region: str | None = None) ->
     elements = np.arange(structure.mesh.n_elements) if region is None else np.sort(regions[region])
     stress = [structure.stress(u)[elements] for u in displacements(structure, run)[0]]
     return StressHistory(run.field_times, elements.astype(np.intp), np.array(stress))
-
-
-def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
-    """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N, dim).
-
-    InputError if the run is not one of this structure.
-    """
-    T, size = run.system.T, structure.n_nodes * structure.dim
-    if T is None or T.shape[0] != size:
-        found = "no displacements but its unknowns" if T is None else f"{T.shape[0]} displacements"
-        raise InputError(
-            f"run: its system has {found}, the structure {size}; give the structure that its "
-            "system was made from"
-        )
-    u, v = (structure.unpacked(run.system.expand(x)) for x in (run.u, run.v))
-    return u, v
 
 
 def von_mises(stress: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.analysis.contact_history import check_fields, contact_history
+from skfem_joint.analysis.contact_history import check_fields, contact_history, displacements
 from skfem_joint.analysis.history import States
-from skfem_joint.analysis.stress import displacements, von_mises
+from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run

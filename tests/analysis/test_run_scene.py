@@ -24,9 +24,8 @@ from joint_scenes import (
 import skfem_joint as sj
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import save_of
-from skfem_joint.analysis.contact_history import contact_history
+from skfem_joint.analysis.contact_history import contact_history, displacements
 from skfem_joint.analysis.history import Errors, difference, results
-from skfem_joint.analysis.stress import displacements
 from skfem_joint.analysis.study import Study
 from skfem_joint.analysis.summary import violated
 from skfem_joint.friction import AT_LIMIT

@@ -1,10 +1,11 @@
 """Proper orthogonal decomposition: the best basis for its snapshots, and Table 1 of the paper."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from reduced_joints import SPEED
+from reduced_joints import SPEED, full
 from scipy import linalg, sparse
 
 import skfem_joint as sj
@@ -154,3 +155,30 @@ def test_directions_that_depend_on_others_are_dropped(kind, seed):
     assert Q.shape == (9, 3)
     np.testing.assert_allclose(Q.T @ M @ Q, np.eye(3), atol=1e-10)
     assert span_distance(V, Q) < 1e-9
+
+
+@pytest.mark.parametrize("kind", ["both", "displacement", "rates"])
+@pytest.mark.parametrize("inner", ["energy", "mass", "euclidean"])
+def test_modes_of_a_run_are_orthonormal_and_reproduce_its_snapshots(kind, inner):
+    run = full("strip").thinned(4)
+    proper = sj.proper_modes(run, snapshots=kind, inner_product=inner)
+    V, n = proper.modes, run.system.n
+    G = inner_matrix(run.system, inner, run.u, run.v)
+    G = np.eye(n) if G is None else G
+    np.testing.assert_allclose(V.T @ (G @ V), np.eye(V.shape[1]), atol=1e-8)
+    assert proper.cumulative[-1] == pytest.approx(100.0)
+    for x in [run.v] if kind == "rates" else [run.u, run.v] if kind == "both" else [run.u]:
+        again = (x @ (G @ V)) @ V.T
+        assert np.abs(again - x).max() < 1e-6 * np.abs(x).max()
+    every = sj.proper_modes(full("strip"), snapshots=kind, inner_product=inner, every=4)
+    np.testing.assert_array_equal(every.modes, V)
+
+
+def test_modes_of_a_run_without_fields_or_of_unknown_words_are_refused():
+    run = full("strip")
+    with pytest.raises(sj.InputError, match=r"Save\(fields=True\)"):
+        sj.proper_modes(replace(run, u=run.u[:0], v=run.v[:0]))
+    with pytest.raises(sj.InputError, match="inner_product: found 'x'"):
+        sj.proper_modes(run, inner_product="x")
+    with pytest.raises(sj.InputError, match="snapshots: found 'x'"):
+        sj.proper_modes(run, snapshots="x")

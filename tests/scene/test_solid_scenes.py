@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from skfem_joint.analysis.stress import displacements
+from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.cli import main
 from skfem_joint.output import write
