@@ -163,8 +163,8 @@ def write(folder, item):
     if item.series and find_spec("pyvista") is None:
         item.say("paraview.missing")
         return
-    for name, run in item.series.items():
-        study = run()
+    for name, make in item.series.items():
+        study = make()
         write_vtk(folder / "paraview" / f"{name}.pvd", study.structure, study.runs)
         item.say("paraview", path=f"paraview/{name}.pvd")
 
