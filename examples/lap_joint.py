@@ -22,7 +22,6 @@ import numpy as np
 from paper import pseudo_static
 
 import skfem_joint as sj
-from skfem_joint.reduction.pod import proper_modes
 
 force, frequency = 63e3, 1000.0  # N, Hz
 structure = sj.Structure(
@@ -40,7 +39,7 @@ system = structure.system([sj.Load("free_end", sj.Harmonic(force, frequency))])
 run = sj.integrate(system, cycles=3, steps_per_cycle=200, save=sj.Save(fields=True))
 
 # %% Proper orthogonal decomposition: the proper values of Table 1 (86.55, 10.24, 1.70, 0.73, 0.29)
-proper = proper_modes(run.u)
+proper = sj.proper_modes(run, snapshots="displacement", inner_product="euclidean")
 
 # %% How far inertia takes the joint from the pseudo-static closed form
 peak_static = pseudo_static.peak_displacement(force, EA=200e9 * 5e-4, tau=0.7 * 8e6 * 0.05)

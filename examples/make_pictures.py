@@ -17,11 +17,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from skfem_joint import load_scene, run_scene
+from skfem_joint import active_region, load_scene, run_scene
 from skfem_joint.files import replacing
 from skfem_joint.output import folder, pictures, plots, series
 from skfem_joint.output.fields import frames_of
-from skfem_joint.reduction.active_length import slips
 
 HERE = Path(__file__).resolve().parent
 #: Bytes above which a picture is brought to 256 colours.
@@ -47,12 +46,11 @@ LONG = {
 }
 
 
-def active_region(found):
-    structure, system, peak = found["structure"], found["system"], found["run"].slip_peak
-    active, points = slips(structure, system, peak, 1.0 / 500.0), structure.patches[0].points
-    return plots.active_region_figure(
-        structure.body, structure.patches[0], peak[points], active[points]
-    )
+def bolted(found):
+    structure, patch = found["structure"], found["structure"].patches[0]
+    region, points = active_region(structure, found["run"]), patch.points
+    slips = region.slips[points]
+    return plots.active_region_figure(structure.body, patch, region.slip_peak[points], slips)
 
 
 def tips(found):
@@ -73,7 +71,8 @@ FIGURES |= {
     ),
     "reduced_structure": loops,
     "own_basis": tips,
-    "bolted_plates": active_region,
+    "paper_by_hand": loops,
+    "bolted_plates": bolted,
 }
 
 
@@ -82,6 +81,11 @@ FIGURES |= {
 def study(scene):
     """Results of a scene, without estimated errors."""
     return run_scene(load_scene(HERE / f"{scene}.toml").changed(accuracy={"estimate": False}))
+
+
+def shown(scene):
+    """Fields of a scene's models."""
+    return frames_of(study(scene).structure, study(scene).runs)
 
 
 def drawn(name, out):
@@ -95,13 +99,13 @@ def drawn(name, out):
     if name in SCENES:
         scene, file = SCENES[name]
         if file == "joint":
-            pictures.still(picture, frames_of(study(scene)))
+            pictures.still(picture, shown(scene))
         else:
             folder.curves(study(scene))[f"{file}.png"](picture)
     elif name == "two_plates":
         runpy.run_path(str(HERE / "two_plates.py"))["main"](out)
     elif name == "paraview":
-        frames, index = frames_of(study("plate_bolts")), out / "fields.pvd"
+        frames, index = shown("plate_bolts"), out / "fields.pvd"
         series.write_series(index, frames)
         series.write_load(out / "fields_load.csv", frames)
         server = "xvfb-run", "-a", "-s", "-noreset", "pvpython"

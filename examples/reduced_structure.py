@@ -17,7 +17,6 @@ Units: SI. Source: Journal of Sound and Vibration (2010), sections 5 to 7.3.
 from pathlib import Path
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import compare
 
 timing = {"cycles": 6, "steps_per_cycle": 200}
 structure = sj.Structure(
@@ -35,7 +34,7 @@ full = sj.integrate(system, **timing)
 # %% Reduced model: the same system type, the same integrator
 small = sj.reduce(system, modes=10)
 reduced = sj.integrate(small, **timing)
-errors = compare(full, reduced)
+errors = sj.compare(full, reduced)
 
 # %% Displacement of all nodes from the reduced unknowns
 last = structure.unpacked(small.expand(reduced.final[0]))

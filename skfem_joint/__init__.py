@@ -6,7 +6,8 @@ The house, room by room; a room uses only those above it:
 (here)       errors, files, arrays in files, checks of numbers, progress, loads (force over time),
              compilation
 linalg       compressed rows, factors, Schur complements, compiled kernels
-(here)       modes, unknowns, slips, and `System`, the one type of all models:
+(here)       modes, unknowns, slips, and `System`, the one type of all models,
+             also in files:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
@@ -19,7 +20,8 @@ stepping     time integration: schemes, steppers, the compiled time loop, energi
              checkpoints, and whether a step is short enough; quasi-static response
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
-analysis     a scene's models run and compared, their estimated errors, error against run time,
+analysis     what a run says of all contact points, stress and active regions, natural modes; a
+             scene's models run and compared, their estimated errors, error against run time,
              damping against amplitude, response over frequency, sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
@@ -40,13 +42,30 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
+    from skfem_joint.analysis.active_region import ActiveRegion as ActiveRegion
+    from skfem_joint.analysis.active_region import active_region as active_region
+    from skfem_joint.analysis.backbone import Backbone as Backbone
+    from skfem_joint.analysis.backbone import RingDown as RingDown
     from skfem_joint.analysis.backbone import backbone as backbone
     from skfem_joint.analysis.backbone import ring_down as ring_down
+    from skfem_joint.analysis.history import Errors as Errors
+    from skfem_joint.analysis.history import compare as compare
+    from skfem_joint.analysis.natural_modes import NaturalModes as NaturalModes
+    from skfem_joint.analysis.natural_modes import natural_modes as natural_modes
+    from skfem_joint.analysis.response import Curve as Curve
+    from skfem_joint.analysis.response import SteadyPoint as SteadyPoint
     from skfem_joint.analysis.response import response as response
+    from skfem_joint.analysis.rows import Rows as Rows
+    from skfem_joint.analysis.stress import StressHistory as StressHistory
+    from skfem_joint.analysis.stress import stress_history as stress_history
+    from skfem_joint.analysis.study import Model as Model
+    from skfem_joint.analysis.study import Study as Study
     from skfem_joint.analysis.study import run_scene as run_scene
+    from skfem_joint.analysis.sweep import Row as Row
     from skfem_joint.analysis.sweep import sweep as sweep
     from skfem_joint.errors import ConvergenceError as ConvergenceError
     from skfem_joint.errors import InputError as InputError
+    from skfem_joint.loads import Amplitude as Amplitude
     from skfem_joint.loads import HalfSine as HalfSine
     from skfem_joint.loads import Harmonic as Harmonic
     from skfem_joint.loads import MultiHarmonic as MultiHarmonic
@@ -55,17 +74,32 @@ if TYPE_CHECKING:
     from skfem_joint.loads import Table as Table
     from skfem_joint.loads import Triangle as Triangle
     from skfem_joint.loads import Versine as Versine
+    from skfem_joint.mesh import NamedMesh as NamedMesh
     from skfem_joint.mesh import build_bar as build_bar
     from skfem_joint.mesh import build_box as build_box
     from skfem_joint.mesh import build_plate as build_plate
     from skfem_joint.mesh import load_meshes as load_meshes
     from skfem_joint.mesh import merged as merged
+    from skfem_joint.output.series import write_vtk as write_vtk
     from skfem_joint.reduction import condense as condense
     from skfem_joint.reduction import reduce as reduce
+    from skfem_joint.reduction.pod import ProperModes as ProperModes
+    from skfem_joint.reduction.pod import proper_modes as proper_modes
+    from skfem_joint.scene import Scene as Scene
     from skfem_joint.scene import load_scene as load_scene
     from skfem_joint.scene import load_sweep as load_sweep
+    from skfem_joint.scene.reading import Swept as Swept
+    from skfem_joint.slips import SlipRows as SlipRows
+    from skfem_joint.stepping.checkpoint import Checkpoint as Checkpoint
+    from skfem_joint.stepping.checkpoint import Checkpoints as Checkpoints
     from skfem_joint.stepping.integrate import integrate as integrate
+    from skfem_joint.stepping.recording import Counters as Counters
+    from skfem_joint.stepping.recording import Cycles as Cycles
+    from skfem_joint.stepping.recording import Run as Run
     from skfem_joint.stepping.recording import Save as Save
+    from skfem_joint.stepping.recording import Steady as Steady
+    from skfem_joint.stepping.schemes import Scheme as Scheme
+    from skfem_joint.stepping.schemes import generalized_alpha as generalized_alpha
     from skfem_joint.structure import Bolt as Bolt
     from skfem_joint.structure import Bolts as Bolts
     from skfem_joint.structure import Clamp as Clamp
@@ -76,24 +110,39 @@ if TYPE_CHECKING:
     from skfem_joint.structure import Structure as Structure
     from skfem_joint.structure import contact as contact
     from skfem_joint.structure import point_friction as point_friction
+    from skfem_joint.system import AppliedLoad as AppliedLoad
     from skfem_joint.system import System as System
+    from skfem_joint.system_files import load as load
+    from skfem_joint.system_files import save as save
 
-_SHAPES = "HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
+_SHAPES = "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
 _PARTS = "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact point_friction"
 _NAMES = {
-    "analysis.backbone": "backbone ring_down",
-    "analysis.response": "response",
-    "analysis.study": "run_scene",
-    "analysis.sweep": "sweep",
+    "analysis.active_region": "ActiveRegion active_region",
+    "analysis.backbone": "Backbone RingDown backbone ring_down",
+    "analysis.history": "Errors compare",
+    "analysis.natural_modes": "NaturalModes natural_modes",
+    "analysis.response": "Curve SteadyPoint response",
+    "analysis.rows": "Rows",
+    "analysis.stress": "StressHistory stress_history",
+    "analysis.study": "Model Study run_scene",
+    "analysis.sweep": "Row sweep",
     "errors": "ConvergenceError InputError",
     "loads": _SHAPES,
-    "mesh": "build_bar build_box build_plate load_meshes merged",
+    "mesh": "NamedMesh build_bar build_box build_plate load_meshes merged",
+    "output.series": "write_vtk",
     "reduction": "condense reduce",
-    "scene": "load_scene load_sweep",
+    "reduction.pod": "ProperModes proper_modes",
+    "scene": "Scene load_scene load_sweep",
+    "scene.reading": "Swept",
+    "stepping.checkpoint": "Checkpoint Checkpoints",
     "stepping.integrate": "integrate",
-    "stepping.recording": "Save",
+    "stepping.recording": "Counters Cycles Run Save Steady",
+    "stepping.schemes": "Scheme generalized_alpha",
     "structure": _PARTS,
-    "system": "System",
+    "system": "AppliedLoad System",
+    "system_files": "load save",
+    "slips": "SlipRows",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_MODULE)

@@ -127,16 +127,19 @@ def _doubles(found: Any, size: int) -> Any:
     if not isinstance(found, np.ndarray):
         if not sparse.issparse(found):
             raise ValueError("it holds no array of numbers")
-        if max(found.shape) > max(MOST_ROWS, size):
-            raise ValueError(
-                f"it says that its shape is {found.shape}, for which {size} bytes are too few"
-            )
-        check_indices(found)
+        _check_sparse(found, size)
         rows = sparse.csr_array(found)
         _check_numbers(rows.dtype)
         return rows.astype(float)
     _check_numbers(found.dtype)
     return found.astype(float)
+
+
+def _check_sparse(A: Any, size: int) -> None:
+    """Refuse a sparse matrix whose shape needs more than ``size`` bytes, or indices out of it."""
+    if max(A.shape) > max(MOST_ROWS, size):
+        raise ValueError(f"it says that its shape is {A.shape}, for which {size} bytes are too few")
+    check_indices(A)
 
 
 def _check_numbers(dtype: np.dtype[Any]) -> None:
@@ -228,6 +231,30 @@ def _npz(content: bytes) -> _Stored:
     if "format" not in members.names:
         return members
     return _Stored((), lambda _: _sparse(members.read), members.size)
+
+
+def sparse_parts(A: Any) -> dict[str, NDArray[Any]]:
+    """Arrays of a sparse matrix by the names that `scipy.sparse.save_npz` gives them.
+
+    A matrix of a format without such names comes in compressed rows.
+    """
+    A = A if A.format in _PARTS else sparse.csr_array(A)
+    parts = {name: getattr(A, name) for name in _PARTS[A.format]}
+    return {"format": np.array(A.format), "shape": np.array(A.shape), "data": A.data, **parts}
+
+
+def sparse_array(part: Callable[[str], NDArray[Any]], size: int) -> Any:
+    """Sparse matrix from the arrays of `sparse_parts`, in a file of so many bytes.
+
+    Raises
+    ------
+    ValueError and others of `DAMAGE`
+        For what is damaged, no matrix, needs more memory than the bytes tell, or has indices that
+        are not in its shape.
+    """
+    A = _sparse(part)
+    _check_sparse(A, size)
+    return A
 
 
 def _sparse(part: Callable[[str], NDArray[Any]]) -> Any:

@@ -26,7 +26,7 @@ _SINGULAR = 1e-11
 _SAME = 0.1
 
 
-def natural_modes(
+def eigenmodes(
     K: Matrix,
     M: Matrix,
     count: int,
@@ -60,17 +60,17 @@ def straining_modes(
     if not free.size:
         return np.zeros(0), np.zeros((K.shape[0], 0))
     K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
-    squares, modes = _lowest(K, M, count)
-    strains = squares > 0.0
+    frequency, modes = lowest_modes(K, M, count)
+    strains = frequency > 0.0
     shapes = np.zeros((held.size + free.size, int(strains.sum())))
     shapes[free] = modes[:, strains]
-    return np.sqrt(squares[strains]) / (2.0 * np.pi), shapes
+    return frequency[strains], shapes
 
 
 def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
     """Motions (n, k) that strain nothing, at ``most`` so many of them, of unit mass."""
-    squares, modes = _lowest(sparse.csr_array(K), sparse.csr_array(M), most)
-    return modes[:, squares == 0.0]
+    frequency, modes = lowest_modes(sparse.csr_array(K), sparse.csr_array(M), most)
+    return modes[:, frequency == 0.0]
 
 
 def is_singular(K: Matrix) -> bool:
@@ -82,12 +82,17 @@ def is_singular(K: Matrix) -> bool:
     return bool(np.min(found) <= _SINGULAR * np.max(found))
 
 
-def _lowest(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
-    """Squares of the lowest natural frequencies (1/s2), zero of rigid motions, and modes."""
+def lowest_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
+    """Lowest natural frequencies (Hz), zero of rigid motions, and mass-orthonormal modes.
+
+    Unlike `eigenmodes` it takes a singular stiffness: a small share of the mass is added to it, and
+    taken off the squares of the frequencies again.
+    """
     small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
-    frequency, modes = natural_modes(K + small * M, M, count)
+    frequency, modes = eigenmodes(K + small * M, M, count)
     shifted = (2.0 * np.pi * frequency) ** 2
-    return np.where(shifted > 2.0 * small, shifted - small, 0.0), modes
+    squares = np.where(shifted > 2.0 * small, shifted - small, 0.0)
+    return np.sqrt(squares) / (2.0 * np.pi), modes
 
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:

@@ -89,6 +89,9 @@ class System:
         Share of each named joint in the friction of each contact point.
     joints : tuple of str
         Names of the rows of ``J``; without both, all contact points are one joint.
+    shares : sparse array, shape (m, m_all), or None
+        Share of each contact point of the structure in each contact point of a reduced model,
+        which stands for it; rows add up to one. None where they are all there is.
     notes : tuple of str
         Sentences that users should read about how the system was made.
     made_for : str
@@ -117,11 +120,12 @@ class System:
     T: Matrix = field(default=None)
     J: Matrix = field(default=None)
     joints: tuple[str, ...] = ()
+    shares: Matrix = field(default=None)
     notes: tuple[str, ...] = ()
     made_for: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J"):
+        for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, as_real(value, name))
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
@@ -147,6 +151,8 @@ class System:
         compared += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
         if self.T is not None:
             compared.append(("T", self.T.shape, (self.T.shape[0], n)))
+        if self.shares is not None:
+            compared.append(("shares", self.shares.shape, (m, self.shares.shape[1])))
         problems = [
             f"{name}: found shape {shape}, must be {right}"
             for name, shape, right in compared

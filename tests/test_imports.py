@@ -6,7 +6,9 @@ Imports that serve annotations alone count like all others.
 import ast
 import subprocess
 import sys
+from inspect import isfunction
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -109,3 +111,21 @@ def test_the_public_names_are_there_and_cost_nothing_until_they_are_used():
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numpy", "scipy", "skfem", "numba", "pydantic"} & set(ended.stdout.split())
     assert (PACKAGE / "py.typed").is_file()
+
+
+def test_what_signatures_of_public_functions_name_is_public():
+    named: set[type] = set()
+
+    def collect(hint: object) -> None:
+        if isinstance(hint, type) and hint.__module__.startswith("skfem_joint"):
+            named.add(hint)
+        for part in get_args(hint):
+            collect(part)
+
+    for name in skfem_joint.__all__:
+        public = getattr(skfem_joint, name)
+        for hint in get_type_hints(public).values() if isfunction(public) else ():
+            collect(hint)
+    assert len(named) > 10
+    assert {one.__name__ for one in named} <= set(skfem_joint.__all__)
+    assert all(getattr(skfem_joint, one.__name__) is one for one in named)

@@ -106,7 +106,7 @@ def measure(task):
     path = slip_path(system, how["step"], how["n_steps"], modes=modes)
     basis = static_basis(system, path, modes, interface_modes)
     periodic = how["cycle_steps"] is not None
-    small, _ = reduced_system(system, basis, periodic=periodic, warn=[])
+    small = reduced_system(system, basis, periodic=periodic, warn=[])
     offline = time.perf_counter() - begin
     reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s

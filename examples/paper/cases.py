@@ -10,12 +10,13 @@ from paper.page import printed
 
 import skfem_joint as sj
 from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.study import Model
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.reduction.basis import make_basis, own_basis
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
+from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.reduction.zones import active_zones, estimate_active_length
 from skfem_joint.scene import scene_from
 
@@ -154,7 +155,7 @@ def _own(its):
     save, modes = sj.Save(fields=True, points=False), options.mode_count
     training = sj.integrate(system, step=its.time_step, n_steps=steps, save=save)
     snapshots = snapshot_matrix(training.u, training.v, options.snapshots)
-    V = orthonormal(proper_modes(snapshots).modes[:, :modes], system.M)
+    V = orthonormal(proper_decomposition(snapshots).modes[:, :modes], system.M)
     peak, x = training.slip_peak[patch.points], its.structure().nodes[patch.nodes, 0]
     moving = peak > THRESHOLD * peak.max()
     basis = own_basis(system, training, modes, inner_product="euclidean")
@@ -169,7 +170,7 @@ def _reduced(its):
         basis = _own(its)
     else:
         basis = make_basis(its.structure(), system, options, **steps, enriched=True, warn=[])
-    small, _ = reduced_system(system, basis, periodic=its.periodic, warn=[], **options.friction)
+    small = reduced_system(system, basis, periodic=its.periodic, warn=[], **options.friction)
     return Model("reduced", sj.integrate(small, **steps), 0.0, basis.active_length, basis=basis)
 
 
@@ -218,7 +219,7 @@ def fields(case, **options):
     structure, model = scene(case, **options).structure(), run(case, **options)
     x = structure.nodes[:, 0]
     order = np.argsort(x)[1:]
-    return x[order], *(structure.unpacked(one)[:, order, 0] for one in model.fields())
+    return x[order], *(both[:, order, 0] for both in displacements(structure, model.run))
 
 
 def active_percents(peak):

@@ -8,7 +8,7 @@ from paper import cases
 from paper.cases import CASES, DEFAULT, MOVED, OWN, PLAIN, PULSES, difference, run
 from paper.page import limit_of, printed
 
-from skfem_joint.reduction.pod import ProperModes, proper_modes
+from skfem_joint.reduction.pod import ProperModes, proper_decomposition
 
 CASE = CASES["VII"]
 DURATION, STEP = 2e-3, 1e-6
@@ -54,9 +54,9 @@ class _Full(NamedTuple):
 def _full(shape=PULSES[0], damping=DAMPINGS[0]):
     x, u, _ = cases.fields(CASE, damping=damping, **_pulse(shape, frames=round(DURATION / STEP)))
     parts = (u[: round(end / STEP) + 1] for end in (2e-4, 5e-4, DURATION))
-    first = [proper_modes(part).proper_values[0] for part in parts]
+    first = [proper_decomposition(part).proper_values[0] for part in parts]
     active = cases.active_percents(np.abs(u).max(axis=0))
-    return _Full(x, proper_modes(u), active, first)
+    return _Full(x, proper_decomposition(u), active, first)
 
 
 def fig15(item, quick):

@@ -12,7 +12,7 @@ from paper.page import percent
 from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.minimise.law import force as friction_force
 from skfem_joint.reduction import reference as package
-from skfem_joint.reduction.pod import proper_modes
+from skfem_joint.reduction.pod import proper_decomposition
 
 REFERENCE, WEAK = CASES["reference"], CASES["weak"]
 LESSER = replace(REFERENCE, force=0.7 * REFERENCE.force)
@@ -179,7 +179,7 @@ def table1(item, quick):
         columns = {f"mode_{k + 1}": values[:, k] for k in range(COUNT)}
         item.curves[f"fig5{letter}"] = {"active_length_share": xi} | columns
     first = [_modes(cycles=cycles).proper.proper_values[0] for cycles in (1, 2, 4, 6)]
-    first.append(proper_modes(settled.u[-201:]).proper_values[0])
+    first.append(proper_decomposition(settled.u[-201:]).proper_values[0])
     others = [_modes(normal_force="consistent"), exact[0], _modes(steps=100)]
     both = _modes(snapshots="both").proper
     ratios = sharp[0][-1] / sharp[1][-1]

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from paper.figures import draw
 
+from skfem_joint import write_vtk
 from skfem_joint.analysis.error_time import markdown_table
 from skfem_joint.files import replacing
 
@@ -150,9 +151,6 @@ class Item:
 
 def write(folder, item):
     """Write an item's curves (CSV), pictures (PNG) and series for ParaView."""
-    from skfem_joint.output.fields import frames_of
-    from skfem_joint.output.series import write_series
-
     for name in ("curves", "pictures"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for name, columns in item.curves.items():
@@ -165,8 +163,9 @@ def write(folder, item):
     if item.series and find_spec("pyvista") is None:
         item.say("paraview.missing")
         return
-    for name, study in item.series.items():
-        write_series(folder / "paraview" / f"{name}.pvd", frames_of(study()))
+    for name, make in item.series.items():
+        study = make()
+        write_vtk(folder / "paraview" / f"{name}.pvd", study.structure, study.runs)
         item.say("paraview", path=f"paraview/{name}.pvd")
 
 

@@ -13,7 +13,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 
 from skfem_joint import run_scene
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 
 CASE = CASES["structure"]
 TIME = {"cycles": 12, "steps_per_cycle": 200}
@@ -29,7 +29,7 @@ DECAYS = (("triangle", 1e-5), ("ramp_and_hold", 1e-5), ("triangle", 1e-6), ("tri
 def resonances(length, count):
     """First natural frequencies of a plate held at one end, by finite elements, Hz."""
     system = cases.scene(replace(CASES["reference"], length=length)).system()
-    return natural_modes(system.K, system.M, count)[0]
+    return eigenmodes(system.K, system.M, count)[0]
 
 
 def harmonic(beta, choice="", modes=5, **options):

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from skfem_joint.reduction.basis import own_basis
 from skfem_joint.reduction.friction_points import gauss_points, merged_points
-from skfem_joint.reduction.pod import orthonormal, proper_modes, snapshot_matrix
+from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -39,8 +39,8 @@ def modelled(case):
         reduced, most = system.project(basis.V), POINTS_PER_MODE * case.modes
         if case.model == "reduced":
             return reduced
-        return merged_points(reduced, basis.velocities, basis.active, most)[0]
-    V = proper_modes(snapshot_matrix(training.u, training.v, "both")).modes[:, : case.modes]
+        return merged_points(reduced, basis.velocities, basis.active, most)
+    V = proper_decomposition(snapshot_matrix(training.u, training.v, "both")).modes[:, : case.modes]
     V = V * np.logspace(-0.5 * case.mode_scales, 0.5 * case.mode_scales, V.shape[1])
     if case.dependent:
         V = np.hstack([V, V @ np.ones((V.shape[1], 2))])
@@ -50,7 +50,7 @@ def modelled(case):
         return system.project(V)
     (patch,) = (structure := structure_of(case)).patches
     line = patch.points, structure.nodes[patch.nodes, 0]
-    return gauss_points(system.project(V), [line], POINTS)[0]
+    return gauss_points(system.project(V), [line], POINTS)
 
 
 def run(case, system, *, fields=False, finer=1):

@@ -17,7 +17,6 @@ import numpy as np
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import how_of, options_of
 from skfem_joint.analysis.estimate import Estimate, Lacking
-from skfem_joint.arrays import Matrix
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis
@@ -67,7 +66,7 @@ def stepped(scene: Scene, basis: Basis) -> Scene:
 
     ConvergenceError as `shorter`, or if a step does not converge.
     """
-    reduced, _ = reduced_system(scene.system(), basis, warn=[])
+    reduced = reduced_system(scene.system(), basis, warn=[])
     for _ in range(ROUNDS):
         how = how_of(scene)
         finer = shorter(scene, estimate.of_full(reduced, estimate.again(reduced, how), how))
@@ -84,7 +83,6 @@ class Met:
     scene: Scene
     basis: Basis
     system: System
-    shares: Matrix
     estimate: Estimate
 
 
@@ -100,11 +98,11 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
     for done in range(ROUNDS):
         report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
-        reduced, shares = reduced_system(system, basis, **own, periodic=scene.periodic, warn=[])
+        reduced = reduced_system(system, basis, **own, periodic=scene.periodic, warn=[])
         step, found = scene.time_step, estimate.of_reduced(system, basis, reduced, how_of(scene))
         errors.append(excess(accuracy, found))
         if errors[-1] <= 1.0:
-            return Met(scene, basis, reduced, shares, found)
+            return Met(scene, basis, reduced, found)
         sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}
         if min(errors[-2:]) > STALLED * min(errors[:-2], default=np.inf):
             break

@@ -36,7 +36,7 @@ from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.minimise.law import force as friction_force
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.zones import motions_without_slip
@@ -115,7 +115,7 @@ def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
             "model, or look at response"
         )
     K, M = (sparse.csr_array(congruent(A, F)) for A in (system.K, system.M))
-    frequency, shapes = natural_modes(K, M, min(count, F.shape[1]))
+    frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]))
     return frequency, F @ shapes
 
 

@@ -18,10 +18,11 @@ from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
+from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import LOOKED_AT, straining_modes
+from skfem_joint.modes import LOOKED_AT
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -97,20 +98,18 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
-    loose, loose_shapes = straining_modes(system.K, system.M, no_unknowns)
-    stuck = straining_modes(system.K, system.M, held)
-    values["frequencies_stuck_Hz"] = stuck[0][:SHOWN].tolist()
-    values["frequencies_loose_Hz"] = loose[:SHOWN].tolist()
-    text = f"First natural frequencies beside rigid motions: {_listed(loose)}"
+    both = [natural_modes(system, LOOKED_AT, joints=joints) for joints in ("loose", "stuck")]
+    rigid, (loose, stuck) = [one.rigid_motions for one in both], [one.straining for one in both]
+    values["frequencies_stuck_Hz"] = stuck.frequencies[:SHOWN].tolist()
+    values["frequencies_loose_Hz"] = loose.frequencies[:SHOWN].tolist()
+    text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
     if held.size:
-        number, likeness = alike(system.M, stuck[1][:, :SHOWN], loose_shapes)
+        number, likeness = alike(system.M, stuck.modes[:, :SHOWN], loose.modes)
         values["stuck_modes_like_loose"] = (number + 1).tolist()
         values["stuck_modes_like_loose_share"] = likeness.tolist()
-        text += f" with the joints loose, {_listed(stuck[0])} with the joints stuck"
+        text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
         text += _compared(number, likeness)
     facts.append(f"{text}.")
-    looked_at = min(LOOKED_AT, system.n), min(LOOKED_AT, system.n - held.size)
-    rigid = [most - some.size for most, some in zip(looked_at, (loose, stuck[0]), strict=True)]
     values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
     if structure.body is None:
         facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
@@ -235,11 +234,9 @@ class _Vibration:
     most: FloatArray  #: (k,), of the history, at the time of the largest strain
 
 
-def _forces(
-    scene: Scene, system: System, held: Any, modes: tuple[FloatArray, FloatArray]
-) -> _Vibration:
+def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vibration:
     """Vibration of the stuck structure, from rest."""
-    F, frequency, shapes = system.load_vectors(), *modes
+    F, frequency, shapes = system.load_vectors(), modes.frequencies, modes.modes
     steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
     h = scene.time_step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))

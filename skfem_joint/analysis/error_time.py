@@ -214,11 +214,11 @@ class _Reduction:
         """By family: the model, and how long it took to make, s."""
         begin, made = time.perf_counter(), {}
         options = replace(options_of(self.study.scene), modes=self.modes)
-        basis, *_ = reduction_of(self.study, options)
+        basis, _ = reduction_of(self.study, options)
         offline = time.perf_counter() - begin
         for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
             begin = time.perf_counter()
-            _, one, _ = reduction_of(self.study, replace(options, friction_points=points), basis)
+            _, one = reduction_of(self.study, replace(options, friction_points=points), basis)
             made[family] = one, offline + time.perf_counter() - begin
         return made
 

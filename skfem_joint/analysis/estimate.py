@@ -235,14 +235,14 @@ class _Points:
         if not picks_unknowns(reduced.B):
             return _Points(system, basis, condensed=False, projected={})
         known = {basis.V.shape[1]: reduced}
-        return _Points(carrying(system)[0], basis, condensed=True, projected=known)
+        return _Points(carrying(system), basis, condensed=True, projected=known)
 
     @property
     def few(self) -> bool:
         return self.condensed or self.system.contact_points <= MANY
 
     @cached_property
-    def merged(self) -> tuple[System, Any]:
+    def merged(self) -> System:
         every = self.projection(self.basis.V)
         return merged_points(every, self.basis.velocities, np.flatnonzero(self.system.w), MERGED)
 
@@ -267,8 +267,7 @@ class _Points:
         small = self.everywhere(V, beta)
         if self.few:
             return small
-        few, shares = self.merged
-        return shared_points(small, shares, few.w)[0]
+        return shared_points(small, self.merged.shares, self.merged.w)
 
 
 def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> tuple[Run | None, Parts]:

@@ -12,6 +12,8 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run
 
+States = NDArray[np.int8]
+
 #: Results that errors are estimated for.
 QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
 #: A point that moves less than this share of what moves most is compared with that share.
@@ -40,9 +42,7 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(
-    slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE
-) -> NDArray[np.int8]:
+def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE) -> States:
     """1 where a contact point slips, 0 where it sticks.
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
@@ -82,18 +82,34 @@ def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
 
 @dataclass(frozen=True)
 class Errors:
-    """Distance of a run from a reference run, relative to the reference; energies and peak signed.
+    """Distance of a run from a reference run, relative to the reference.
 
-    None: there is nothing to compare with, no cycles or a zero.
+    None where there is nothing to compare with: no cycles, or a zero.
+
+    Attributes
+    ----------
+    displacement_rms, displacement_max : float
+        Root mean square and largest difference of the displacements of the named point that differs
+        most, over the root mean square and the largest displacement of the reference there.
+    by_point : dict of str to tuple of float
+        The same two for each named point.
+    peak_displacement : float or None
+        Difference of the peaks of the named point that moves most, with its sign; those of the last
+        cycle, or of the whole run without cycles.
+    friction_energy_per_cycle, loop_energy_per_cycle : float or None
+        Difference of the energies lost by friction and of the work of the loads in the last cycle,
+        with its sign.
+    friction_energy : float or None
+        Difference of the energies lost by friction over the whole run, with its sign.
     """
 
-    displacement_rms: float  #: of the named point that differs most, see `differences`
+    displacement_rms: float
     displacement_max: float
-    by_point: dict[str, tuple[float, float]]  #: the same two for each named point
-    peak_displacement: float | None  #: see `peaks`, of the named point that moves most
-    friction_energy_per_cycle: float | None  #: in the last cycle
-    loop_energy_per_cycle: float | None  #: in the last cycle
-    friction_energy: float | None  #: over the whole run
+    by_point: dict[str, tuple[float, float]]
+    peak_displacement: float | None
+    friction_energy_per_cycle: float | None
+    loop_energy_per_cycle: float | None
+    friction_energy: float | None
 
 
 def peaks(run: Run) -> FloatArray:
@@ -109,9 +125,22 @@ def energies(run: Run) -> tuple[float, float]:
 
 
 def compare(reference: Run, other: Run) -> Errors:
-    """Errors of ``other`` against ``reference``.
+    """Errors of a run against a reference run, by quantity.
 
-    InputError if the stored times or the named points differ.
+    Parameters
+    ----------
+    reference, other : Run
+        Full, condensed or reduced, of the same named points, stored at the same times.
+
+    Returns
+    -------
+    Errors
+        Relative to the reference.
+
+    Raises
+    ------
+    InputError
+        If the stored times or the named points differ.
     """
     same_times = reference.times.shape == other.times.shape and np.allclose(
         reference.times, other.times, rtol=1e-9, atol=0.0

@@ -250,7 +250,7 @@ def _loaded(
     how = _steps(scene, frequency)
     how["n_steps"] *= TO_STEADY
     basis = make_basis(scene.structure(), loaded, options, **how, warn=warn)
-    return basis, reduced_system(loaded, basis, **options.friction, warn=warn)[0]
+    return basis, reduced_system(loaded, basis, **options.friction, warn=warn)
 
 
 def _errors(
@@ -361,7 +361,7 @@ def _vibrating(
     else:
         stuck = stuck_modes(system, number + beside)[1]
         basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-        small, _ = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
+        small = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
     return basis.V, small
 
 

@@ -7,26 +7,25 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from skfem_joint.analysis import accuracy, estimate
+from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
 from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare, difference, results
 from skfem_joint.analysis.summary import violated
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import law
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.active_length import active_fractions, gross_slip
+from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.reduction.basis import Basis, Options, make_basis
-from skfem_joint.reduction.condensed import carrying, condensed_basis, condensed_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.reduction.zones import measured_lengths
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
@@ -37,6 +36,7 @@ from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
+_ByJoint: TypeAlias = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,6 @@ class Model:
     active_area_fraction: dict[str, float] = field(default_factory=dict)
     slipping_fraction: dict[str, float] = field(default_factory=dict)
     basis: Basis | None = None  #: what a reduced or condensed model is made of
-    #: What its contact points stand for, (its points, points of the full model), sparse.
-    shares: Matrix | None = None
     errors: Errors | None = None  #: against the full model, where both were run
     estimate: Estimate | None = None  #: errors as estimated without it
     estimate_s: float = 0.0  #: time for that, s
@@ -72,33 +70,6 @@ class Model:
         """Number of vectors of the basis; None for the full model."""
         return None if self.basis is None else int(self.basis.V.shape[1])
 
-    def fields(self) -> tuple[FloatArray, FloatArray]:
-        """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N dofs)."""
-        expand = self.run.system.expand
-        return expand(self.run.u), expand(self.run.v)
-
-    def slips(self, system: System) -> tuple[FloatArray, FloatArray]:
-        """Stored slips (m) and slip velocities (m/s) of the full model, (frames, rows of B)."""
-        u, v = self.run.u, self.run.v
-        if self.basis is not None:
-            u, v = u @ self.basis.V.T, v @ self.basis.V.T
-        return np.asarray((system.B @ u.T).T), np.asarray((system.B @ v.T).T)
-
-    def normalised_friction(self, system: System) -> FloatArray:
-        """Friction over its limit at all contact points of the full model, (frames, rows of B).
-
-        A reduced model evaluates friction at points of its own; here its law is evaluated at its
-        velocities of the contact nodes. Points that a condensed one leaves out carry none.
-        """
-        if self.basis is None:
-            return self.run.sigma
-        if self.name == "condensed":
-            sigma = np.zeros((len(self.run.sigma), system.B.shape[0]))
-            sigma[:, np.flatnonzero(system.on_rows(system.w))] = self.run.sigma
-            return sigma
-        beta = np.minimum(system.beta, self.run.system.beta.max())
-        return law.force_vectors(self.slips(system)[1], beta, system.directions)
-
 
 @dataclass
 class Study:
@@ -113,6 +84,11 @@ class Study:
     met: accuracy.Met | None = None  #: reduced model that meets the accuracy asked for
     met_s: tuple[float, float] = (0.0, 0.0)  #: time to find it, and that of compilation in it, s
     description: Description = field(default_factory=Description)  #: what the structure is
+
+    @property
+    def runs(self) -> dict[str, Run]:
+        """Runs by the names of their models."""
+        return {name: model.run for name, model in self.models.items()}
 
     @property
     def period(self) -> float:
@@ -244,10 +220,15 @@ def _full(study: Study, how: Mapping[str, Any]) -> Model:
                 f"accuracy: no step that the full model meets it with was found; "
                 f"{study.scene.time_step:.4g} s does not do. Ask for less"
             )
-    lengths = measured_lengths(study.structure, run.slip_peak)
-    active = active_fractions(study.structure, study.system, run.slip_peak, study.period)
-    model = Model("full", run, run.preparation_s, lengths, *active, estimate=found)
+    active = _active(study, run.slip_peak)
+    model = Model("full", run, run.preparation_s, *active, estimate=found)
     return replace(model, compilation_s=run.compilation_s)
+
+
+def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
+    """Active lengths (m), shares of area and shares of nodes, from largest slips, (m,), m."""
+    found = region_of(study.structure, study.system, slip_peak, study.period)
+    return found.length, found.area_fraction, found.point_fraction
 
 
 def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
@@ -293,27 +274,27 @@ def _measure(study: Study, model: Model) -> None:
 def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
     watch, met = Stopwatch(), study.met
     if met is None:
-        basis, system, shares = reduction_of(study, options_of(study.scene))
+        basis, system = reduction_of(study, options_of(study.scene))
     else:
-        basis, system, shares = met.basis, met.system, met.shares
-    active: tuple[dict[str, float], dict[str, float]] = {}, {}
+        basis, system = met.basis, met.system
+    active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
         study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
-        active = active_fractions(study.structure, study.system, basis.slip_peak, study.period)
+        active = _active(study, basis.slip_peak)[1:]
     before, compiled = np.add(watch.read(), study.met_s).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
     run = integrate(system, **how_of(study.scene), **how)
     length, found = dict(basis.active_length), None if met is None else met.estimate
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
-    model = Model("reduced", run, offline, length, *active, basis, shares, estimate=found)
+    model = Model("reduced", run, offline, length, *active, basis, estimate=found)
     return replace(model, compilation_s=compiled)
 
 
 def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
     watch, system = Stopwatch(), study.system
     basis = condensed_basis(system)
-    small, shares = condensed_system(system, basis.V), carrying(system)[1]
+    small = condensed_system(system, basis.V)
     kept = small.B.shape[0]
     if kept > schur.SETTINGS.most_dense or arranged(system).kind == "chain":
         study.warnings.append(
@@ -322,11 +303,9 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
         )
     before, compiled = watch.read()
     run = integrate(small, **how_of(study.scene), **how)
-    peak = np.asarray(run.slip_peak @ shares)
-    active = active_fractions(study.structure, system, peak, study.period)
+    peak = np.asarray(run.slip_peak @ small.shares)
     basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
-    lengths = measured_lengths(study.structure, peak)
-    model = Model("condensed", run, offline, lengths, *active, basis, shares)
+    model = Model("condensed", run, offline, *_active(study, peak), basis)
     return replace(model, compilation_s=compiled + run.compilation_s)
 
 
@@ -335,15 +314,12 @@ _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}
 
 def reduction_of(
     study: Study, options: Options, basis: Basis | None = None
-) -> tuple[Basis, System, Matrix]:
-    """Basis, if it is not given, and reduced system of a study, whose warnings are added to.
-
-    Third comes what its friction points stand for, see `Model`.
-    """
+) -> tuple[Basis, System]:
+    """Basis, if it is not given, and reduced system of a study, whose warnings are added to."""
     if basis is None:
         basis = _basis(study, options, study.warnings)
     how: dict[str, Any] = {"periodic": study.scene.periodic, "warn": study.warnings}
-    return basis, *reduced_system(study.system, basis, **options.friction, **how)
+    return basis, reduced_system(study.system, basis, **options.friction, **how)
 
 
 def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
@@ -352,24 +328,3 @@ def _basis(study: Study, options: Options, warn: list[str], enriched: bool = Fal
         how["n_steps"] *= TO_STEADY
     del how["save"], how["until"]
     return make_basis(study.structure, study.system, options, warn=warn, **how)
-
-
-def friction_work(study: Study, model: Model) -> FloatArray:
-    """Friction work of each contact point of the full model up to each frame, (frames, m), J.
-
-    A reduced model with friction points of its own knows its work in each joint; there it is spread
-    over the contact points as their friction and slip at the stored frames say.
-    """
-    system, rows = study.system, model.run.friction_work_rows
-    if model.shares is None:
-        return rows
-    if model.shares.nnz == model.run.system.w.size:  # some of them, or in another order
-        return np.asarray(rows @ model.shares)
-    slip, sigma = model.slips(system)[0], model.normalised_friction(system)
-    parts = system.on_rows(system.w) * 0.5 * (sigma[1:] + sigma[:-1]) * np.diff(slip, axis=0)
-    spread = np.zeros((len(slip), system.w.size))
-    np.cumsum(np.maximum(system.by_point(parts), 0.0), axis=0, out=spread[1:])
-    joints = system.J
-    total, known = spread @ joints.T, rows @ model.run.system.J.T
-    scale = np.divide(known, total, out=np.zeros_like(total), where=total > 0.0)
-    return np.asarray(spread * (scale @ joints))

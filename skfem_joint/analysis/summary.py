@@ -86,7 +86,8 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
     per_cycle: list[Any] = run.cycles.by_joint[-1:].ravel().tolist()
     per_cycle = per_cycle or [None] * len(run.system.joints)
     found: dict[str, dict[str, Any]] = {}
-    work = run.friction_work if model.shares is None else model.shares.T @ run.friction_work
+    shares = run.system.shares
+    work = run.friction_work if shares is None else shares.T @ run.friction_work
     for k, patch in enumerate(study.structure.patches):
         name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
         found[name] = {

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, slip_state
-from skfem_joint.analysis.study import Model, Study, friction_work
+from skfem_joint.analysis.contact_history import check_fields, contact_history, displacements
+from skfem_joint.analysis.history import States
+from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.structure import Structure
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.unknowns import selection
-
-States = NDArray[np.int8]
 
 #: Arrays of a series and their units, the same for every dimension; vectors and tensors in space.
 POINT_ARRAYS = {
@@ -127,8 +127,6 @@ class Frames:
         work, slip = field.friction_work_density[frame], field.slip[frame]
         body = self.structure.body
         stress = body.stress(field.displacement[frame])[body.cell_element]
-        (xx, yy, zz), shear = stress[:, :3].T, stress[:, 3:]
-        distortion = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
         state = np.maximum(own, _mean_state(reaction, own))
         return {
             "displacement": in_space(field.displacement[frame]),
@@ -141,7 +139,7 @@ class Frames:
             **self._preloaded,
             "contact_state": _mean_state(self._cell_means, state),
             "stress": stress,
-            "von_mises": np.sqrt(distortion + 3.0 * np.sum(shear**2, axis=1)),
+            "von_mises": von_mises(stress),
         }
 
 
@@ -169,48 +167,51 @@ def _mean_state(means: sparse.csr_array, state: States) -> States:
     return np.where(contact >= 0.5 * (1.0 - 1e-12), found, -1).astype(np.int8)
 
 
-def frames_of(study: Study) -> Frames:
-    """Stored fields of a study's models, as far as all of them have come, with its loads.
+def frames_of(structure: AnyStructure, runs: Mapping[str, Run]) -> Frames:
+    """Stored fields of runs by name, as far as all of them have come, with the loads of the first.
 
-    InputError if the runs stored no fields, or the structure is given by matrices alone.
+    Raises
+    ------
+    InputError
+        If there is no run, one stored no fields or other times, or was not made from the structure,
+        or the structure is given by matrices alone.
     """
-    structure = study.structure.meshed("fields need a mesh")
-    models = list(study.models.values())
-    times = min((model.run.field_times for model in models), key=len)
-    if times.size == 0:
-        raise InputError("the runs stored no fields: integrate with Save(fields=True)")
-    rows = models[0].run.times if models[0].run.times.size else times
+    structure = structure.meshed("fields need a mesh")
+    if not isinstance(runs, Mapping) or not runs:
+        raise InputError("runs: must be runs by name, such as {'full': run}, at least one")
+    first = next(iter(runs.values()))
+    times = min((run.field_times for run in runs.values()), key=len)
+    for run in runs.values():
+        check_fields(run)
+        if not np.allclose(run.field_times[: times.size], times, rtol=1e-9, atol=0.0):
+            raise InputError("runs: must store their fields at the same times; use one Save in all")
+    rows = first.times if first.times.size else times
     forces: dict[str, FloatArray] = {}
-    for load, history in zip(study.system.loads, study.system.load_amplitudes(rows), strict=True):
+    loads = first.system.loads
+    for load, history in zip(loads, first.system.load_amplitudes(rows), strict=True):
         forces[load.on] = forces.get(load.on, 0.0) + history
-    fields = [_field_of(study, structure, model) for model in models]
+    fields = [_field_of(structure, name, run) for name, run in runs.items()]
     return Frames(structure, times, fields, rows, forces)
 
 
-def _field_of(study: Study, structure: Structure, model: Model) -> Field:
-    """Stored fields of a model on all displacement nodes."""
-    system = study.system
-    u, v = (structure.unpacked(part) for part in model.fields())
-    sigma = model.normalised_friction(system)
-    steepest = model.run.system.beta.max(initial=0.0)
-    slips, rates = model.slips(system)
-    speed = system.slip_norm(rates)
-    grey = GREY_SHARE_REDUCED if model.name == "reduced" else GREY_SHARE
-    state = slip_state(speed, np.minimum(system.beta, steepest), grey)
-    work = friction_work(study, model)
+def _field_of(structure: Structure, name: str, run: Run) -> Field:
+    """Stored fields of a run on all displacement nodes."""
+    u, v = displacements(structure, run)
+    contact = contact_history(structure, run)
+    system = contact.system
     slip, traction = np.zeros((2, *u.shape))
     density = np.zeros(u.shape[:2])
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
         points, nodes = patch.points, patch.nodes
-        limit = patch.joint.friction * patch.normal_force / patch.area
+        own = system.J[[number]].toarray()[0, points]
+        limit = own * system.w[points] / patch.area
         for k in range(patch.directions.shape[1]):
             free = system.directions[points] > k
             row, along = system.first_row[points[free]] + k, patch.directions[free, k]
-            size = -limit[free] * sigma[:, row]
+            size = -limit[free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
-            slip[:, nodes[free]] += slips[:, row, np.newaxis] * along
-        states[:, nodes] = state[:, points]
-        own = system.J[[number]].toarray()[0, points]
-        density[:, nodes] += work[:, points] * own / patch.area
-    return Field(model.name, u, v, slip, traction, states, density)
+            slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along
+        states[:, nodes] = contact.state[:, points]
+        density[:, nodes] += contact.work[:, points] * own / patch.area
+    return Field(name, u, v, slip, traction, states, density)

@@ -105,7 +105,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     output = study.scene.output
     pictured = output.plots and study.structure.body is not None
     if pictured or output.vtk:
-        frames = frames_of(study)
+        frames = frames_of(study.structure, study.runs)
     if output.vtk:
         plan[SERIES] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
@@ -123,7 +123,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
 def curves(study: Study) -> dict[str, Writer]:
     """Histories and pictures of curves that a scene asks for, each with what writes it."""
     scene, system = study.scene, study.system
-    runs = {name: model.run for name, model in study.models.items()}
+    runs = study.runs
     plan: dict[str, Writer] = {}
     if scene.output.history:
         plan["history.npz"] = partial(report.write_history, runs=runs)

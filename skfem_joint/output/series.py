@@ -21,8 +21,15 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
-from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, PRELOAD_ARRAYS, Frames
+from skfem_joint.output.fields import (
+    CELL_ARRAYS,
+    POINT_ARRAYS,
+    PRELOAD_ARRAYS,
+    Frames,
+    frames_of,
+)
 from skfem_joint.output.report import write_csv
+from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
@@ -216,6 +223,43 @@ def _corners(structure: Structure) -> IntArray:
     edges = structure.nodes[cells[:, beside]] - structure.nodes[cells[:, :1]]
     outside = np.linalg.det(edges) > 0.0
     return np.asarray(np.where(outside[:, np.newaxis], cells, cells[:, turned]), dtype=np.intp)
+
+
+def write_vtk(path: str | Path, structure: Structure, runs: Mapping[str, Run]) -> list[Path]:
+    """Write the stored fields of runs as a series that ParaView opens, with their loads beside it.
+
+    The series has displacement, velocity, slip, friction traction, stick and slip, pressure,
+    friction work, stress and von Mises stress of every run, on all nodes and elements; its files
+    say their units. Fields of contact come from the runs themselves, also those of condensed and
+    reduced models. `skfem_joint.output.series.write_series` says how bodies are shown.
+
+    Parameters
+    ----------
+    path : str or Path
+        Index of the series, such as ``"out/fields.pvd"``; folders are made.
+    structure : Structure
+        That the systems of all runs were made from.
+    runs : mapping of str to Run
+        Runs by the names they are shown with; full, condensed or reduced ones, with fields stored
+        at the same times, ``save=Save(fields=True)``. Frames beyond the shortest are left out.
+
+    Returns
+    -------
+    list of Path
+        The index, the files of the frames in ``out/fields/``, and ``out/fields_load.csv`` with the
+        forces (N) over time (s) of the first run's loads.
+
+    Raises
+    ------
+    InputError
+        If a run stored no fields or other times, or is not one of this structure; for names that
+        lead to one file, a path that cannot be written, and without pyvista.
+    """
+    path, frames = Path(path), frames_of(structure, runs)
+    files = write_series(path, frames)
+    load = path.with_name(f"{path.stem}_load.csv")
+    write_load(load, frames)
+    return [*files, load]
 
 
 def write_series(path: str | Path, frames: Frames) -> list[Path]:

@@ -86,7 +86,7 @@ def reduce(
         step = min(step, longest_step(system, whole))
         path = slip_path(system, step, round(whole / step), modes=modes)
         basis = static_basis(system, path, modes, interface_modes)
-    small, _ = reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])
+    small = reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])
     return replace(small, made_for=_loading(system))
 
 

@@ -26,14 +26,14 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray, slip_norms
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import Uncondensed
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.pod import (
     ProperModes,
-    inner_matrix,
     orthonormal,
+    proper_decomposition,
     proper_modes,
-    snapshot_matrix,
+    stride_of,
     thinned,
 )
 from skfem_joint.reduction.reference import ReferenceModes, paper_reference
@@ -220,14 +220,8 @@ def own_basis(
     are fixed-interface modes beside them, "auto": none. InputError if nothing moves in the run, or
     its snapshots make fewer modes than asked for.
     """
-    u, v = (thinned(x, _MOST_TIMES) for x in (run.u, run.v))
-    if not (np.any(u) and np.any(v)):
-        raise InputError(
-            "reduction: nothing moves in the run that the modes are to come from, or it holds no "
-            "fields (Save(fields=True)); give a load that acts in it, or run 'full' alone"
-        )
-    inner = inner_matrix(system, inner_product, u, v)
-    proper = proper_modes(snapshot_matrix(u, v, snapshots, inner), inner)
+    every = stride_of(len(run.u), _MOST_TIMES)
+    proper = proper_modes(run, snapshots=snapshots, inner_product=inner_product, every=every)
     if not 1 <= modes <= proper.modes.shape[1]:
         raise InputError(
             f"reduction.modes: found {modes}, must be from 1 to {proper.modes.shape[1]}, which "
@@ -235,7 +229,7 @@ def own_basis(
         )
     V, F = proper.modes[:, :modes], motions_without_slip(system)
     if not isinstance(interface_modes, str) and interface_modes > 0 and F.shape[1]:
-        V = np.hstack([V, F @ natural_modes(*_within(system, F), interface_modes)[1]])
+        V = np.hstack([V, F @ eigenmodes(*_within(system, F), interface_modes)[1]])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
     course = run.u, run.v, run.slip_peak, velocity
     return _basis(system, V, modes, proper, system.w > 0.0, *course)
@@ -250,7 +244,7 @@ def static_basis(
     share in the response; "auto": beyond what the others follow more than a hundredth, at most one
     for six modes, or two.
     """
-    proper = proper_modes(path.snapshots, energy(system))
+    proper = proper_decomposition(path.snapshots, energy(system))
     told = proper.singular_values > _TOLD * proper.singular_values[0]
     modes = min(modes, int(np.count_nonzero(told)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
@@ -289,7 +283,7 @@ def stuck_basis(
     slips = slips - (slips @ (system.M @ stuck)) @ stuck.T
     size = np.sqrt(np.maximum(np.einsum("ij,ij->i", slips, (system.K @ slips.T).T), 0.0))
     slips = slips[size > _TOLD * size.max()] / size[size > _TOLD * size.max(), np.newaxis]
-    proper = proper_modes(slips, energy(system))
+    proper = proper_decomposition(slips, energy(system))
     V = np.hstack([stuck, proper.modes[:, :modes]])
     slip_peak = system.slip_norm((system.B @ u.T).T).max(axis=0)
     velocity = 2.0 * np.pi * frequency * float(slip_peak.max())
@@ -403,7 +397,7 @@ def _rest_modes(
     if asked == 0:
         return found
     count = 0 if isinstance(asked, str) else asked
-    frequency, shapes = natural_modes(K, M, min(K.shape[0], max(_MOST_INTERFACE_MODES, count)))
+    frequency, shapes = eigenmodes(K, M, min(K.shape[0], max(_MOST_INTERFACE_MODES, count)))
     size = np.sqrt(np.einsum("ij,ij->j", V, system.M @ V))
     inertia = shapes.T @ (F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
     static = (shapes.T @ forces / frequency[:, np.newaxis]) ** 2

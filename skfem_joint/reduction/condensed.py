@@ -17,7 +17,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal
@@ -76,7 +76,7 @@ def condensed_basis(
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
-    inner, forward = carrying(system)[0], None
+    inner, forward = carrying(system), None
     if not picks_unknowns(inner.B):
         inner, new = inner.with_slips_as_unknowns()
         forward = new.forward
@@ -120,7 +120,7 @@ def _fixed_interface(
     """Natural modes of what the slips leave: so many, or as many as a frequency (Hz) needs."""
     n = K.shape[0]
     if not isinstance(asked, str):
-        return natural_modes(K, M, min(asked, n))[1] if asked else np.zeros((n, 0))
+        return eigenmodes(K, M, min(asked, n))[1] if asked else np.zeros((n, 0))
     if highest is None:
         raise InputError(
             "condense: the highest frequency of the loads is not known; say how many "
@@ -128,7 +128,7 @@ def _fixed_interface(
         )
     count = LEAST
     while True:
-        frequency, shapes = natural_modes(K, M, min(count, n))
+        frequency, shapes = eigenmodes(K, M, min(count, n))
         if count >= n or frequency[-1] > BEYOND * highest:
             below = int(np.count_nonzero(frequency <= BEYOND * highest))
             return shapes[:, : max(LEAST, below)]
@@ -137,7 +137,7 @@ def _fixed_interface(
 
 def condensed_system(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis."""
-    return slips_first(carrying(system)[0].project(V))
+    return slips_first(carrying(system).project(V))
 
 
 def slips_first(system: System) -> System:
@@ -145,7 +145,7 @@ def slips_first(system: System) -> System:
     return replace(system, B=selection(np.arange(system.B.shape[0], dtype=np.intp), system.n))
 
 
-def carrying(system: System) -> tuple[System, sparse.csr_array]:
-    """System with only those contact points that carry friction; which they are comes second."""
+def carrying(system: System) -> System:
+    """System with only those contact points that carry friction."""
     points = np.flatnonzero(system.w)
     return shared_points(system, selection(points, system.w.size), system.w[points])

@@ -58,17 +58,15 @@ def reduced_system(
     beta: str | float = "auto",
     periodic: bool = True,
     warn: list[str],
-) -> tuple[System, sparse.csr_array]:
+) -> System:
     """Reduced system with friction points and a steepness of its own.
 
     ``friction_points`` ("auto", "all" or a number) are Gauss points of each stretch of the basis,
     or where it has none merged points in all. ``beta`` (s/m) is the system's where the modes
     resolve it, and no steeper, but for a free decay (not ``periodic``), which gets a steeper law.
-    Sentences about what to beware of are appended to ``warn``. InputError if no point carries
-    friction, or for less than one point.
-
-    The share of each full point in each of its points, (its points, points of ``system``), comes
-    second; the rows add up to one.
+    Sentences about what to beware of are appended to ``warn``. Its ``shares`` say which points of
+    ``system`` each of its own stands for. InputError if no point carries friction, or for less
+    than one point.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
@@ -76,15 +74,14 @@ def reduced_system(
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:
         raise InputError(f"reduction.friction_points: found {count}, must be >= 1")
-    shares = sparse.eye_array(system.w.size, format="csr")
     if friction_points != "all" and basis.stretches is not None:
         each = count or POINTS_PER_MODE * basis.modes
-        reduced, shares = gauss_points(reduced, basis.stretches, each)
+        reduced = gauss_points(reduced, basis.stretches, each)
     elif friction_points != "all":
         every, rates = reduced, basis.velocities
         tried = [k * every.n for k in MERGED_PER_MODE] if count is None else [count]
         for most in tried:
-            reduced, shares = merged_points(every, rates, basis.active, most)
+            reduced = merged_points(every, rates, basis.active, most)
             if friction_lost(every, reduced, rates) <= MOST_LOST:
                 break
         if count is not None and reduced.w.size < count:
@@ -93,7 +90,7 @@ def reduced_system(
                 "more of the joints' points slip apart from each other."
             )
     if not isinstance(beta, str):
-        return replace(reduced, beta=np.full_like(reduced.beta, beta)), shares
+        return replace(reduced, beta=np.full_like(reduced.beta, beta))
     velocity = basis.slip_velocity or STUCK_VELOCITY
     share = basis.resolved if periodic else basis.resolved / DECAYING
     steepest = 1.0 / (share * velocity)
@@ -103,7 +100,7 @@ def reduced_system(
             f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "
             "would differ. Set reduction.beta to choose."
         )
-    return replace(reduced, beta=np.minimum(reduced.beta, steepest)), shares
+    return replace(reduced, beta=np.minimum(reduced.beta, steepest))
 
 
 def friction_lost(every: System, few: System, velocities: FloatArray) -> float:
@@ -146,12 +143,12 @@ def gauss_rule(
 
 def gauss_points(
     system: System, stretches: Sequence[tuple[IntArray, FloatArray]], count: int
-) -> tuple[System, sparse.csr_array]:
+) -> System:
     """Replace the contact points of each stretch by a Gauss rule; other points are dropped.
 
     A stretch is contact points with one slip direction and one beta, and their positions along a
     line, m; points in none of them must not move. Each gets ``count`` points (fewer where it has
-    fewer), between old ones, whose shares in the new ones (new points, m) come second.
+    fewer), between old ones, whose shares in the new ones are the ``shares`` of the system.
     """
     shares, weights = [sparse.csr_array((0, system.w.size))], [np.zeros(0)]
     for points, position in stretches:
@@ -173,15 +170,13 @@ def gauss_points(
     return shared_points(system, sparse.vstack(shares, format="csr"), np.concatenate(weights))
 
 
-def merged_points(
-    system: System, velocities: FloatArray, points: IntArray, count: int
-) -> tuple[System, sparse.csr_array]:
+def merged_points(system: System, velocities: FloatArray, points: IntArray, count: int) -> System:
     """Merge contact points that slip alike into at most ``count``; others than ``points`` go.
 
     Alike in ``velocities`` (times, n) of the unknowns in a run that slips as the runs to come.
     At least one is left of each joint, beta and number of directions. Its slip rows are means,
-    weighted with the friction limits, of those it stands for, and its limit is their sum; the share
-    of each old point in each new one, (new points, m), comes second.
+    weighted with the friction limits, of those it stands for, and its limit is their sum; the
+    ``shares`` of the system are these weights.
     """
     points = points[system.w[points] > 0.0]
     joints = sparse.csr_array(system.J)[:, points].toarray() > 0.0
@@ -206,12 +201,11 @@ def merged_points(
     return shared_points(system, sparse.csr_array(sparse.diags_array(1.0 / w) @ limits), w)
 
 
-def shared_points(
-    system: System, shares: sparse.csr_array, w: FloatArray
-) -> tuple[System, sparse.csr_array]:
+def shared_points(system: System, shares: sparse.csr_array, w: FloatArray) -> System:
     """System with new points of limits ``w`` (N) that slip as shares of old ones alike in kind.
 
-    ``shares`` is sparse, (new points, m), and comes second.
+    ``shares`` is sparse, (new points, m); those of the system are of the points of the structure,
+    whatever ``system`` itself stands for.
     """
     like = shares.indices[shares.indptr[:-1]]
     directions = system.directions[like]
@@ -219,7 +213,8 @@ def shared_points(
     new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
     B = both[new][:, old] @ system.B
     alike = {"beta": system.beta[like], "directions": directions}
-    return replace(system, B=B, w=w, J=system.J @ shares.T, **alike), shares
+    of_all = shares if system.shares is None else sparse.csr_array(shares @ system.shares)
+    return replace(system, B=B, w=w, J=system.J @ shares.T, shares=of_all, **alike)
 
 
 def _histories(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:

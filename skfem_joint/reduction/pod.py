@@ -10,7 +10,9 @@ from scipy.linalg import LinAlgError, solve_triangular, svd
 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
+from skfem_joint.values import COUNT, check
 
 #: What the snapshots of a decomposition hold.
 SNAPSHOTS = ("both", "displacement", "rates")
@@ -23,15 +25,28 @@ _ROUND_OFF, _DEPENDENT = 1e-14, 3e-7
 
 def thinned(history: FloatArray, most: int) -> FloatArray:
     """Evenly spread rows of a history, (times, ...), no more than ``most``."""
-    return history[:: max(1, -(-len(history) // most))]
+    return history[:: stride_of(len(history), most)]
+
+
+def stride_of(count: int, most: int) -> int:
+    """Stride with which no more than ``most`` of so many rows are taken."""
+    return max(1, -(-count // most))
 
 
 @dataclass(frozen=True)
 class ProperModes:
-    """Proper orthogonal modes and values."""
+    """Proper orthogonal modes and values.
 
-    modes: FloatArray  #: (n, r), orthonormal in the inner product they were made with
-    singular_values: FloatArray  #: (r,), decreasing
+    Attributes
+    ----------
+    modes : ndarray, shape (n, r)
+        Orthonormal in the inner product that they were made with.
+    singular_values : ndarray, shape (r,)
+        Decreasing.
+    """
+
+    modes: FloatArray
+    singular_values: FloatArray
 
     @property
     def proper_values(self) -> FloatArray:
@@ -44,7 +59,50 @@ class ProperModes:
         return np.asarray(np.cumsum(self.proper_values))
 
 
-def proper_modes(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:
+def proper_modes(
+    run: Run, *, snapshots: str = "both", inner_product: str = "energy", every: int = 1
+) -> ProperModes:
+    """Proper orthogonal modes and values of the fields that a run stored, Eq. (3).
+
+    ``run.system.project(proper.modes[:, :r])`` is the model reduced to the first r of them.
+
+    Parameters
+    ----------
+    run : Run
+        With stored fields, ``save=Save(fields=True)``.
+    snapshots : {"both", "displacement", "rates"}
+        What is decomposed. ``"displacement"`` is the paper's. ``"both"`` are displacement and
+        velocity, each divided by its norm: friction acts on velocities, so that such modes err less
+        in energy. ``"rates"`` are velocity and acceleration, slow instants weighed up.
+    inner_product : {"energy", "mass", "euclidean"}
+        What the modes are orthonormal in: V^T G V = I with G = K and a small share of M, G = M, or
+        the unit matrix, which is the paper's. See `inner_matrix`.
+    every : int
+        Every so many of the stored times are taken.
+
+    Returns
+    -------
+    ProperModes
+        At most as many modes as snapshots and as unknowns; those that are round-off are left out.
+
+    Raises
+    ------
+    InputError
+        If a word is unknown, the run stored no fields, nothing moves in it, or ``every`` is no
+        whole number above zero.
+    """
+    check("every", every, COUNT)
+    u, v = run.u[::every], run.v[::every]
+    if not (np.any(u) and np.any(v)):
+        raise InputError(
+            "reduction: nothing moves in the run that the modes are to come from, or it holds no "
+            "fields (Save(fields=True)); give a load that acts in it, or run 'full' alone"
+        )
+    inner = inner_matrix(run.system, inner_product, u, v)
+    return proper_decomposition(snapshot_matrix(u, v, snapshots, inner), inner)
+
+
+def proper_decomposition(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:
     """Proper orthogonal decomposition of snapshots (times, n); no (n, n) matrix is filled.
 
     V^T G V = I with the symmetric positive definite matrix G of the ``inner`` product, (n, n),
@@ -92,9 +150,8 @@ def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Mat
     asks for, however slowly a body slides as a whole.
     """
     if name not in INNER_PRODUCTS:
-        raise InputError(
-            f"inner_product: found {name!r}, must be one of {', '.join(INNER_PRODUCTS)}"
-        )
+        names = ", ".join(INNER_PRODUCTS)
+        raise InputError(f"inner_product: found {name!r}, must be one of {names}")
     if name == "euclidean":
         return None
     if name == "mass":

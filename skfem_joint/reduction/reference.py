@@ -12,7 +12,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.mesh import build_bar
 from skfem_joint.reduction.active_length import measured
-from skfem_joint.reduction.pod import ProperModes, inner_matrix, proper_modes, snapshot_matrix
+from skfem_joint.reduction.pod import ProperModes, proper_modes
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Joint, Load, Material, Structure
@@ -98,8 +98,7 @@ def modes_of_lap_joint(
     inwards = np.argsort(-x)
     distance = structure.nodes[:, 0].max() - x[inwards]
     length = measured(distance, np.abs(run.u).max(axis=0)[inwards])
-    inner = inner_matrix(run.system, inner_product, run.u, run.v)
-    proper = proper_modes(snapshot_matrix(run.u, run.v, snapshots), inner)
+    proper = proper_modes(run, snapshots=snapshots, inner_product=inner_product)
     xi = 1.0 - distance[::-1] / length
     # One more point beyond the grey end, where the support holds: zero.
     xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])

@@ -23,10 +23,10 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.loads import Amplitude, common_period
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.friction_points import MANY, MERGED, NO_FRICTION, merged_points
-from skfem_joint.reduction.pod import orthonormal, proper_modes
+from skfem_joint.reduction.pod import orthonormal, proper_decomposition
 from skfem_joint.reduction.residual import acceleration
 from skfem_joint.reduction.zones import QUICK_CYCLES, motions_without_slip, steps_of_a_period
 from skfem_joint.stepping.integrate import integrate
@@ -178,7 +178,7 @@ def slip_path(
     interface, share = interface_modes(system, response, loads, path=path)
     rigid = path.to.outer(path.rigid.T).T
     for _ in range(ROUNDS):
-        found = proper_modes(_scaled(snapshots), energy(system)).modes[:, :_MODES]
+        found = proper_decomposition(_scaled(snapshots), energy(system)).modes[:, :_MODES]
         V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1], scheme)
         steps += run.counters.steps
@@ -300,7 +300,7 @@ def interface_modes(
     solve = None if path is None else path.stuck(F)
     inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
     for count in (max(1, most // 2), most, 2 * most):
-        frequency, shapes = natural_modes(K, M, min(count, F.shape[1]), solve, _INEXACT)
+        frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]), solve, _INEXACT)
         omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
         participation = shapes.T @ (F.T @ inertia)
         left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
@@ -331,7 +331,7 @@ def _preliminary(
     """
     small = system.project(V)
     if system.contact_points > MANY:
-        small = merged_points(small, path @ (system.M @ V), np.flatnonzero(system.w), MERGED)[0]
+        small = merged_points(small, path @ (system.M @ V), np.flatnonzero(system.w), MERGED)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     small = replace(small, beta=np.minimum(small.beta, _RESOLVED / max(velocity, _SLOW)))
     step, steps, cycles, most = loads.step, loads.n_steps, 1, 1

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import natural_modes
+from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate
@@ -370,7 +370,7 @@ def estimate_active_length(system: System, zone: Zone) -> Estimate | None:
     def frequency_up_to(node: int) -> float:
         """Natural frequency of what moves when the zone moves up to one of its nodes."""
         moving = np.union1d(unknowns[: max(node, 1)], linear)
-        return float(natural_modes(K[moving][:, moving], M[moving][:, moving], 1)[0][0])
+        return float(eigenmodes(K[moving][:, moving], M[moving][:, moving], 1)[0][0])
 
     def frequency_of(length: float) -> float:
         """Natural frequency, interpolated between the nodes on both sides of the length."""

@@ -48,7 +48,17 @@ class Coefficients(NamedTuple):
 
 @dataclass(frozen=True)
 class Scheme:
-    """Parameters of a generalised-alpha scheme (Chung and Hulbert, J. Appl. Mech. 60, 1993)."""
+    """Parameters of a generalised-alpha scheme (Chung and Hulbert, J. Appl. Mech. 60, 1993).
+
+    `generalized_alpha` gives those of second order.
+
+    Attributes
+    ----------
+    alpha_m, alpha_f : float
+        Weights of the start of a step in its acceleration and in its forces.
+    gamma, beta : float
+        Newmark's parameters of velocity and of displacement.
+    """
 
     alpha_m: float
     alpha_f: float

@@ -106,11 +106,11 @@ def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at
     """Without a step of all points, where few of them resolve how the model slips."""
     scene = plate_scene("reduced", mesh=plate(100))
     study = Study(scene, scene.structure(), scene.system())
-    basis, small, _ = reduction_of(study, options_of(scene))
+    basis, small = reduction_of(study, options_of(scene))
     how = how_of(scene) | {"save": Save()}
     every = study.system.project(basis.V)
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
-    few, _ = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
+    few = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
     true = difference(results(again(every, how)), results(again(few, how)))
     sizes, real = [], estimate.integrate
 

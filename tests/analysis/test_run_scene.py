@@ -24,8 +24,9 @@ from joint_scenes import (
 import skfem_joint as sj
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import save_of
+from skfem_joint.analysis.contact_history import contact_history, displacements
 from skfem_joint.analysis.history import Errors, difference, results
-from skfem_joint.analysis.study import Study, friction_work
+from skfem_joint.analysis.study import Study
 from skfem_joint.analysis.summary import violated
 from skfem_joint.output import report
 from skfem_joint.output.report import summary
@@ -104,7 +105,7 @@ def test_energy_balances_close_and_joints_add_up(what, request):
         share = (reached * run.system.w) @ run.system.J.T / (run.system.J @ run.system.w)
         assert run.joint_slipping[frames] == pytest.approx(share, abs=1e-12)
         assert 0.0 < share.max() < 1.0
-        work = friction_work(results, model)
+        work = contact_history(results.structure, run).work
         assert work.shape[1] == results.system.w.size
         joints = work @ results.system.J.T
         assert np.all(np.diff(joints, axis=0) >= -1e-9 * friction)
@@ -251,20 +252,21 @@ def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
 def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
     results: Study = request.getfixturevalue(what)
-    full, reduced = (results.models[name].fields() for name in ("full", "reduced"))
+    made = results.structure
+    full, reduced = (displacements(made, results.runs[name]) for name in ("full", "reduced"))
     assert full[0].shape == reduced[0].shape
-    assert full[0].shape[1] == results.structure.n_nodes * results.structure.dim
+    assert full[0].shape[1:] == made.nodes.shape
     assert np.abs(full[0] - reduced[0]).max() < 0.02 * np.abs(full[0]).max()
     # Slips are the relative displacements of the nodes in contact, in their directions.
     for model in results.models.values():
-        displacement = results.structure.unpacked(model.fields()[0])
-        slip = model.slips(results.system)[0]
-        for patch in results.structure.patches:
+        displacement = displacements(made, model.run)[0]
+        found = contact_history(made, model.run)
+        for patch in made.patches:
             relative = patch.relative(displacement)
             rows = results.system.first_row[patch.points]
             along = np.einsum("fkx,kx->fk", relative, patch.directions[:, 0])
-            np.testing.assert_allclose(slip[:, rows], along, atol=1e-12 * np.abs(along).max())
-        assert np.abs(model.normalised_friction(results.system)).max() <= 1.0 + 1e-12
+            np.testing.assert_allclose(found.slip[:, rows], along, atol=1e-12 * np.abs(along).max())
+        assert np.abs(found.friction).max() <= 1.0 + 1e-12
 
 
 def test_reduced_beta_follows_the_slip_velocity_and_is_told():

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import pyvista
 from joint_scenes import bar_scene, harmonic, joint, plate_scene
+from scipy.spatial import cKDTree
 
 import skfem_joint as sj
+from skfem_joint.analysis.history import slip_state
 from skfem_joint.analysis.study import Study
 from skfem_joint.files import safe_name
 from skfem_joint.output import prepare, report, write
@@ -193,7 +195,11 @@ def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     """Traction times area is the friction force, and the work's density the energy by joint."""
     if dim == 2:
         study = plate_study()
-    frames, structure, system = frames_of(study), study.structure, study.system
+    frames, structure, system = (
+        frames_of(study.structure, study.runs),
+        study.structure,
+        study.system,
+    )
     content = report.summary(study)
     for field in frames.fields:
         energy = content["models"][field.name]["friction_energy_J"]
@@ -282,3 +288,68 @@ def test_a_scene_with_plots_draws_what_there_is(tmp_path):
     files = write(sj.run_scene(pulse), tmp_path / "b")
     assert not {LOOP, "energies.png"} & {file.name for file in files}
     assert "histories.png" in names(tmp_path / "b")
+
+
+def test_a_series_written_by_hand_is_that_of_the_scene(study, tmp_path):
+    """What is read back has the run's displacement, stick and slip, and friction."""
+    write(study, tmp_path)
+    by_hand = sj.write_vtk(tmp_path / "hand" / "fields.pvd", study.structure, study.runs)
+    assert {file.name for file in by_hand} == {
+        "fields.pvd", "fields_load.csv", *(file.name for file in (tmp_path / "fields").iterdir())
+    }  # fmt: skip
+    for file in by_hand:
+        scenes = tmp_path / file.relative_to(tmp_path / "hand")
+        assert scenes.read_bytes() == file.read_bytes()
+    structure, run = study.structure, study.models["full"].run
+    reader = pyvista.PVDReader(by_hand[0])
+    np.testing.assert_allclose(reader.time_values, run.field_times)
+    system, state = run.system, np.full(structure.n_nodes, -1)
+    slips = slip_state(system.slip_norm((system.B @ run.v.T).T), system.beta)
+    frame = int(slips.sum(axis=1).argmax())
+    reader.set_active_time_value(reader.time_values[frame])
+    block = reader.read()[0]["full"]
+    moved = structure.in_space(structure.expand(run.u[frame]))
+    distance, node = cKDTree(structure.positions[:, :1]).query(block.points[:, :1])
+    assert distance.max() < 1e-12
+    np.testing.assert_allclose(block["displacement"], moved[node], atol=1e-12 * np.abs(moved).max())
+    traction = np.zeros(structure.n_nodes)
+    for patch in structure.patches:
+        state[patch.nodes] = slips[frame, patch.points]
+        limit = 0.7 * patch.normal_force / patch.area
+        traction[patch.nodes] = -limit * run.sigma[frame, patch.points]
+    np.testing.assert_array_equal(block["slip_state"], state[node])
+    assert set(state) == {-1, 0, 1}
+    found = block["friction_traction"][:, 0]
+    np.testing.assert_allclose(found, traction[node], rtol=1e-9)
+
+
+def test_runs_that_have_no_fields_or_other_contact_are_refused_not_shown_without(study, tmp_path):
+    path, structure, run = tmp_path / "a.pvd", study.structure, study.models["full"].run
+    bare = sj.integrate(study.system, step=1e-5, n_steps=3)
+    free = replace(structure, joints=structure.joints[:1])
+    later = replace(run, field_times=run.field_times + 1e-5)
+    for made, runs, words in (
+        (structure, {"full": bare}, r"stored no fields: integrate with Save\(fields=True\)"),
+        (free, {"full": run}, "joints joint, second with .* the structure joint"),
+        (structure, {"full": run, "later": later}, "the same times"),
+        (structure, {}, "at least one"),
+        (structure, run, "runs by name"),
+    ):
+        with pytest.raises(sj.InputError, match=words):
+            sj.write_vtk(path, made, runs)
+    assert not list(tmp_path.iterdir())
+
+
+def test_friction_of_projected_models_is_the_forces_of_their_points(study):
+    """Every contact point kept, or merged ones: they pull as hard as all points that they are."""
+    system = study.system.with_beta(1e4)
+    how = {"step": study.scene.time_step, "n_steps": 60, "save": sj.Save(fields=True)}
+    V = sj.proper_modes(sj.integrate(system, **how)).modes[:, :8]
+    for small in (system.project(V), sj.reduce(system, 6, duration=1e-3, beta=1e4)):
+        run = sj.integrate(small, **how)
+        (field,) = frames_of(study.structure, {"small": run}).fields
+        total = small.J @ (small.w * np.abs(run.sigma)).T
+        for patch, force in zip(study.structure.patches, total, strict=True):
+            traction = np.abs(field.friction_traction[:, patch.nodes, 0]) @ patch.area
+            assert np.abs(traction - force).max() < 0.1 * force.max()
+            assert force.max() > 0.0

@@ -16,7 +16,7 @@ from pictured import JOINT, bar, blocks, lap, side
 
 import skfem_joint as sj
 from skfem_joint.output import plots
-from skfem_joint.reduction.pod import proper_modes
+from skfem_joint.reduction.pod import proper_decomposition
 from skfem_joint.reduction.reference import ReferenceModes, lap_joint
 
 ROWS = 50
@@ -35,13 +35,13 @@ def system(elements: int = 20, frequency: float = FREQUENCY) -> sj.System:
 def runs():
     options = {"step": STEP, "n_steps": 3 * ROWS, "cycle_steps": ROWS}
     full = sj.integrate(system(), save=sj.Save(fields=True), **options)
-    reduced = system().project(proper_modes(full.u).modes[:, :3])
+    reduced = system().project(proper_decomposition(full.u).modes[:, :3])
     return {"full": full, "reduced": sj.integrate(reduced, **options)}
 
 
 @pytest.fixture(scope="module")
 def reference(runs):
-    proper = proper_modes(runs["full"].u)
+    proper = proper_decomposition(runs["full"].u)
     return ReferenceModes(np.linspace(0.0, 1.0, len(proper.modes)), proper.modes, proper, 0.25)
 
 

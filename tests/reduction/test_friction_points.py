@@ -64,18 +64,18 @@ def harmonic_run(system: sj.System) -> Run:
 def test_gauss_points_keep_the_friction_limit_of_the_active_length():
     system, _, points, position = on_a_line()
     for count in (1, 4, 12):
-        few, shares = gauss_points(system, [(points, position)], count)
+        few = gauss_points(system, [(points, position)], count)
         assert few.contact_points == count
         assert few.w.sum() == pytest.approx(system.w[points].sum(), rel=1e-12)
         assert np.array_equal(few.beta, np.full(count, 1e5))
-        np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-14)
-        np.testing.assert_allclose(shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
+        np.testing.assert_allclose(few.shares.sum(axis=1), 1.0, rtol=1e-14)
+        np.testing.assert_allclose(few.shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
 
 
 def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
     system, _, points, position = on_a_line()
     nodes = harmonic_run(system)
-    gauss = harmonic_run(gauss_points(system, [(points, position)], points.size)[0])
+    gauss = harmonic_run(gauss_points(system, [(points, position)], points.size))
     assert np.allclose(gauss.point_u, nodes.point_u, rtol=0.0, atol=1e-10 * nodes.peak.max())
     assert gauss.cycles.friction == pytest.approx(nodes.cycles.friction, rel=1e-10)
 
@@ -87,10 +87,10 @@ def example() -> tuple[sj.System, Basis]:
 
 def merged(system: sj.System, basis: Basis, count: int) -> tuple[sj.System, np.ndarray]:
     """Merged points, and the one that stands for each old point."""
-    few, shares = merged_points(system, basis.velocities, basis.active, count)
+    few = merged_points(system, basis.velocities, basis.active, count)
     owner = np.full(system.w.size, -1)
-    owner[shares.indices] = np.repeat(np.arange(few.w.size), np.diff(shares.indptr))
-    np.testing.assert_allclose(shares.sum(axis=1), np.ones(few.w.size), rtol=1e-12)
+    owner[few.shares.indices] = np.repeat(np.arange(few.w.size), np.diff(few.shares.indptr))
+    np.testing.assert_allclose(few.shares.sum(axis=1), np.ones(few.w.size), rtol=1e-12)
     return few, owner
 
 
@@ -130,7 +130,7 @@ def test_points_of_other_laws_or_joints_are_not_merged():
     assert np.array_equal(few.beta[owner[basis.active]], reduced.beta[basis.active])
     assert set(few.beta) == {1e3, 1e5}
     two = replace(system.project(basis.V), J=np.stack([odd, 1.0 - odd]), joints=("odd", "even"))
-    J = merged_points(two, basis.velocities, basis.active, 12)[0].J
+    J = merged_points(two, basis.velocities, basis.active, 12).J
     np.testing.assert_allclose(J, np.round(J), atol=1e-12)
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
@@ -148,22 +148,22 @@ def test_partition_finds_what_is_apart():
 def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     system, basis = example()
     warn: list[str] = []
-    reduced, shares = reduced_system(system, basis, warn=warn)
+    reduced = reduced_system(system, basis, warn=warn)
     assert reduced.n == 8
     assert 20 <= reduced.w.size <= 24  # three a mode
-    assert shares.shape == (reduced.w.size, system.w.size)
+    assert reduced.shares.shape == (reduced.w.size, system.w.size)
     np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.slip_velocity), rtol=1e-12)
     assert len(warn) == 1
     assert "reduced model uses beta" in warn[0]
-    decay, _ = reduced_system(system, basis, periodic=False, warn=[])
+    decay = reduced_system(system, basis, periodic=False, warn=[])
     np.testing.assert_allclose(decay.beta, 1e5, rtol=1e-12)
-    chosen, _ = reduced_system(system, basis, friction_points="all", beta=77.0, warn=warn)
+    chosen = reduced_system(system, basis, friction_points="all", beta=77.0, warn=warn)
     assert np.all(chosen.beta == 77.0)
     assert chosen.w.size == system.w.size
     assert len(warn) == 1
     line, basis = fig_18()[1], on_a_line()[1]
-    assert reduced_system(line, basis, warn=[])[0].w.size == 4 * 5  # Gauss: of each stretch
-    assert reduced_system(line, basis, friction_points=7, warn=[])[0].w.size == 7
+    assert reduced_system(line, basis, warn=[]).w.size == 4 * 5  # Gauss: of each stretch
+    assert reduced_system(line, basis, friction_points=7, warn=[]).w.size == 7
 
 
 def test_fewer_points_than_asked_for_are_told():

@@ -14,7 +14,7 @@ from skfem_joint.stepping.recording import Run
 
 
 def reduced(system: sj.System, basis: Basis, step: float, points: str | int) -> Run:
-    few, _ = reduced_system(system, basis, friction_points=points, warn=[])
+    few = reduced_system(system, basis, friction_points=points, warn=[])
     return three_periods(few, step)
 
 

@@ -1,15 +1,21 @@
 """Proper orthogonal decomposition: the best basis for its snapshots, and Table 1 of the paper."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from reduced_joints import SPEED
+from reduced_joints import SPEED, full
 from scipy import linalg, sparse
 
 import skfem_joint as sj
 from skfem_joint.reduction import pod
-from skfem_joint.reduction.pod import inner_matrix, orthonormal, proper_modes, snapshot_matrix
+from skfem_joint.reduction.pod import (
+    inner_matrix,
+    orthonormal,
+    proper_decomposition,
+    snapshot_matrix,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -29,7 +35,7 @@ def test_projection_error_is_the_sum_of_the_discarded_squares(product, times):
     A, M = snapshots(times, 12), spd(12)
     given = {"euclidean": None, "dense": M, "sparse": sparse.csr_array(M)}[product]
     G = np.eye(12) if given is None else M
-    modes = proper_modes(A, given)
+    modes = proper_decomposition(A, given)
     count = min(times, 12)
     np.testing.assert_allclose(modes.modes.T @ G @ modes.modes, np.eye(count), atol=1e-12)
     for r in (1, 3, 5):
@@ -42,7 +48,7 @@ def test_projection_error_is_the_sum_of_the_discarded_squares(product, times):
 
 def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone():
     A = snapshots(30, 6)
-    plain, small = proper_modes(A), proper_modes(1e-160 * A)
+    plain, small = proper_decomposition(A), proper_decomposition(1e-160 * A)
     np.testing.assert_allclose(small.singular_values, 1e-160 * plain.singular_values, rtol=1e-10)
     np.testing.assert_allclose(np.abs(small.modes), np.abs(plain.modes), atol=1e-10)
 
@@ -52,12 +58,12 @@ def test_scale_of_the_snapshots_is_that_of_the_singular_values_alone():
 )
 def test_snapshots_that_hold_nothing_are_refused(bad):
     with pytest.raises(sj.InputError, match="snapshots"):
-        proper_modes(bad)
+        proper_decomposition(bad)
 
 
 def test_a_product_that_is_not_positive_is_refused():
     with pytest.raises(sj.InputError, match="positive definite"):
-        proper_modes(snapshots(9, 4), np.diag([1.0, 1.0, -1.0, 1.0]))
+        proper_decomposition(snapshots(9, 4), np.diag([1.0, 1.0, -1.0, 1.0]))
 
 
 def test_decomposition_falls_back_on_the_slower_driver(monkeypatch):
@@ -69,15 +75,15 @@ def test_decomposition_falls_back_on_the_slower_driver(monkeypatch):
             raise linalg.LinAlgError
         return linalg.svd(A, lapack_driver=lapack_driver, **options)
 
-    expected = proper_modes(A)
+    expected = proper_decomposition(A)
     monkeypatch.setattr(pod, "svd", svd)
     failing = ["gesdd"]
-    found = proper_modes(A)
+    found = proper_decomposition(A)
     assert tried == ["gesdd", "gesvd"]
     np.testing.assert_allclose(found.singular_values, expected.singular_values, rtol=1e-12)
     failing = ["gesdd", "gesvd"]
     with pytest.raises(sj.ConvergenceError, match="did not converge"):
-        proper_modes(A)
+        proper_decomposition(A)
 
 
 def sliding() -> tuple[sj.System, np.ndarray, np.ndarray]:
@@ -99,7 +105,7 @@ def test_slow_gross_slip_has_modes(product):
     """Round-off of the strain energy of rigid motion outweighs its kinetic energy there."""
     system, u, v = sliding()
     G = inner_matrix(system, product, u, v)
-    modes = proper_modes(snapshot_matrix(u, v, "both", G), G).modes
+    modes = proper_decomposition(snapshot_matrix(u, v, "both", G), G).modes
     rigid = modes[:, 0] / modes[0, 0]
     np.testing.assert_allclose(rigid, 1.0, atol=1e-6)
 
@@ -149,3 +155,30 @@ def test_directions_that_depend_on_others_are_dropped(kind, seed):
     assert Q.shape == (9, 3)
     np.testing.assert_allclose(Q.T @ M @ Q, np.eye(3), atol=1e-10)
     assert span_distance(V, Q) < 1e-9
+
+
+@pytest.mark.parametrize("kind", ["both", "displacement", "rates"])
+@pytest.mark.parametrize("inner", ["energy", "mass", "euclidean"])
+def test_modes_of_a_run_are_orthonormal_and_reproduce_its_snapshots(kind, inner):
+    run = full("strip").thinned(4)
+    proper = sj.proper_modes(run, snapshots=kind, inner_product=inner)
+    V, n = proper.modes, run.system.n
+    G = inner_matrix(run.system, inner, run.u, run.v)
+    G = np.eye(n) if G is None else G
+    np.testing.assert_allclose(V.T @ (G @ V), np.eye(V.shape[1]), atol=1e-8)
+    assert proper.cumulative[-1] == pytest.approx(100.0)
+    for x in [run.v] if kind == "rates" else [run.u, run.v] if kind == "both" else [run.u]:
+        again = (x @ (G @ V)) @ V.T
+        assert np.abs(again - x).max() < 1e-6 * np.abs(x).max()
+    every = sj.proper_modes(full("strip"), snapshots=kind, inner_product=inner, every=4)
+    np.testing.assert_array_equal(every.modes, V)
+
+
+def test_modes_of_a_run_without_fields_or_of_unknown_words_are_refused():
+    run = full("strip")
+    with pytest.raises(sj.InputError, match=r"Save\(fields=True\)"):
+        sj.proper_modes(replace(run, u=run.u[:0], v=run.v[:0]))
+    with pytest.raises(sj.InputError, match="inner_product: found 'x'"):
+        sj.proper_modes(run, inner_product="x")
+    with pytest.raises(sj.InputError, match="snapshots: found 'x'"):
+        sj.proper_modes(run, snapshots="x")

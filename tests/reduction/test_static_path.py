@@ -18,7 +18,7 @@ def error(
     system: sj.System, basis: Basis, points: str | int = "auto"
 ) -> tuple[float, float, float]:
     """Errors of peak, history and friction energy over four periods of 200 steps."""
-    few, _ = reduced_system(system, basis, friction_points=points, warn=[])
+    few = reduced_system(system, basis, friction_points=points, warn=[])
     exact, found = (sj.integrate(one, cycles=4, steps_per_cycle=200) for one in (system, few))
     rms = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     history = rms.max() / np.linalg.norm(exact.point_u, axis=0).max()
@@ -77,7 +77,7 @@ def test_a_pulse_with_sixteen_unknowns():
     system = structure.system([sj.Load("end", sj.Triangle(87.5e3, 4e-5, 1e-3))])  # it sets in late
     path = slip_path(system, 2e-6, 2000)
     basis = static_basis(system, path, 15, 0)
-    few, _ = reduced_system(system, basis, periodic=False, warn=[])
+    few = reduced_system(system, basis, periodic=False, warn=[])
     exact, found = (sj.integrate(one, step=2e-6, n_steps=2000) for one in (system, few))
     difference = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     assert difference.max() < 0.005 * np.linalg.norm(exact.point_u, axis=0).max()
@@ -89,7 +89,7 @@ def test_plates_that_bend_or_lie_on_each_other(name, limits):
     structure, system, step = case(name)
     steps = {"step": step, "n_steps": 300, "cycle_steps": 100}
     basis = make_basis(structure, system, Options(), **steps, warn=[])
-    few, _ = reduced_system(system, basis, warn=[])
+    few = reduced_system(system, basis, warn=[])
     history, friction = errors(sj.integrate(few, **steps), full(name))
     assert history < limits[0]
     assert abs(friction) < limits[1]
@@ -109,7 +109,7 @@ def test_few_points_lose_little_friction_power_and_never_gain():
     every = system.project(basis.V)
     lost = []
     for count in (10, 20, 40, 80):
-        few, _ = merged_points(every, basis.velocities, basis.active, count)
+        few = merged_points(every, basis.velocities, basis.active, count)
         lost.append(friction_lost(every, few, basis.velocities))
         assert few.w.sum() == pytest.approx(system.w.sum(), rel=1e-12)
     assert all(-1e-12 < one < 0.01 for one in lost)

@@ -1,0 +1,93 @@
+"""Where joints slip: the share of each joint's area, and the length, that is active in a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skfem_joint.analysis.contact_history import contact_system, slip_peak_of
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.loads import common_period
+from skfem_joint.reduction.active_length import active_fractions, slips
+from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import AnyStructure, Structure
+from skfem_joint.system import System
+from skfem_joint.values import POSITIVE, check_some
+
+
+@dataclass(frozen=True)
+class ActiveRegion:
+    """Active region of each joint, the part that slips rather than creeps.
+
+    Attributes
+    ----------
+    length : dict of str to float
+        Active length of each joint that has an axis, m: from its loaded end to where the largest
+        slip has fallen to a thousandth of that at the end.
+    area_fraction : dict of str to float
+        Share of each joint's contact area that slips.
+    point_fraction : dict of str to float
+        Share of each joint's contact nodes that slip.
+    slips : ndarray of bool, shape (m,)
+        Whether each contact point slips.
+    slip_peak : ndarray, shape (m,)
+        Largest slip of each contact point, m.
+    """
+
+    length: dict[str, float]
+    area_fraction: dict[str, float]
+    point_fraction: dict[str, float]
+    slips: BoolArray
+    slip_peak: FloatArray
+
+
+def active_region(structure: Structure, run: Run, period: float | None = None) -> ActiveRegion:
+    """Active region of each joint of a structure in a run.
+
+    A point is active if its largest slip exceeds a thousandth of the largest in its joint, and what
+    it would creep in a period at half of its friction limit. The slip of full and condensed models
+    is that of every step. That of a reduced one is that of its stored fields.
+
+    Parameters
+    ----------
+    structure : Structure
+        That the run's system was made from.
+    run : Run
+    period : float, optional
+        Time that a point has to creep in, s; if not given the loads' common period, or without one
+        the time of the last row that the run stored.
+
+    Returns
+    -------
+    ActiveRegion
+
+    Raises
+    ------
+    InputError
+        If the run is not one of this structure, ``period`` is not positive, or not given where the
+        run tells none, or a reduced model stored no fields.
+    """
+    check_some(POSITIVE, period=period)
+    if period is None:
+        period = common_period(load.amplitude for load in run.system.loads)
+    if period is None:
+        rows = max(run.times, run.field_times, key=len)
+        if not rows.size or rows[-1] == 0.0:
+            raise InputError("active_region: the run stored no times; give a period (s)")
+        period = float(rows[-1])
+    system = contact_system(structure, run)
+    return region_of(structure, system, slip_peak_of(structure, run), period)
+
+
+def region_of(
+    structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
+) -> ActiveRegion:
+    """Active region from the largest slip of each contact point, (m,), m; ``period`` in s.
+
+    The law is that of ``system``, which has all contact points.
+    """
+    area, points = active_fractions(structure, system, slip_peak, period)
+    active = slips(structure, system, slip_peak, period)
+    lengths = measured_lengths(structure, slip_peak)
+    return ActiveRegion(lengths, area, points, active, slip_peak)

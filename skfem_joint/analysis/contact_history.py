@@ -1,0 +1,207 @@
+"""What a run says of all contact points of its structure, at its stored times.
+
+Full, condensed and reduced models keep different things: a full one has every contact point, a
+condensed one those that carry friction, a reduced one a few that stand for all of them. The
+displacement of every model leads to all nodes by its matrix ``T``, and from there to the slip of
+every contact point. What its own contact points stand for is in the ``shares`` of its system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, States, slip_state
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.minimise.law import force_vectors
+from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import Structure
+from skfem_joint.structure.patch import shares_of
+from skfem_joint.system import System
+
+#: Largest displacement against supports and closed contact that is round-off, of the largest.
+_ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True)
+class ContactHistory:
+    """Contact of a run on all m contact points of its structure.
+
+    Rows of slip are those of ``structure.unloaded.B``, one or two for each contact point.
+
+    Attributes
+    ----------
+    system : System
+        Friction limits, law and joints of all contact points; see `contact_system`.
+    slip : ndarray, shape (frames, rows)
+        Slip of the pressed body against what it is pressed on, m.
+    friction : ndarray, shape (frames, rows)
+        Friction over its limit, along the slip.
+    state : ndarray of int8, shape (frames, m)
+        1 where a point slips, 0 where it sticks.
+    work : ndarray, shape (frames, m)
+        Energy dissipated by each point since the start, J.
+    """
+
+    system: System
+    slip: FloatArray
+    friction: FloatArray
+    state: States
+    work: FloatArray
+
+
+def contact_history(structure: Structure, run: Run) -> ContactHistory:
+    """Contact of a run with stored fields on all contact points of its structure.
+
+    A full and a condensed model have friction and work of each point. A reduced model evaluates
+    friction at points of its own, under a law of finite steepness. There the law is evaluated at
+    the velocities of all contact points, and the work in each joint is spread over them as friction
+    and slip at the stored times say.
+
+    Raises
+    ------
+    InputError
+        If the run stored no fields, or its system was not made from this structure.
+    """
+    check_fields(run)
+    system, rows = contact_system(structure, run), _slip_rows(structure, run)
+    slip, rate = (np.asarray((rows @ x.T).T) for x in (run.u, run.v))
+    own = _own_points(run.system)
+    if own is not None:
+        friction, work = _placed(run, system, own)
+    else:
+        friction = force_vectors(rate, system.beta, system.directions)
+        work = _spread(run, system, slip, friction)
+    grey = GREY_SHARE if picks_unknowns(run.system.B) else GREY_SHARE_REDUCED
+    state = slip_state(system.slip_norm(rate), system.beta, grey)
+    return ContactHistory(system, slip, friction, state, work)
+
+
+def check_fields(run: Run) -> None:
+    """Refuse a run that stored no fields; InputError."""
+    if not run.field_times.size:
+        raise InputError("the runs stored no fields: integrate with Save(fields=True)")
+
+
+def contact_system(structure: Structure, run: Run) -> System:
+    """System of a structure without loads, with friction limits and law of a run.
+
+    Where the points of the run stand for several of the structure, these have their own limits, and
+    a law no steeper than the run's.
+
+    Raises
+    ------
+    InputError
+        If the system of the run was not made from this structure.
+    """
+    _unknowns(structure, run)
+    base, own = structure.unloaded, run.system
+    names = tuple(joint.name for joint in structure.joints)
+    m, shares = base.w.size, own.shares
+    points = own.w.size if shares is None else shares.shape[1]
+    if own.joints != names or points != m:
+        raise InputError(
+            f"run: its system has the joints {', '.join(own.joints) or 'none'} with {points} "
+            f"contact points, the structure {', '.join(names) or 'none'} with {m}; give the "
+            "structure that its system was made from"
+        )
+    single = _own_points(own)
+    if single is None:
+        steepest = own.beta.max(initial=0.0)
+        w, beta = base.w, np.minimum(base.beta, steepest)
+    else:
+        w, beta = np.zeros(m), base.beta.copy()
+        w[single], beta[single] = own.w, own.beta
+    return replace(base, w=w, beta=beta, J=shares_of(structure.patches, base.w), joints=names)
+
+
+def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
+    """Largest slip of each contact point of a structure in a run, (m,), m.
+
+    Over every step where each contact point of the run is one of the structure's, and over the
+    stored fields of a reduced model whose points stand for several.
+
+    Raises
+    ------
+    InputError
+        If such a model stored no fields, or its system was not made from this structure.
+    """
+    system, own = contact_system(structure, run), _own_points(run.system)
+    if own is not None:
+        peak = np.zeros(system.w.size)
+        peak[own] = run.slip_peak
+        return peak
+    check_fields(run)
+    slip = np.asarray((_slip_rows(structure, run) @ run.u.T).T)
+    return np.asarray(system.slip_norm(slip).max(axis=0, initial=0.0))
+
+
+def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
+    """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N, dim).
+
+    InputError if the system of the run was not made from this structure.
+    """
+    _unknowns(structure, run)
+    u, v = (structure.unpacked(run.system.expand(x)) for x in (run.u, run.v))
+    return u, v
+
+
+def _slip_rows(structure: Structure, run: Run) -> Matrix:
+    """Slip of all contact points from the unknowns of a run, (rows, n)."""
+    return structure.unloaded.B @ _unknowns(structure, run)
+
+
+def _unknowns(structure: Structure, run: Run) -> Matrix:
+    """Unknowns of the full system from those of a run, (n of the full one, n).
+
+    InputError if the run's displacements are not those of the structure, supports and closed
+    contact included.
+    """
+    T, inverse = run.system.T, structure.change_of_unknowns.inverse
+    found = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
+    if T is not None and T.shape[0] == inverse.shape[1]:
+        V = inverse @ T
+        if abs(structure.T @ V - T).max() <= _ROUND_OFF * abs(T).max():
+            return V
+        found += " that do not obey its supports and contact"
+    raise InputError(
+        f"run: its system has {found}, the structure {inverse.shape[1]} displacements; give the "
+        "structure that its system was made from"
+    )
+
+
+def _own_points(system: System) -> IntArray | None:
+    """Point of the structure that each contact point is, (m,); None if they stand for several."""
+    if system.shares is None:
+        return np.arange(system.w.size)
+    shares = sparse.csr_array(system.shares)
+    if shares.nnz != system.w.size or not np.all(np.diff(shares.indptr) == 1):
+        return None
+    return np.asarray(shares.indices, dtype=np.intp)
+
+
+def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Friction over its limit, and work (J), of points that the run has by itself."""
+    count = system.directions[points]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    rows = np.repeat(system.first_row[points], count) + within
+    friction = np.zeros((len(run.sigma), system.B.shape[0]))
+    friction[:, rows] = run.sigma
+    work = np.zeros((len(run.sigma), system.w.size))
+    work[:, points] = run.friction_work_rows
+    return friction, work
+
+
+def _spread(run: Run, system: System, slip: FloatArray, friction: FloatArray) -> FloatArray:
+    """Work in each joint, spread over points by their friction and slip, (frames, m), J."""
+    parts = 0.5 * (friction[1:] + friction[:-1]) * np.diff(slip, axis=0)
+    parts *= system.on_rows(system.w)
+    spread = np.zeros((len(slip), system.w.size))
+    np.cumsum(np.maximum(system.by_point(parts), 0.0), axis=0, out=spread[1:])
+    total, known = spread @ system.J.T, run.friction_work_rows @ run.system.J.T
+    scale = np.divide(known, total, out=np.zeros_like(total), where=total > 0.0)
+    return np.asarray(spread * (scale @ system.J))

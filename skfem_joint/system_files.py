@@ -1,0 +1,254 @@
+"""Systems in files: one ``.npz`` of plain arrays, which nothing that can run code loads.
+
+A member ``M`` is a dense array; a sparse one is stored as `scipy.sparse.save_npz` does, as
+``M/data``, ``M/indices`` and so on. The member ``description`` is a text in JSON: the form of the
+file, names, notes, which arrays there are, and the shape of each load over time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint import loads
+from skfem_joint.array_files import DAMAGE, npz_arrays, sparse_array, sparse_parts
+from skfem_joint.errors import InputError
+from skfem_joint.files import replacing
+from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
+from skfem_joint.system import AppliedLoad, System
+
+#: Form of the files. Files of another form are refused.
+_FORM = 1
+_KIND = "skfem_joint system"
+_ARRAYS = ("M", "C", "K", "B", "w", "beta", "P", "directions", "T", "J", "shares")
+_NAMES = ("points", "joints", "notes")
+#: Shapes of loads that are numbers alone.
+_PLAIN = {
+    shape.__name__: shape
+    for shape in (
+        Harmonic,
+        loads.Triangle,
+        loads.HalfSine,
+        loads.Versine,
+        loads.RampAndHold,
+        loads.Rectangle,
+    )
+}
+
+
+def save(system: System, path: str | Path) -> Path:
+    """Save a system to a file: matrices, contact, loads, names and basis.
+
+    A reduced or condensed system keeps its ``T``, by which its runs are expanded to the structure,
+    and what its contact points stand for. What `load` gives integrates to the same bits.
+
+    Parameters
+    ----------
+    system : System
+        Full, condensed or reduced. Its loads are shapes of the package, such as `Harmonic` or
+        `Table`.
+    path : str or Path
+        File, ``.npz``; what was there is replaced when the new one is whole.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        For a load that is a plain function of time or a shape of one's own, a name without the
+        ending ``.npz``, and a file that cannot be written.
+    """
+    path = _checked(path)
+    arrays: dict[str, Any] = {}
+    for name in _ARRAYS:
+        if (value := getattr(system, name)) is not None:
+            arrays |= _members(name, value)
+    described = []
+    for number, load in enumerate(system.loads):
+        arrays[f"load {number}"] = load.vector
+        shape = _described(load.amplitude, f"load {number}", load.on, arrays)
+        described.append({"on": load.on, "amplitude": shape})
+    texts = {name: list(getattr(system, name)) for name in _NAMES}
+    content = {"kind": _KIND, "form": _FORM, "loads": described, "made_for": system.made_for}
+    arrays["description"] = np.array(json.dumps(content | texts))
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)
+    return path
+
+
+def load(path: str | Path) -> System:
+    """Load a system that `save` wrote.
+
+    Sizes, types, indices and values are checked before anything is computed with them, and nothing
+    in the file is run.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is damaged or none of these.
+    """
+    path = _checked(path)
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read: there is no such file")
+    try:
+        with path.open("rb") as file:
+            arrays = npz_arrays(file)
+        content = json.loads(str(arrays.pop("description")))
+        if content["kind"] != _KIND:
+            raise ValueError("it holds something else")
+        if content["form"] != _FORM:
+            raise ValueError(f"it has form {content['form']!r}, this version reads {_FORM}")
+        system = _system(content, arrays)
+        if arrays:
+            raise ValueError(f"it holds {min(arrays)!r:.100}, which no system has")
+    except (InputError, *DAMAGE) as error:
+        reason = str(error) or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a saved system: {reason}") from error
+    return system
+
+
+def _checked(path: str | Path) -> Path:
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise InputError(f"{path}: found ending {path.suffix!r}, must be '.npz'")
+    return path
+
+
+def _members(name: str, value: Any) -> dict[str, NDArray[Any]]:
+    """Arrays of a matrix by the names of their members."""
+    if not sparse.issparse(value):
+        return {name: np.asarray(value)}
+    return {f"{name}/{part}": array for part, array in sparse_parts(value).items()}
+
+
+def _described(
+    amplitude: Amplitude, member: str, on: str, arrays: dict[str, Any]
+) -> dict[str, Any]:
+    """Shape of a load as JSON takes it; the columns of a table go to the ``arrays``."""
+    kind = type(amplitude).__name__
+    if _PLAIN.get(kind) is type(amplitude):
+        values = {x.name: float(getattr(amplitude, x.name)) for x in fields(amplitude)}
+        return {"shape": kind, **values}
+    if type(amplitude) is MultiHarmonic:
+        parts = [_described(one, member, on, arrays) for one in amplitude.components]
+        return {"shape": kind, "components": parts}
+    if type(amplitude) is Scaled:
+        of = _described(amplitude.of, member, on, arrays)
+        return {"shape": kind, "of": of, "factor": float(amplitude.factor)}
+    if type(amplitude) is Table:
+        arrays |= {f"{member}/times": amplitude.times, f"{member}/forces": amplitude.forces}
+        return {"shape": kind}
+    raise InputError(
+        f"load on {on!r}: found a {'plain function of time' if kind == 'Function' else kind}, "
+        "which a file cannot hold; give its values as sj.Table(times, forces), or a shape of "
+        "skfem_joint.loads"
+    )
+
+
+def _system(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> System:
+    """System from a description and arrays, which are taken out; ValueError or InputError."""
+    size = sum(array.nbytes for array in arrays.values())
+    values: dict[str, Any] = {name: _matrix(name, arrays, size) for name in _ARRAYS}
+    for name in ("M", "C", "K", "B", "w", "beta", "P", "directions", "J"):
+        if values[name] is None:
+            raise ValueError(f"it holds no {name}")
+    for name, value in values.items():
+        dimensions = 1 if name in ("w", "beta", "directions") else 2
+        if value is not None and value.ndim != dimensions:
+            raise ValueError(f"{name} has {value.ndim} dimensions, must have {dimensions}")
+        data = value.data if sparse.issparse(value) else value
+        if value is not None and name != "beta" and not np.isfinite(data).all():
+            raise ValueError(f"{name} is not finite")
+    if values["directions"].dtype.kind not in "iu":
+        raise ValueError("directions must be whole numbers")
+    values["directions"] = values["directions"].astype(np.int64)
+    names = {name: tuple(_text(text) for text in _list(content[name])) for name in _NAMES}
+    applied = tuple(
+        _load(one, f"load {number}", arrays) for number, one in enumerate(_list(content["loads"]))
+    )
+    return System(loads=applied, made_for=_text(content["made_for"]), **(values | names))
+
+
+def _matrix(name: str, arrays: dict[str, NDArray[Any]], size: int) -> Any:
+    """Dense or sparse array of a name, taken out of the ``arrays``; None if it is not there."""
+    parts = {key: arrays.pop(key) for key in list(arrays) if key.startswith(f"{name}/")}
+    if name in arrays:
+        if parts:
+            raise ValueError(f"it holds {name} twice")
+        array = arrays.pop(name)
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"{name} holds {array.dtype} values, must be real numbers")
+        return array
+    if not parts:
+        return None
+    return sparse_array(lambda part: parts[f"{name}/{part}"], size)
+
+
+def _load(one: Mapping[str, Any], member: str, arrays: dict[str, NDArray[Any]]) -> AppliedLoad:
+    vector = arrays.pop(member)
+    if vector.ndim != 1 or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
+        raise ValueError(f"{member} is no vector of finite numbers")
+    return AppliedLoad(vector, _amplitude(one["amplitude"], member, arrays), _text(one["on"]))
+
+
+def _amplitude(
+    described: Mapping[str, Any], member: str, arrays: dict[str, NDArray[Any]]
+) -> Amplitude:
+    """Shape of a load from what `_described` made of it."""
+    given = dict(described)
+    kind = _text(given.pop("shape"))
+    make: Callable[..., Amplitude]
+    if kind in _PLAIN:
+        make = _PLAIN[kind]
+        given = {name: _number(value) for name, value in given.items()}
+    elif kind == "MultiHarmonic":
+        make = MultiHarmonic
+        parts = [_amplitude(one, member, arrays) for one in _list(given["components"])]
+        if not all(isinstance(one, Harmonic) for one in parts):
+            raise ValueError(f"{member} has components that are no harmonics")
+        given["components"] = parts
+    elif kind == "Scaled":
+        make, of = Scaled, _amplitude(given["of"], member, arrays)
+        given |= {"of": of, "factor": _number(given["factor"])}
+    elif kind == "Table":
+        make = Table
+        given |= {name: arrays.pop(f"{member}/{name}") for name in ("times", "forces")}
+    else:
+        raise ValueError(f"{member} has the shape {kind!r:.60}, which is none of the package")
+    return make(**given)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"found {value!r:.60}, must be a text")
+    return value
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError(f"found {value!r:.60}, must be a list")
+    return value
+
+
+def _number(value: Any) -> float:
+    if type(value) is not float or not np.isfinite(value):
+        raise ValueError(f"found {value!r:.60}, must be a finite number")
+    return value

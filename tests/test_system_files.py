@@ -1,0 +1,158 @@
+"""A system that is saved and loaded is the same to the last bit; damaged files are sentences."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import skfem_joint as sj
+from skfem_joint.loads import Scaled
+from skfem_joint.stepping.checkpoint import fingerprint
+
+TIMES = np.linspace(0.0, 2e-3, 7)
+SHAPES = [
+    sj.Harmonic(40e3, 500, 0.1),
+    sj.MultiHarmonic([sj.Harmonic(20e3, 500.0), sj.Harmonic(10e3, 1500.0)]),
+    sj.Triangle(40e3, 2e-4),
+    sj.HalfSine(40e3, 2e-4, 1e-5),
+    sj.Versine(40e3, 2e-4),
+    sj.RampAndHold(40e3, 2e-4),
+    sj.Rectangle(40e3, 2e-4),
+    sj.Table(TIMES, 1e4 * np.sin(1e3 * TIMES)),
+    Scaled(sj.Table(TIMES, np.sin(1e3 * TIMES)), 1e4),
+]
+
+
+def bar(*shapes):
+    """A bar pressed on a base over a third of its length."""
+    mesh = sj.build_bar([("joint", 0.1, 10), ("arm", 0.2, 10)], {"mouth": 0.1, "end": 0.3})
+    structure = sj.Structure(
+        mesh, sj.Material(E=200e9, density=8000.0), width=0.05, thickness=0.01,
+        joints=[sj.Joint("joint", 50e6, 0.7)], stiffness_damping=1e-6, free=True,
+    )  # fmt: skip
+    return structure.system(
+        [sj.Load("end", shape) for shape in shapes or [sj.Harmonic(40e3, 500.0, 0.1)]]
+    )
+
+
+def models():
+    system = replace(bar(), notes=("of a test",))
+    T = np.asfortranarray(system.T.toarray())
+    modes = sj.natural_modes(system, 8).modes
+    return {
+        "full": system,
+        "columns": replace(system, K=sparse.csc_array(system.K), T=T),
+        "condensed": sj.condense(system),
+        "reduced": sj.reduce(system, modes=6),
+        "projected": system.project(modes),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["full", "columns", "condensed", "reduced", "projected"])
+def test_a_loaded_system_integrates_to_the_same_bits(tmp_path, name):
+    system = models()[name]
+    loaded = sj.load(sj.save(system, tmp_path / "system.npz"))
+    assert fingerprint(loaded) == fingerprint(system)
+    runs = [sj.integrate(one, cycles=1, steps_per_cycle=200) for one in (system, loaded)]
+    assert runs[0].peak_of("end") > 0.0
+    for array in ("point_u", "point_v", "joint_work", "slip_peak", "friction_work"):
+        np.testing.assert_array_equal(*(getattr(run, array) for run in runs))
+    np.testing.assert_array_equal(*(run.system.expand(run.final[0]) for run in runs))
+
+
+def test_every_shape_of_the_package_is_kept(tmp_path):
+    system = bar(*SHAPES)
+    loaded = sj.load(sj.save(system, tmp_path / "system.npz"))
+    t = np.linspace(0.0, 3e-3, 1000)
+    np.testing.assert_array_equal(loaded.load_amplitudes(t), system.load_amplitudes(t))
+    assert [type(load.amplitude) for load in loaded.loads] == [type(one) for one in SHAPES]
+
+
+def test_a_plain_function_is_refused_with_the_cure(tmp_path):
+    with pytest.raises(sj.InputError, match=r"'end'.*plain function of time.*sj\.Table\("):
+        sj.save(bar(np.sin), tmp_path / "system.npz")
+    with pytest.raises(sj.InputError, match=r"must be '\.npz'"):
+        sj.save(bar(), tmp_path / "system.mat")
+    assert not list(tmp_path.iterdir())
+
+
+def changed(path, **members):
+    """Write a file anew with other members, or without those that are None."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    arrays |= {name.replace("__", "/"): value for name, value in members.items()}
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+def description(path, **changes):
+    with np.load(path) as file:
+        return np.array(json.dumps(json.loads(str(file["description"])) | changes))
+
+
+HARMONIC = {"shape": "Harmonic", "amplitude": 1.0, "frequency": -2.0, "phase": 0.0}
+PARTS = "format", "shape", "data", "indices", "indptr"
+UNKNOWN = [{"on": "end", "amplitude": {"shape": "os"}}]
+DAMAGE = {
+    "indices": (lambda _: {"B__indices": np.full(11, 10**6)}, "indices must be"),
+    "starts": (lambda _: {"K__indptr": np.array([0, 10**9])}, "indptr|index pointer"),
+    "no mass": (lambda _: {f"M__{part}": None for part in PARTS}, "no M"),
+    "nan": (lambda _: {"w": np.full(11, np.nan)}, "w is not finite"),
+    "negative": (lambda _: {"w": np.full(11, -1.0)}, "must be finite and not negative"),
+    "objects": (lambda _: {"w": np.array([None] * 11, dtype=object)}, "Python objects"),
+    "texts": (lambda _: {"w": np.array(["a"] * 11)}, "real numbers"),
+    "halves": (lambda _: {"directions": np.full(11, 1.5)}, "whole numbers|must be 1 or 2"),
+    "shape": (lambda _: {"T__shape": np.array([10**12, 21])}, "too few|indptr|index pointer"),
+    "more": (lambda _: {"more": np.zeros(3)}, "which no system has"),
+    "kind": (lambda p: {"description": description(p, kind="x")}, "something else"),
+    "form": (lambda p: {"description": description(p, form=9)}, "form 9"),
+    "names": (lambda p: {"description": description(p, points=[1])}, "must be a text"),
+    "no name": (lambda p: {"description": description(p, points=[])}, "P: found shape"),
+    "load": (
+        lambda p: {"description": description(p, loads=[{"on": "end", "amplitude": HARMONIC}])},
+        "frequency: found -2",
+    ),
+    "no shape": (
+        lambda p: {"description": description(p, loads=UNKNOWN)},
+        "none of the package",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_a_file_that_is_wrong_is_one_sentence(tmp_path, what):
+    path = sj.save(bar(), tmp_path / "system.npz")
+    make, words = DAMAGE[what]
+    changed(path, **make(path))
+    with pytest.raises(sj.InputError, match=f"cannot be read as a saved system: .*({words})"):
+        sj.load(path)
+
+
+def test_a_cut_or_changed_file_is_one_sentence(tmp_path):
+    path = sj.save(bar(), tmp_path / "system.npz")
+    whole = path.read_bytes()
+    generator = np.random.default_rng(0)
+    for _ in range(60):
+        cut = int(generator.integers(0, len(whole)))
+        path.write_bytes(whole[:cut])
+        with pytest.raises(sj.InputError, match="cannot be read as a saved system"):
+            sj.load(path)
+        damaged = bytearray(whole)
+        damaged[cut] ^= 1 << int(generator.integers(8))
+        path.write_bytes(damaged)
+        try:
+            loaded = sj.load(path)
+        except sj.InputError:
+            continue
+        assert fingerprint(loaded) == fingerprint(bar())  # what no reader looks at
+    with pytest.raises(sj.InputError, match="no such file"):
+        sj.load(tmp_path / "nothing.npz")
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as file:
+        file.writestr("description.npy", b"nothing")
+    path.write_bytes(packed.getvalue())
+    with pytest.raises(sj.InputError, match="cannot be read"):
+        sj.load(path)
