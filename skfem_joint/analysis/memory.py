@@ -27,7 +27,7 @@ _POINTS, _FIELDS = "histories of points", "fields"  # parts that options of the 
 _NUMBER = 8  # bytes of a float
 _OF_A_SCENE = 2**17  # bytes of what does not grow with anything
 _OF_A_CYCLE = 800  # bytes of the works and peaks of a cycle: small arrays and what holds them
-_OF_A_NODE = 1000  # bytes of mesh, order of unknowns and works arrays, while they are made
+_OF_A_NODE = 1100  # bytes of mesh, order of unknowns and works arrays, while they are made
 _OF_AN_ENTRY = 120  # bytes of what is assembled from, for each entry of an element's matrix
 _OF_THE_FACTOR = 24  # bytes of an entry of the factors of a step matrix
 # Entries of them for each unknown: share times this power of the unknowns, by dimension; measured.
