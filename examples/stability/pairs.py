@@ -8,7 +8,8 @@ friction and lengths are drawn; steps are 50, 52, 60, 100 a period in turn. The 
 Coulomb's, so that the loaded plate goes to where its transient leaves it. Half of peak to peak of
 its end must be that of marching from rest within 0.1 %; offsets are printed beside each other, for
 they depend on how the vibration began. The exit status is 1 where an amplitude is further off, a
-search fails, or marching does not settle. (One core: about twenty minutes.)
+search fails, or marching does not settle. (One core: about twenty minutes for most pairs, as long
+again for a pair that settles slowly.)
 """
 
 import os
