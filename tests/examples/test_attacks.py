@@ -54,7 +54,7 @@ def test_a_hostile_file_whose_results_differ_is_told_and_kept(tmp_path, capsys, 
 def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, monkeypatch):
     short = killed.KINDS["bar"][0], "cycles = 10", *killed.KINDS["bar"][2:]
     monkeypatch.setitem(killed.KINDS, "bar", short)
-    few = ["--kinds", "bar", "two plates", "--kills", "3", "--pairs", "1"]
+    few = ["--kinds", "bar", "two plates", "--kills", "3", "--pairs", "1", "--rows", "0"]
     assert killed.main(["--out", str(tmp_path), *few]) == 0
     said = capsys.readouterr().out
     assert said.count("the same to the bit") == 2

@@ -308,7 +308,7 @@ def test_a_series_written_by_hand_is_that_of_the_scene(study, tmp_path):
     frame = int(slips.sum(axis=1).argmax())
     reader.set_active_time_value(reader.time_values[frame])
     block = reader.read()[0]["full"]
-    moved = structure.in_space(structure.expand(run.u[frame]))
+    moved = structure.body.in_space(structure.expand(run.u[frame]))
     distance, node = cKDTree(structure.positions[:, :1]).query(block.points[:, :1])
     assert distance.max() < 1e-12
     np.testing.assert_allclose(block["displacement"], moved[node], atol=1e-12 * np.abs(moved).max())
