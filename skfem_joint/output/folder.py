@@ -77,9 +77,18 @@ def kept(
         needed("matplotlib", "plot")
     with holding(folder):
         clear(folder, lambda name: used.fullmatch(name) is not None)
-        left = sorted(path.name for path in folder.iterdir() if not _PASSED.fullmatch(path.name))
+        left = sorted(
+            path.name
+            for path in folder.iterdir()
+            if not (_PASSED.fullmatch(path.name) or _is_empty_folder(path))
+        )
         names = ", ".join(left[:3]) + (" and others" if len(left) > 3 else "")
         yield [f"{folder} has files of other origin, left as they are: {names}."] if left else []
+
+
+def _is_empty_folder(path: Path) -> bool:
+    """Whether a path is a folder with nothing in it, as a run leaves that is killed in time."""
+    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
 def write_error_time(folder: Path, found: Report, notes: Sequence[str] = ()) -> list[Path]:

@@ -16,7 +16,7 @@ import skfem_joint as sj
 from skfem_joint.analysis.history import slip_state
 from skfem_joint.analysis.study import Study
 from skfem_joint.files import safe_name
-from skfem_joint.output import prepare, report, write
+from skfem_joint.output import folder, prepare, report, write
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
 
@@ -353,3 +353,13 @@ def test_friction_of_projected_models_is_the_forces_of_their_points(study):
             traction = np.abs(field.friction_traction[:, patch.nodes, 0]) @ patch.area
             assert np.abs(traction - force).max() < 0.1 * force.max()
             assert force.max() > 0.0
+
+
+def test_an_empty_folder_is_no_file_of_other_origin(tmp_path):
+    """A run that is killed before the first field is written leaves one."""
+    (tmp_path / "fields").mkdir()
+    with folder.kept(tmp_path, drawn=False) as notes:
+        assert notes == []
+    (tmp_path / "fields" / "notes.txt").write_text("mine")
+    with folder.kept(tmp_path, drawn=False) as notes:
+        assert len(notes) == 1
