@@ -24,6 +24,7 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.arrangement import arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint, fingerprint
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.resolution import check_resolution
 from skfem_joint.stepping.schemes import Scheme, State, generalized_alpha
@@ -115,28 +116,51 @@ def integrate(
     check_some(POSITIVE, step=step, duration=duration)
     counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
     check_some(COUNT, cycle_steps=cycle_steps, **counts)
-    check("tolerance", tolerance, LOOSEST)
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         cycles = 1 if cycles is None and until == "steady" else cycles
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
         cycle_steps = steps_per_cycle
     step, n_steps = _steps(step, n_steps, duration)
+    plan = Plan(step, n_steps, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
+    return integrate_plan(
+        system,
+        plan,
+        initial=initial,
+        tolerance=tolerance,
+        progress=progress,
+        checkpoint=checkpoint,
+    )
+
+
+def integrate_plan(
+    system: System,
+    plan: Plan,
+    *,
+    initial: tuple[FloatArray, FloatArray] | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[..., None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Run:
+    """Integrate a system as a plan says; what `integrate` does with its arguments checked.
+
+    Arguments, result and errors are those of `integrate`.
+    """
+    check("tolerance", tolerance, LOOSEST)
     start = _start(system, initial)
-    if until == "steady":
-        _check_steady(system, step * n_steps, scheme, checkpoint)
-    check_resolution(system, step, n_steps, until == "steady")
-    save, scheme = save or Save(), scheme or generalized_alpha()
-    asked = system, step, n_steps, scheme, save, cycle_steps, *start, tolerance
-    identity = fingerprint(*asked) if checkpoint else ""
+    steady = plan.until == "steady"
+    if steady:
+        _check_steady(system, plan, checkpoint)
+    check_resolution(system, plan.step, plan.n_steps, steady)
+    identity = fingerprint(system, plan, *start, tolerance) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
-    driver = _Driver(system, save, step, n_steps, scheme, start, float(tolerance))
+    driver = _Driver(system, plan, start, float(tolerance))
     if saved is not None and checkpoint is not None:
-        driver.check(checkpoint, saved[0], saved[1], cycle_steps)
+        driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
-    if until == "steady":
-        return driver.steady(cycle_steps, progress)
-    interrupted = _run(driver, cycle_steps, progress, checkpoint, identity)
+    if steady:
+        return driver.steady(progress)
+    interrupted = _run(driver, progress, checkpoint, identity)
     return driver.finish(system.stored_energy(*start), interrupted)
 
 
@@ -169,19 +193,17 @@ def _steps(step: float | None, n_steps: int | None, duration: float | None) -> t
     return float(step), int(n_steps or 1)
 
 
-def _check_steady(
-    system: System, duration: float, scheme: Scheme | None, checkpoint: Checkpoint | None
-) -> None:
+def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> None:
     """Refuse what has no steady vibration, or none that is a period long."""
     period = common_period(load.amplitude for load in system.loads)
-    if period is None or abs(duration / period - 1.0) > 1e-9:
+    if period is None or abs(plan.duration / period - 1.0) > 1e-9:
         raise InputError(
             "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
             "give steps_per_cycle"
         )
     if checkpoint is not None:
         raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
-    damped = abs(system.C).max() > 0.0 or (scheme is not None and not scheme.coefficients(1.0)[-1])
+    damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
     if not (damped or system.contact_points):
         raise InputError(
             "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
@@ -205,13 +227,13 @@ def _start(
 
 def _run(
     driver: _Driver,
-    cycle_steps: int | None,
     progress: Callable[[int, int], None] | None,
     checkpoint: Checkpoint | None,
     identity: str,
 ) -> bool:
     """Advance to the end, chunk by chunk; whether that was interrupted."""
-    recorder, stepper, n_steps = driver.recorder, driver.stepper, driver.n_steps
+    recorder, stepper = driver.recorder, driver.stepper
+    n_steps, cycle_steps = driver.n_steps, driver.plan.cycle_steps
     last_saved, mark = driver.done, driver.mark()
     try:
         while driver.done < n_steps:
@@ -246,14 +268,12 @@ class _Driver:
     def __init__(
         self,
         given: System,
-        save: Save,
-        step: float,
-        n_steps: int,
-        scheme: Scheme,
+        plan: Plan,
         start: tuple[FloatArray, FloatArray],
         tolerance: float,
     ) -> None:
-        self.given, self.to = given, arranged(given)
+        step, n_steps = plan.step, plan.n_steps
+        self.given, self.plan, self.to = given, plan, arranged(given)
         self.system, self.h, self.n_steps, self.done = self.to.system, step, n_steps, 0
         # By end of a step or part: the times of the loads' first and last jump there.
         self.jumps: dict[float, tuple[float, float]] = {}
@@ -269,9 +289,9 @@ class _Driver:
                 if t in jumps or len(corners) <= MOST_KINKS:
                     self._lay(t, t in jumps)
         self.order = sorted(self.cuts)
-        self.recorder = Recorder(self.system, save, n_steps, step)
+        self.recorder = Recorder(self.system, plan.save, n_steps, step)
         u, v = map(self.to.inner, start)
-        self.stepper = choose(self.to, scheme, u, v, tolerance, self.recorder)
+        self.stepper = choose(self.to, plan.scheme, u, v, tolerance, self.recorder)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         watch = Stopwatch()
@@ -281,19 +301,14 @@ class _Driver:
         self.recorder.store(0, self.stepper.state())
         self.recorder.observe(self.stepper.state().u)
 
-    def check(
-        self,
-        checkpoint: Checkpoint,
-        parts: Mapping[str, Arrays],
-        done: int,
-        cycle_steps: int | None,
-    ) -> None:
+    def check(self, checkpoint: Checkpoint, parts: Mapping[str, Arrays], done: int) -> None:
         """See that a checkpoint is one of this run after ``done`` steps; InputError if not."""
         try:
             if done > self.n_steps:
                 raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
             if parts.keys() != {"recorder", "stepper"}:
                 raise ValueError("it holds other parts than a run")
+            cycle_steps = self.plan.cycle_steps
             cycles = 0 if cycle_steps is None else done // cycle_steps
             self.recorder.check(parts["recorder"], done, cycles)
             self.stepper.check(parts["stepper"])
@@ -328,9 +343,9 @@ class _Driver:
         final = to.outer(run.final[0]), to.outer(run.final[1])
         return replace(run, system=self.given, u=to.outer(run.u), v=to.outer(run.v), final=final)
 
-    def steady(self, cycle_steps: int | None, progress: Callable[..., None] | None) -> Run:
+    def steady(self, progress: Callable[..., None] | None) -> Run:
         """Run of the period at which vibration has become steady."""
-        save, nothing, begin = self.recorder.save, Save(points=False), time.perf_counter()
+        save, nothing, begin = self.plan.save, Save(points=False), time.perf_counter()
         loads = self.system.load_amplitudes(self.h * np.arange(self.n_steps + 1.0))
         odd = turns_over(loads)
         parts = 2 if odd else 1  # of a period
@@ -370,7 +385,7 @@ class _Driver:
         if save != Save():
             period(copied(start), save)
             periods += 1
-        if cycle_steps is not None:
+        if self.plan.cycle_steps is not None:
             self.recorder.end_cycle()
         self.elapsed = time.perf_counter() - begin
         energy = self.system.stored_energy(*start[:2])

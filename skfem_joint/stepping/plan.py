@@ -1,0 +1,81 @@
+"""The plan of a run: its time steps, its scheme, what it stores, and when it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.values import COUNT, POSITIVE, check, check_some
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Equal time steps of a run, how each is made, and what is stored.
+
+    A plan belongs to no system: the same one serves full, condensed and reduced models. Changes
+    return copies.
+
+    Attributes
+    ----------
+    step : float
+        Time step, s.
+    n_steps : int
+        Number of steps.
+    scheme : Scheme
+        Integration scheme; average acceleration by default.
+    save : Save
+        What to store; the named points at every step by default.
+    cycle_steps : int, optional
+        Steps of one cycle, for works and peaks by cycle; None where loads do not repeat.
+    until : {"end", "steady"}
+        Whether the run ends after ``n_steps``, or gives the period (of ``n_steps``) at which
+        vibration has become steady.
+    """
+
+    step: float
+    n_steps: int
+    scheme: Scheme = field(default_factory=generalized_alpha)
+    save: Save = field(default_factory=Save)
+    cycle_steps: int | None = None
+    until: Literal["end", "steady"] = "end"
+
+    def __post_init__(self) -> None:
+        check("step", self.step, POSITIVE)
+        check("n_steps", self.n_steps, COUNT)
+        check_some(COUNT, cycle_steps=self.cycle_steps)
+
+    @property
+    def duration(self) -> float:
+        """Duration of the run, or of the steady period, s."""
+        return self.step * self.n_steps
+
+    def finer(self, factor: float) -> Plan:
+        """Plan of the same duration with ``factor`` times as many steps.
+
+        What is stored every so many steps is stored at the same times. A factor of 1/2 gives steps
+        of twice the length; numbers of steps that it does not divide are rounded down.
+        """
+        every, fields_every = self.save.strides
+        rows = max(1, int(every * factor)), max(1, int(fields_every * factor))
+        return replace(
+            self,
+            step=self.step / factor,
+            n_steps=int(self.n_steps * factor),
+            save=replace(self.save, every=rows[0], fields_every=rows[1]),
+            cycle_steps=None if self.cycle_steps is None else int(self.cycle_steps * factor),
+        )
+
+    def first(self, cycles: int) -> Plan:
+        """Plan of the first ``cycles``, or of as many steps where there are no cycles.
+
+        At least one of them, and no more than the plan has.
+        """
+        steps = max(1, cycles) * (self.cycle_steps or 1)
+        return replace(self, n_steps=min(self.n_steps, steps))
+
+    def storing(self, *, fields_every: int = 0) -> Plan:
+        """Plan that stores the named points, and the fields every so many steps; 0: no fields."""
+        save = Save(self.save.every, fields_every > 0, fields_every=max(1, fields_every))
+        return replace(self, save=save)
