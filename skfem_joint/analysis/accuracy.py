@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import how_of, options_of
+from skfem_joint.analysis.asked import options_of, plan_of
 from skfem_joint.analysis.estimate import Estimate, Lacking
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.progress import Progress, silent
@@ -66,10 +66,11 @@ def stepped(scene: Scene, basis: Basis) -> Scene:
 
     ConvergenceError as `shorter`, or if a step does not converge.
     """
-    reduced = reduced_system(scene.system(), basis, warn=[])
+    reduced = reduced_system(scene.system(), basis)
     for _ in range(ROUNDS):
-        how = how_of(scene)
-        finer = shorter(scene, estimate.of_full(reduced, estimate.again(reduced, how), how))
+        plan = plan_of(scene)
+        run = estimate.verification_run(reduced, plan)
+        finer = shorter(scene, estimate.of_full(reduced, run, plan))
         if finer is None:
             break
         scene = finer
@@ -98,8 +99,8 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
     for done in range(ROUNDS):
         report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
-        reduced = reduced_system(system, basis, **own, periodic=scene.periodic, warn=[])
-        step, found = scene.time_step, estimate.of_reduced(system, basis, reduced, how_of(scene))
+        reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
+        step, found = scene.time_step, estimate.of_reduced(system, basis, reduced, plan_of(scene))
         errors.append(excess(accuracy, found))
         if errors[-1] <= 1.0:
             return Met(scene, basis, reduced, found)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from skfem_joint.reduction.basis import Options
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 
@@ -29,16 +28,16 @@ def save_of(scene: Scene) -> Save:
     )
 
 
-def how_of(scene: Scene) -> dict[str, Any]:
-    """Steps, scheme and output that a scene asks for, for `integrate`."""
-    return {
-        "step": scene.time_step,
-        "n_steps": scene.n_steps,
-        "scheme": generalized_alpha(scene.time.rho_infinity),
-        "save": save_of(scene),
-        "cycle_steps": scene.cycle_steps,
-        "until": scene.time.until or "end",
-    }
+def plan_of(scene: Scene) -> Plan:
+    """Steps, scheme and output that a scene asks for."""
+    return Plan(
+        scene.time_step,
+        scene.n_steps,
+        generalized_alpha(scene.time.rho_infinity),
+        save_of(scene),
+        scene.cycle_steps,
+        scene.time.until or "end",
+    )
 
 
 def options_of(scene: Scene) -> Options:

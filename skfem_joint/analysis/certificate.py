@@ -26,8 +26,8 @@ from functools import partial
 from math import log2
 from typing import Any
 
-from skfem_joint.analysis.asked import how_of
-from skfem_joint.analysis.estimate import Estimate, Parts, added, again
+from skfem_joint.analysis.asked import plan_of
+from skfem_joint.analysis.estimate import Estimate, Parts, added, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.study import Model, Study, origin_of
@@ -35,6 +35,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -96,11 +97,11 @@ def halved(source: str, runs: Sequence[Results]) -> Source:
 
 def full_results(scene: Scene) -> Results:
     """Results of a scene's full model."""
-    return _results(how_of(scene), scene.system())
+    return _results(plan_of(scene), scene.system())
 
 
-def _results(how: dict[str, Any], system: System) -> Results:
-    return results(again(system, how))
+def _results(plan: Plan, system: System) -> Results:
+    return results(verification_run(system, plan))
 
 
 def _kept_results(rows: Rows, scene: Scene) -> Results:
@@ -166,13 +167,10 @@ def certify(
 
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
     """Difference of a reduced model from the full one in its first cycles, or its first fifth."""
-    how = how_of(study.scene)
-    if how["cycle_steps"] is None:
-        how["n_steps"] = max(1, how["n_steps"] // 5)
-    else:
-        how["n_steps"] = min(how["n_steps"], SHORT * how["cycle_steps"])
+    plan = plan_of(study.scene)
+    plan = plan.first(plan.n_steps // 5 if plan.cycle_steps is None else SHORT)
     systems = study.system, model.run.system
-    return difference(*(executor.map if executor else map)(partial(_results, how), systems))
+    return difference(*(executor.map if executor else map)(partial(_results, plan), systems))
 
 
 @dataclass(frozen=True)
@@ -194,14 +192,14 @@ class Grid:
         Half a run, which is worth nothing here, is a KeyboardInterrupt.
         """
         n_steps = parts * self.intervals
-        how = {
-            "step": self.duration / n_steps,
-            "n_steps": n_steps,
-            "scheme": generalized_alpha(self.rho),
-            "save": Save(every=parts),
-            "cycle_steps": None if self.cycles is None else parts * PER_CYCLE,
-        }
-        return again(system, how, fields=fields and max(1, parts // fields))
+        plan = Plan(
+            self.duration / n_steps,
+            n_steps,
+            generalized_alpha(self.rho),
+            Save(every=parts),
+            None if self.cycles is None else parts * PER_CYCLE,
+        )
+        return verification_run(system, plan, fields_every=fields and max(1, parts // fields))
 
 
 @dataclass(frozen=True)

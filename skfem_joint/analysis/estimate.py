@@ -35,10 +35,9 @@ too long itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -51,8 +50,9 @@ from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.stepping.arrangement import picks_unknowns
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import AppliedLoad, System
 
@@ -130,56 +130,63 @@ class Estimate:
         return self.parts.get(source, {}).get(quantity)
 
 
-def again(system: System, how: Mapping[str, Any], factor: float = 1.0, fields: int = 0) -> Run:
-    """Run of a system with ``factor`` times the steps of ``how``, fields stored every so many."""
-    every, cycle_steps = how["save"].every, how["cycle_steps"]
-    n_steps = int(how["n_steps"] * factor)
-    save = Save(every=max(1, int(every * factor)), fields=fields > 0, fields_every=max(1, fields))
-    return integrate(
-        system,
-        step=how["step"] / factor,
-        n_steps=n_steps,
-        scheme=how["scheme"],
-        save=save,
-        cycle_steps=None if cycle_steps is None else int(cycle_steps * factor),
-        until=how.get("until", "end"),
-        progress=how.get("progress"),
-    ).finished()
+def verification_run(
+    system: System,
+    plan: Plan,
+    *,
+    fields_every: int = 0,
+    progress: Callable[..., None] | None = None,
+) -> Run:
+    """Whole run of a system that stores its named points, and fields every so many steps."""
+    plan = plan.storing(fields_every=fields_every)
+    return integrate_plan(system, plan, progress=progress).finished()
 
 
-def of_run(system: System, basis: Basis | None, run: Run, how: Mapping[str, Any]) -> Estimate:
+def of_run(
+    system: System,
+    basis: Basis | None,
+    run: Run,
+    plan: Plan,
+    progress: Callable[..., None] | None = None,
+) -> Estimate:
     """Errors of a model's run: a reduced one's, or without ``basis`` the full one's."""
     if basis is None:
-        return of_full(system, run, how)
-    return of_reduced(system, basis, run.system, how, run)
+        return of_full(system, run, plan, progress)
+    return of_reduced(system, basis, run.system, plan, run, progress)
 
 
 def of_reduced(
-    system: System, basis: Basis, reduced: System, how: Mapping[str, Any], run: Run | None = None
+    system: System,
+    basis: Basis,
+    reduced: System,
+    plan: Plan,
+    run: Run | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> Estimate:
     """Errors of a reduced model.
 
-    ``how`` are steps, scheme, output and steps of a cycle, as `integrate` takes them; its whole
-    ``run`` is made here if it is needed and not given. ConvergenceError if a step of a look does
-    not converge, KeyboardInterrupt if one is interrupted.
+    ``plan`` is that of its whole ``run``, which is made here if it is needed and not given.
+    ConvergenceError if a step of a verification run does not converge, KeyboardInterrupt if one is
+    interrupted.
     """
     steepest = float(reduced.beta.max())
     points = _Points.of(system, basis, reduced)
-    if run is None or not how["save"].points:
-        run = again(reduced, how)
-    if how["cycle_steps"] is not None:
-        how = {**how, "n_steps": min(how["n_steps"], _settles(run) * how["cycle_steps"])}
-        if how["n_steps"] < run.counters.steps:
-            run = again(reduced, how)
+    verify = partial(verification_run, progress=progress)
+    if run is None or not plan.save.points:
+        run = verify(reduced, plan)
+    if plan.cycle_steps is not None:
+        plan = plan.first(_settles(run))
+        if plan.n_steps < run.counters.steps:
+            run = verify(reduced, plan)
     base = results(run)
-    start, merged = _merged(points, steepest, how)
-    looks, bases, last = _enriched(points, steepest, how, start)
+    start, merged = _merged(points, steepest, plan, verify)
+    looks, bases, last = _enriched(points, steepest, plan, start, verify)
     V, W = bases[-1], bases[1]
     (first, grown), best = looks[0], results(last)
     steep = best if len(looks) == 1 else looks[1][0]
     beta = float(last.system.beta.max())
     law = 1.0 / (STEEPER - 1.0) if beta > steepest else 0.0
-    other = results(again(points.model(W, beta), how, 2.0))
+    other = results(verify(points.model(W, beta), plan.finer(2)))
     truth = best.plus(HALVED, other, steep)
 
     def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
@@ -213,11 +220,10 @@ def _by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
     return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
 
 
-def _twice(system: System, how: Mapping[str, Any]) -> bool:
-    """Whether twice the step of ``how`` still follows the loads, and ends where it does."""
-    step, n_steps, cycle_steps = how["step"], how["n_steps"], how["cycle_steps"]
-    whole = n_steps % 2 == 0 and (cycle_steps is None or cycle_steps % 2 == 0)
-    return whole and bool(2.0 * step <= FOLLOWS * longest_step(system, step * n_steps))
+def _twice(system: System, plan: Plan) -> bool:
+    """Whether twice the step of a plan still follows the loads, and ends where it does."""
+    whole = plan.n_steps % 2 == 0 and (plan.cycle_steps is None or plan.cycle_steps % 2 == 0)
+    return whole and bool(2.0 * plan.step <= FOLLOWS * longest_step(system, plan.duration))
 
 
 @dataclass(frozen=True)
@@ -270,33 +276,29 @@ class _Points:
         return shared_points(small, self.merged.shares, self.merged.w)
 
 
-def _merged(points: _Points, beta: float, how: Mapping[str, Any]) -> tuple[Run | None, Parts]:
+def _merged(
+    points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
+) -> tuple[Run | None, Parts]:
     """What a look's points cause: none if it has all; before it a run of the look, if there is one.
 
     It is told by a correction, where that is small, else by the start of a run with all points.
     """
     if points.few:
         return None, dict.fromkeys(QUANTITIES, 0.0)
-    V, cycle = points.basis.V, how["cycle_steps"]
+    V, cycle = points.basis.V, plan.cycle_steps
     every, few = points.everywhere(V, beta), points.model(V, beta)
-    some = _start(how, MOST_STEPS if cycle is None else MOST_STEPS // cycle)
-    run = again(few, {**some, "until": "end"}, fields=1)
-    found = _corrected(every, run, some)
+    some = replace(plan, until="end").first(MOST_STEPS if cycle is None else MOST_STEPS // cycle)
+    run = verify(few, some, fields_every=1)
+    found = _corrected(every, run, some, verify)
     if max((error for error in found.values() if error is not None), default=0.0) > SURE:
-        some = _start(how, how["n_steps"] // 2 if cycle is None else SHORT)
-        factor = 0.5 if _twice(points.system, some) else 1.0
-        found = difference(*(results(again(one, some, factor)) for one in (every, few)))
-    whole = how.get("until") != "steady" and run.counters.steps == how["n_steps"]
+        some = plan.first(plan.n_steps // 2 if cycle is None else SHORT)
+        some = some.finer(0.5) if _twice(points.system, some) else some
+        found = difference(*(results(verify(system, some)) for system in (every, few)))
+    whole = plan.until != "steady" and run.counters.steps == plan.n_steps
     return run if whole else None, found
 
 
-def _start(how: Mapping[str, Any], most: int) -> dict[str, Any]:
-    """The start of a run: so many of its cycles, or steps if it has none, at least one."""
-    steps = max(1, most) * (how["cycle_steps"] or 1)
-    return {**how, "n_steps": min(how["n_steps"], steps)}
-
-
-def _corrected(every: System, run: Run, how: Mapping[str, Any]) -> Parts:
+def _corrected(every: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
     """What few points cause in a run of a model that could have all, by a defect correction.
 
     In each step all of them tell what the few leave out, which acts as a load when the model is run
@@ -307,7 +309,7 @@ def _corrected(every: System, run: Run, how: Mapping[str, Any]) -> Parts:
     missing = _friction(every, run.v) - _friction(few, run.v)
     courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
     added = map(AppliedLoad, np.eye(few.n), courses)
-    corrected = again(replace(few, loads=(*few.loads, *added)), {**how, "until": "end"})
+    corrected = verify(replace(few, loads=(*few.loads, *added)), replace(plan, until="end"))
     work, own = corrected.cycles.input, len(few.loads)
     work = work[-1] if len(work) else corrected.input_work
     found = results(corrected)
@@ -341,7 +343,7 @@ def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Par
 
 
 def _enriched(
-    points: _Points, beta: float, how: Mapping[str, Any], start: Run | None
+    points: _Points, beta: float, plan: Plan, start: Run | None, verify: Callable[..., Run]
 ) -> tuple[list[tuple[Results, Results]], list[FloatArray], Run]:
     """Results before and after a basis gets the next modes that it lacks, all bases, the last run.
 
@@ -351,21 +353,22 @@ def _enriched(
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
-    fields = stride(how["n_steps"], how["cycle_steps"])
+    fields = stride(plan.n_steps, plan.cycle_steps)
     most, steeper = V.shape[1] + 2 * ADDED, bool(np.any(points.system.beta > beta))
-    run = start.thinned(fields) if start else again(points.model(V, beta), how, fields=fields)
+    stored = partial(verify, plan=plan, fields_every=fields)
+    run = start.thinned(fields) if start else stored(points.model(V, beta))
     bases = [V]
     looks: list[tuple[Results, Results]] = []
     while len(looks) < 2 or (len(looks) < MOST_LOOKS and V.shape[1] < most):
         before = results(run)
         V = np.hstack([V, residual.lacking(V, run, ADDED, known)])
-        run = again(points.model(V, beta), how, fields=fields)
+        run = stored(points.model(V, beta))
         looks.append((before, results(run)))
         bases.append(V)
         changed = difference(*reversed(looks[-1])).values()
         if steeper:
             beta, steeper = STEEPER * beta, False
-            run = again(points.model(V, beta), how, fields=fields)
+            run = stored(points.model(V, beta))
         if max((e for e in changed if e is not None), default=0.0) < ENOUGH:
             break
     return looks, bases, run
@@ -400,26 +403,28 @@ def _slips(system: System, modes: FloatArray) -> bool:
     return slip > 0.5 * float(np.abs(modes[:, 0]).max())
 
 
-def of_full(system: System, run: Run, how: Mapping[str, Any]) -> Estimate:
+def of_full(
+    system: System, run: Run, plan: Plan, progress: Callable[..., None] | None = None
+) -> Estimate:
     """Errors of a full model's run from its time step.
 
     ConvergenceError if a step of the other run does not converge, KeyboardInterrupt if it is
     interrupted.
     """
-    found = _of_twice(system, run, how)
+    verify = partial(verification_run, system, progress=progress)
+    found = _of_twice(system, run, plan, verify)
     if found is None:
-        follows = how["step"] <= FOLLOWS * longest_step(system, how["step"] * how["n_steps"])
-        factor = 2.0 if follows else 4.0
-        found = _times(1.0 / (1.0 - factor**-2), _steps_apart(again(system, how, factor), run))
+        factor = 2.0 if plan.step <= FOLLOWS * longest_step(system, plan.duration) else 4.0
+        found = _times(1.0 / (1.0 - factor**-2), _steps_apart(verify(plan.finer(factor)), run))
     return Estimate({"time_step": found, "total": found})
 
 
-def _of_twice(system: System, run: Run, how: Mapping[str, Any]) -> Parts | None:
+def _of_twice(system: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts | None:
     """Errors of a full model's run from twice its step; None where that is too long to tell."""
-    if not _twice(system, how):
+    if not _twice(system, plan):
         return None
-    one = {**how, "save": replace(how["save"], every=2 * how["save"].every)}
-    apart = _steps_apart(run, again(system, one, 0.5), 2)
+    thinner = replace(plan, save=replace(plan.save, every=2 * plan.save.every))
+    apart = _steps_apart(run, verify(thinner.finer(0.5)), 2)
     if max((e for e in apart.values() if e is not None), default=0.0) > LONG:
         return None
     return _times(SMOOTH, apart)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -38,8 +37,8 @@ from skfem_joint.reduction.basis import Basis, make_basis, stuck_basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
@@ -232,11 +231,10 @@ def _told(curve: Curve, level: float, system: System, slips: Matrix) -> Curve:
     return Curve(level, points)
 
 
-def _steps(scene: Scene, frequency: float) -> dict[str, Any]:
+def _plan(scene: Scene, frequency: float) -> Plan:
     """Steps of a period at a frequency (Hz), and their scheme."""
     steps, scheme = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
-    step = 1.0 / frequency / steps
-    return {"step": step, "n_steps": steps, "cycle_steps": steps, "scheme": scheme}
+    return Plan(1.0 / frequency / steps, steps, scheme, cycle_steps=steps)
 
 
 def _loaded(
@@ -247,10 +245,12 @@ def _loaded(
     if name == "condensed":
         basis = condensed_basis(loaded)
         return basis, condensed_system(loaded, basis.V)
-    how = _steps(scene, frequency)
-    how["n_steps"] *= TO_STEADY
-    basis = make_basis(scene.structure(), loaded, options, **how, warn=warn)
-    return basis, reduced_system(loaded, basis, **options.friction, warn=warn)
+    plan = _plan(scene, frequency)
+    plan = replace(plan, n_steps=plan.n_steps * TO_STEADY)
+    basis = make_basis(scene.structure(), loaded, options, plan)
+    small = reduced_system(loaded, basis, **options.friction)
+    warn += [*basis.notes, *small.notes]
+    return basis, small
 
 
 def _errors(
@@ -258,10 +258,10 @@ def _errors(
 ) -> dict[str, Parts]:
     """Estimated errors at the peak of a curve, by source and quantity."""
     at = curve.peak[0]
-    how = _steps(scene, at) | {"save": Save(), "until": "steady", "progress": report}
+    plan = replace(_plan(scene, at), until="steady")
     full = at_frequency(scene.system(), at, curve.level)
-    run = integrate(at_frequency(model, at, curve.level / unit), **how)
-    return dict(estimate.of_run(full, basis, run, how).parts)
+    run = integrate_plan(at_frequency(model, at, curve.level / unit), plan, progress=report)
+    return dict(estimate.of_run(full, basis, run, plan, progress=report).parts)
 
 
 @dataclass(frozen=True)
@@ -361,7 +361,8 @@ def _vibrating(
     else:
         stuck = stuck_modes(system, number + beside)[1]
         basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
-        small = reduced_system(system, basis, **options.friction, periodic=False, warn=warn)
+        small = reduced_system(system, basis, **options.friction, periodic=False)
+        warn += small.notes
     return basis.V, small
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis.active_region import region_of
-from skfem_joint.analysis.asked import TO_STEADY, how_of, options_of
+from skfem_joint.analysis.asked import TO_STEADY, options_of, plan_of
 from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare, difference, results
@@ -29,7 +29,7 @@ from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import AnyStructure, doubts
@@ -203,7 +203,7 @@ def _full(study: Study, how: Mapping[str, Any]) -> Model:
     for _ in range(accuracy.ROUNDS if study.scene.accuracy.asked else 0):
         if run.interrupted:
             break
-        found = estimate.of_full(study.system, run, how_of(study.scene))
+        found = estimate.of_full(study.system, run, plan_of(study.scene))
         finer = accuracy.shorter(study.scene, found)
         if finer is None:
             study.warnings.append(
@@ -233,7 +233,7 @@ def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _B
 
 def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
     try:
-        return integrate(study.system, **how_of(study.scene), **how)
+        return integrate_plan(study.system, plan_of(study.scene), **how)
     except ConvergenceError as error:
         if error.unknown is None:
             raise
@@ -247,9 +247,11 @@ def _estimate(study: Study, model: Model, progress: Progress) -> None:
     scene, watch = study.scene, Stopwatch()
     if model.estimate is not None or not scene.accuracy.estimate:
         return
-    how = how_of(scene) | {"progress": partial(progress, f"errors of the {model.name} model")}
+    report = partial(progress, f"errors of the {model.name} model")
     try:
-        found = estimate.of_run(study.system, model.basis, model.run, how)
+        found = estimate.of_run(
+            study.system, model.basis, model.run, plan_of(scene), progress=report
+        )
     except JointError as error:
         study.warnings.append(f"The errors of the {model.name} model are not estimated: {error}")
         return
@@ -284,7 +286,7 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
     before, compiled = np.add(watch.read(), study.met_s).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
-    run = integrate(system, **how_of(study.scene), **how)
+    run = integrate_plan(system, plan_of(study.scene), **how)
     length, found = dict(basis.active_length), None if met is None else met.estimate
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
     model = Model("reduced", run, offline, length, *active, basis, estimate=found)
@@ -302,7 +304,7 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
             "the full one, which has few entries, will hardly cost more; a reduced one costs less."
         )
     before, compiled = watch.read()
-    run = integrate(small, **how_of(study.scene), **how)
+    run = integrate_plan(small, plan_of(study.scene), **how)
     peak = np.asarray(run.slip_peak @ small.shares)
     basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
@@ -318,13 +320,16 @@ def reduction_of(
     """Basis, if it is not given, and reduced system of a study, whose warnings are added to."""
     if basis is None:
         basis = _basis(study, options, study.warnings)
-    how: dict[str, Any] = {"periodic": study.scene.periodic, "warn": study.warnings}
-    return basis, reduced_system(study.system, basis, **options.friction, **how)
+    small = reduced_system(study.system, basis, **options.friction, periodic=study.scene.periodic)
+    study.warnings += small.notes
+    return basis, small
 
 
 def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
-    how = how_of(study.scene) | {"enriched": enriched, "path": study.description.path}
-    if how["until"] == "steady":
-        how["n_steps"] *= TO_STEADY
-    del how["save"], how["until"]
-    return make_basis(study.structure, study.system, options, warn=warn, **how)
+    plan = plan_of(study.scene)
+    if plan.until == "steady":
+        plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
+    path = study.description.path
+    basis = make_basis(study.structure, study.system, options, plan, enriched=enriched, path=path)
+    warn += basis.notes
+    return basis

@@ -16,6 +16,7 @@ from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
@@ -84,9 +85,9 @@ def reduce(
             )
         step = whole / _MOST_STEPS if period is None else period / _STEPS
         step = min(step, longest_step(system, whole))
-        path = slip_path(system, step, round(whole / step), modes=modes)
+        path = slip_path(system, Plan(step, round(whole / step)), modes)
         basis = static_basis(system, path, modes, interface_modes)
-    small = reduced_system(system, basis, friction_points=friction_points, beta=beta, warn=[])
+    small = reduced_system(system, basis, friction_points=friction_points, beta=beta)
     return replace(small, made_for=_loading(system))
 
 

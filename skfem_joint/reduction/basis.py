@@ -53,9 +53,9 @@ from skfem_joint.reduction.zones import (
     probed,
     zone_lengths,
 )
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
@@ -130,6 +130,7 @@ class Basis:
     active_length: Mapping[str, float] = field(default_factory=dict)  #: of scaled modes, by joint
     #: Points and positions (m) of each active zone, where they lie along a line.
     stretches: tuple[tuple[IntArray, FloatArray], ...] | None = None
+    notes: tuple[str, ...] = ()  #: sentences that users should read about how it was made
 
     @property
     def followed(self) -> FloatArray:
@@ -143,34 +144,30 @@ def make_basis(
     structure: AnyStructure,
     system: System,
     options: Options,
+    plan: Plan,
     *,
-    step: float,
-    n_steps: int,
-    cycle_steps: int | None = None,
-    scheme: Scheme | None = None,
     enriched: bool = False,
     path: QuasiStatic | None = None,
-    warn: list[str],
 ) -> Basis:
     """Basis of a structure as its options say; does the run that it needs.
 
-    Steps and scheme are those of the run to come, as `integrate` takes them; a quasi-static
-    ``path`` of the system may have factors for the static one. Sentences about what
-    to beware of are appended to ``warn``; one that misses too much is among them where the basis
-    is ``enriched`` before it counts, and the end of it elsewhere. InputError if nothing moves, or
-    the modes do not fit; KeyboardInterrupt if a run is interrupted.
+    ``plan`` is that of the run to come; a quasi-static ``path`` of the system may have factors for
+    the static one. The basis' ``notes`` say what to beware of. A basis that misses too much raises
+    InputError, unless it is to be ``enriched`` before it is used: then its notes say so. InputError
+    if nothing moves, or the modes do not fit; KeyboardInterrupt if a run is interrupted.
     """
+    notes: list[str] = []
     modes, interface = options.mode_count, options.interface_modes
     decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
     if options.reference == "self":
-        steps = n_steps if cycle_steps is None else min(n_steps, TRAINING_CYCLES * cycle_steps)
-        save = Save(fields=True, points=False)
-        run = integrate(system, step=step, n_steps=steps, scheme=scheme, save=save).finished()
+        training = plan if plan.cycle_steps is None else plan.first(TRAINING_CYCLES)
+        training = replace(training, save=Save(fields=True, points=False), cycle_steps=None)
+        run = integrate_plan(system, training).finished()
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
-        found = slip_path(system, step, n_steps, scheme, modes, path)
+        found = slip_path(system, plan, modes, path)
         if found.blind > BLIND:
-            warn.append(
+            notes.append(
                 f"The slip went on growing while the modes were made: {100 * found.blind:.2g} % of "
                 "what slips at last stuck in the round before. Use more modes and see whether the "
                 "result stays, or take reference = 'self'."
@@ -182,8 +179,9 @@ def make_basis(
             "or 'self' instead"
         )
         zones = active_zones(meshed, system)
-        probe = probed(system, zones, step, n_steps, cycle_steps)
-        lengths = zone_lengths(system, zones, options.active_length, probe.slip_peak, warn)
+        probe = probed(system, zones, plan)
+        lengths, about = zone_lengths(system, zones, options.active_length, probe.slip_peak)
+        notes += about
         made = paper_reference(**decomposed), zones, lengths, probe
         basis = scaled_basis(meshed, system, *made, modes=modes, interface_modes=interface)
     else:
@@ -191,7 +189,7 @@ def make_basis(
             f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
         )
     if options.active_length != "auto" and options.reference != "paper":
-        warn.append("reduction.active_length has no effect but beside reference = 'paper'.")
+        notes.append("reduction.active_length has no effect but beside reference = 'paper'.")
     own = "; or take reference = 'static'" if options.reference == "paper" else ""
     missed = (
         f"The {basis.V.shape[1]} vectors of the reduced model cannot follow "
@@ -201,8 +199,8 @@ def make_basis(
     if basis.missed > WRONG_BASIS and not enriched:
         raise InputError(missed)
     if basis.missed > DOUBTFUL_BASIS:
-        warn.append(missed)
-    return basis
+        notes.append(missed)
+    return replace(basis, notes=tuple(notes))
 
 
 def own_basis(

@@ -57,20 +57,19 @@ def reduced_system(
     friction_points: str | int = "auto",
     beta: str | float = "auto",
     periodic: bool = True,
-    warn: list[str],
 ) -> System:
     """Reduced system with friction points and a steepness of its own.
 
     ``friction_points`` ("auto", "all" or a number) are Gauss points of each stretch of the basis,
     or where it has none merged points in all. ``beta`` (s/m) is the system's where the modes
     resolve it, and no steeper, but for a free decay (not ``periodic``), which gets a steeper law.
-    Sentences about what to beware of are appended to ``warn``. Its ``shares`` say which points of
+    Its ``notes`` say what to beware of. Its ``shares`` say which points of
     ``system`` each of its own stands for. InputError if no point carries friction, or for less
     than one point.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
-    reduced = system.project(basis.V)
+    reduced, notes = system.project(basis.V), []
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:
         raise InputError(f"reduction.friction_points: found {count}, must be >= 1")
@@ -85,22 +84,22 @@ def reduced_system(
             if friction_lost(every, reduced, rates) <= MOST_LOST:
                 break
         if count is not None and reduced.w.size < count:
-            warn.append(
+            notes.append(
                 f"The reduced model has {reduced.w.size} friction points instead of {count}: no "
                 "more of the joints' points slip apart from each other."
             )
     if not isinstance(beta, str):
-        return replace(reduced, beta=np.full_like(reduced.beta, beta))
+        return replace(reduced, beta=np.full_like(reduced.beta, beta), notes=tuple(notes))
     velocity = basis.slip_velocity or STUCK_VELOCITY
     share = basis.resolved if periodic else basis.resolved / DECAYING
     steepest = 1.0 / (share * velocity)
     if np.any(system.beta > steepest):
-        warn.append(
+        notes.append(
             f"The reduced model uses beta = {steepest:.3g} s/m: its modes do not resolve slip "
             f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "
             "would differ. Set reduction.beta to choose."
         )
-    return replace(reduced, beta=np.minimum(reduced.beta, steepest))
+    return replace(reduced, beta=np.minimum(reduced.beta, steepest), notes=tuple(notes))
 
 
 def friction_lost(every: System, few: System, velocities: FloatArray) -> float:

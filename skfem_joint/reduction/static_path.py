@@ -29,9 +29,9 @@ from skfem_joint.reduction.friction_points import MANY, MERGED, NO_FRICTION, mer
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
 from skfem_joint.reduction.residual import acceleration
 from skfem_joint.reduction.zones import QUICK_CYCLES, motions_without_slip, steps_of_a_period
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
@@ -84,19 +84,20 @@ class Excitation:
     vectors: FloatArray  #: (n, loads), N
     amplitudes: tuple[Amplitude, ...]
     peak: FloatArray  #: (loads,), N
-    step: float
-    n_steps: int
+    plan: Plan
     period: float | None  #: of all loads, s; None where one does not repeat within the run
 
     @staticmethod
-    def of(system: System, step: float, n_steps: int) -> Excitation:
-        """Loads of a system that act in a run of ``n_steps`` steps (s)."""
+    def of(system: System, plan: Plan) -> Excitation:
+        """Loads of a system that act in a run."""
         period = common_period(load.amplitude for load in system.loads)
         repeat = all(load.amplitude.period is not None for load in system.loads)
-        if period is None or not repeat or step * n_steps < period:
+        if period is None or not repeat or plan.duration < period:
             period = None
-        known = n_steps if period is None else min(n_steps, round(2.0 * period / step))
-        times = step * np.arange(known + 1, dtype=float)
+        known = plan.n_steps
+        if period is not None:
+            known = min(known, round(2.0 * period / plan.step))
+        times = plan.step * np.arange(known + 1, dtype=float)
         peak = np.abs(system.load_amplitudes(times)).max(axis=1, initial=0.0)
         act = np.flatnonzero(peak * np.abs(system.load_vectors()).max(axis=0))
         if act.size == 0:
@@ -105,7 +106,7 @@ class Excitation:
             )
         amplitudes = tuple(system.loads[k].amplitude for k in act)
         vectors = system.load_vectors()[:, act] * peak[act]
-        return Excitation(vectors, amplitudes, peak[act], step, n_steps, period)
+        return Excitation(vectors, amplitudes, peak[act], plan, period)
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Amplitudes over their peaks at some times, (loads, times)."""
@@ -115,7 +116,7 @@ class Excitation:
     def fastest(self) -> float:
         """Highest known angular frequency of the loads, else that of the whole run, rad/s."""
         known = [a.highest_frequency or 0.0 for a in self.amplitudes]
-        return 2.0 * np.pi * max(*known, 1.0 / (self.step * self.n_steps))
+        return 2.0 * np.pi * max(*known, 1.0 / self.plan.duration)
 
     @property
     def lasting(self) -> float:
@@ -124,7 +125,7 @@ class Excitation:
             return 0.25 * self.period
         known = [a.highest_frequency for a in self.amplitudes]
         rise = 0.5 / known[0] if len(known) == 1 and known[0] else np.inf
-        return min(rise, self.step * self.n_steps)
+        return min(rise, self.plan.duration)
 
     @property
     def single(self) -> bool:
@@ -143,14 +144,12 @@ class Excitation:
 
 def slip_path(
     system: System,
-    step: float,
-    n_steps: int,
-    scheme: Scheme | None = None,
+    plan: Plan,
     modes: int = 0,
     path: QuasiStatic | None = None,
     tolerance: float = 3e-5,
 ) -> StaticPath:
-    """Follow the slip of a system through a run to come, as `integrate` takes it.
+    """Follow the slip of a system through a run to come.
 
     Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
     through time is followed too: motions that ring beside the load's have phases of their own. A
@@ -164,7 +163,7 @@ def slip_path(
 
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
-    loads = Excitation.of(system, step, n_steps)
+    loads = Excitation.of(system, plan)
     path = QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
     rise = np.array([loads.lasting])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
@@ -180,7 +179,7 @@ def slip_path(
     for _ in range(ROUNDS):
         found = proper_decomposition(_scaled(snapshots), energy(system)).modes[:, :_MODES]
         V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
-        run = _preliminary(system, V, loads, snapshots[-1], scheme)
+        run = _preliminary(system, V, loads, snapshots[-1])
         steps += run.counters.steps
         acting = _Acting(system, V, run)
         states, beyond = _second(path, loads, response, acting)
@@ -222,7 +221,7 @@ def _first(
         levels = _levels(FIRST, BEYOND[0])
         force = loads.vectors[:, 0] + square * inertia[:, 0]
         return path.follow(levels * force, loads.lasting * levels[:, 0])
-    whole = loads.step * loads.n_steps if loads.period is None else 1.25 * loads.period
+    whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
     times = _levels(PERIOD, whole)[:, 0]
     return _with_increments(path.follow(BEYOND[0] * loads.forces(times, inertia), times))
 
@@ -307,22 +306,20 @@ def interface_modes(
         # Modes beyond the last follow their drive but for its acceleration over omega squared.
         if 2.0 * left * loads.fastest**2 <= _SHARE * strain * omega[-1]:
             break
-    stop = loads.step * loads.n_steps
+    stop = loads.plan.duration
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
-    driven = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.step))
+    driven = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     share = np.zeros(omega.size)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
         # What it lags behind its support, which is its acceleration over the square of w.
-        lag = cont2discrete(([1.0, 0.0, 0.0], [1.0, c, w**2]), loads.step, "foh")
+        lag = cont2discrete(([1.0, 0.0, 0.0], [1.0, c, w**2]), loads.plan.step, "foh")
         share[k] = w * np.abs(lfilter(lag[0].ravel(), lag[1], driven[k])).max()
     order = np.argsort(-share, kind="stable")[:most]
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
 
 
-def _preliminary(
-    system: System, V: FloatArray, loads: Excitation, path: FloatArray, scheme: Scheme | None
-) -> Run:
+def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatArray) -> Run:
     """Run of the preliminary model: periods in steps that will do, or the whole run.
 
     There are more periods while it still swings up. Its law is no steeper than a few modes resolve
@@ -334,16 +331,16 @@ def _preliminary(
         small = merged_points(small, path @ (system.M @ V), np.flatnonzero(system.w), MERGED)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     small = replace(small, beta=np.minimum(small.beta, _RESOLVED / max(velocity, _SLOW)))
-    step, steps, cycles, most = loads.step, loads.n_steps, 1, 1
+    plan = loads.plan
+    step, steps, cycles, most = plan.step, plan.n_steps, 1, 1
     if loads.period is not None:
-        most = max(1, int(step * loads.n_steps / loads.period * (1.0 + 1e-9)))
+        most = max(1, int(plan.duration / loads.period * (1.0 + 1e-9)))
         cycles, whole = min(QUICK_CYCLES, most), round(loads.period / step)
         steps = steps_of_a_period(small, loads.period, cycles, loads.fastest / (2.0 * np.pi), whole)
         step = loads.period / steps
     while True:
-        save = Save(fields=True)
-        run = integrate(small, step=step, n_steps=cycles * steps, scheme=scheme, save=save)
-        run.finished()
+        whole_run = Plan(step, cycles * steps, plan.scheme, Save(fields=True))
+        run = integrate_plan(small, whole_run).finished()
         strain = np.einsum("ij,ij->i", run.u[1:] @ small.K, run.u[1:])
         peaks = strain.reshape(cycles, -1).max(axis=1)
         if cycles >= min(most, MOST_CYCLES) or peaks[-1] <= GROWING * peaks[:-1].max(initial=0.0):

@@ -18,7 +18,8 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import Estimate, estimate, measured
 from skfem_joint.stepping.arrangement import picks_unknowns
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.structure import AnyStructure, Body, Joint, Patch, Structure
@@ -246,9 +247,7 @@ def measured_lengths(structure: AnyStructure, slip_peak: FloatArray) -> dict[str
     return lengths
 
 
-def probed(
-    system: System, zones: Sequence[Zone], step: float, n_steps: int, cycle_steps: int | None
-) -> Run:
+def probed(system: System, zones: Sequence[Zone], plan: Plan) -> Run:
     """Quick run of the full model with exact Coulomb friction, which costs least.
 
     Its points are the slips at the mouths. The slip beyond the active length is exactly zero, so
@@ -261,13 +260,14 @@ def probed(
         P=sparse.csr_array(system.B)[np.flatnonzero(rows)],
         points=tuple(f"slip {row}" for row in np.flatnonzero(rows)),
     )
+    step, n_steps, cycle_steps = plan.step, plan.n_steps, plan.cycle_steps
     if cycle_steps is not None:
         period, cycles = step * cycle_steps, min(n_steps // cycle_steps, QUICK_CYCLES)
         highest = max((load.amplitude.highest_frequency or 0.0) for load in system.loads)
         steps = steps_of_a_period(coulomb, period, cycles, highest, cycle_steps)
         step, n_steps = period / steps, cycles * steps
     save = Save(fields=True, fields_every=max(1, -(-n_steps * system.n // _MOST_NUMBERS)))
-    return integrate(coulomb, step=step, n_steps=n_steps, save=save).finished()
+    return integrate_plan(coulomb, Plan(step, n_steps, save=save)).finished()
 
 
 def steps_of_a_period(system: System, period: float, cycles: int, highest: float, most: int) -> int:
@@ -287,22 +287,25 @@ def zone_lengths(
     zones: Sequence[Zone],
     asked: str | float | Mapping[str, float],
     slip_peak: FloatArray,
-    warn: list[str],
-) -> list[float]:
-    """Active length of each zone, m; those from both ends of one part are kept apart.
+) -> tuple[list[float], list[str]]:
+    """Active length of each zone, m, and sentences about what to beware of.
+
+    Lengths from both ends of one part are kept apart.
 
     ``asked`` is "auto" (measured in a probe, by the largest ``slip_peak`` (m,) of its contact
-    points, m), "estimate" (Eqs. (17)-(20)), or a length (m) for all joints or by name. Sentences
-    about what to beware of are appended to ``warn``. InputError for an estimate that Eqs. (17)-(20)
-    cannot give, or a length that the joint has not.
+    points, m), "estimate" (Eqs. (17)-(20)), or a length (m) for all joints or by name. InputError
+    for an estimate that Eqs. (17)-(20) cannot give, or a length that the joint has not.
     """
-    lengths = []
+    lengths: list[float] = []
+    notes: list[str] = []
     for zone in zones:
         given = asked.get(zone.name, "auto") if isinstance(asked, Mapping) else asked
         if given == "auto":
             lengths.append(zone.active_length(slip_peak))
         elif given == "estimate":
-            lengths.append(_estimated_length(system, zone, warn))
+            length, doubts = _estimated_length(system, zone)
+            lengths.append(length)
+            notes += doubts
         elif 0.0 < float(given) <= zone.length * (1.0 + 1e-9):
             lengths.append(float(given))
         else:
@@ -320,28 +323,29 @@ def zone_lengths(
             f"joint has: capped at {zone.length:.4g} m. The joint may slip as a whole (gross "
             "slip), which the method assumes it does not."
         )
-        if length > most and told not in warn:
-            warn.append(told)
+        if length > most and told not in notes:
+            notes.append(told)
         capped.append(min(length, most))
-    return capped
+    return capped, notes
 
 
-def _estimated_length(system: System, zone: Zone, warn: list[str]) -> float:
-    """Active length of a zone by Eqs. (17)-(20), m."""
+def _estimated_length(system: System, zone: Zone) -> tuple[float, list[str]]:
+    """Active length of a zone by Eqs. (17)-(20), m, and what is doubtful of it."""
     guess = estimate_active_length(system, zone)
     if guess is None:
         raise InputError(
             "reduction.active_length: 'estimate' needs a bar under harmonic loads; use 'auto' or a "
             "length"
         )
+    notes = []
     if not guess.converged or guess.frequency_ratio > 0.5:
-        warn.append(
+        notes.append(
             f"The estimated active length of joint '{zone.name}' "
             + ("" if guess.converged else "did not settle and ")
             + f"is doubtful: the load has {guess.frequency_ratio:.2g} times the natural "
             "frequency, and Eq. (17) holds up to half of it. Use active_length = 'auto'."
         )
-    return guess.length
+    return guess.length, notes
 
 
 def estimate_active_length(system: System, zone: Zone) -> Estimate | None:
