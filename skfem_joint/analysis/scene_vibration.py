@@ -376,4 +376,4 @@ def _loads_end(scene: Scene, system: System) -> tuple[FloatArray, FloatArray]:
             "the run does; choose others, a longer duration, or 'mode'"
         )
     scheme = generalized_alpha(scene.time.rho_infinity)
-    return integrate(system, step=step, n_steps=int(act[-1]) + 1, scheme=scheme).finished().final
+    return integrate_plan(system, Plan(step, int(act[-1]) + 1, scheme)).finished().final
