@@ -19,6 +19,8 @@ from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.reduction.zones import active_zones, estimate_active_length
 from skfem_joint.scene import scene_from
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
@@ -165,13 +167,13 @@ def _own(its):
 def _reduced(its):
     """Reduced model of a scene, however few modes it has."""
     options, system = options_of(its), its.system()
-    steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
+    plan = Plan(its.time_step, its.n_steps, cycle_steps=its.cycle_steps)
     if options.reference == "self":
         basis = _own(its)
     else:
-        basis = make_basis(its.structure(), system, options, **steps, enriched=True, warn=[])
-    small = reduced_system(system, basis, periodic=its.periodic, warn=[], **options.friction)
-    return Model("reduced", sj.integrate(small, **steps), 0.0, basis.active_length, basis=basis)
+        basis = make_basis(its.structure(), system, options, plan, enriched=True)
+    small = reduced_system(system, basis, periodic=its.periodic, **options.friction)
+    return Model("reduced", integrate_plan(small, plan), 0.0, basis.active_length, basis=basis)
 
 
 _MODELS = {}

@@ -11,15 +11,14 @@ from scipy import linalg
 
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis import study as study_module
-from skfem_joint.analysis.asked import how_of
-from skfem_joint.analysis.estimate import again, of_full
+from skfem_joint.analysis.asked import plan_of
+from skfem_joint.analysis.estimate import of_full, verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.recording import Save
 
 
 def pulse(**changes: Any) -> dict[str, Any]:
@@ -65,11 +64,11 @@ def test_errors_of_a_basis_are_stated_without_a_full_run(changes):
 
 def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_it():
     scene = lap_joint(bar="short_lap_joint", beta=1e4, time={"cycles": 1, "steps_per_cycle": 50})
-    system, how = scene.system(), how_of(scene)
+    system, plan = scene.system(), plan_of(scene)
     whole = linalg.eigh(system.K.toarray(), system.M.toarray())[1]
     residual = Residual(system)
     for V, lacking in ((whole, False), (whole[:, :10], True)):
-        run = again(system.project(V), how, fields=stride(50, 50))
+        run = verification_run(system.project(V), plan, fields_every=stride(50, 50))
         left = residual.forces(V, run)
         scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
         assert np.abs(V.T @ left).max() < 1e-8 * scale * np.abs(V).max()
@@ -90,11 +89,12 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
     scene = bar_scene("reduced")
     study = Study(scene, scene.structure(), scene.system())
     V = reduction_of(study, options_of(scene))[0].V
-    how = how_of(scene) | {"save": Save()}
-    full, residual = results(again(study.system, how)), Residual(study.system)
+    plan = plan_of(scene)
+    full, residual = results(verification_run(study.system, plan)), Residual(study.system)
+    fields = stride(plan.n_steps, 200)
     errors = []
     for _ in range(3):
-        run = again(study.system.project(V), how, fields=stride(how["n_steps"], 200))
+        run = verification_run(study.system.project(V), plan, fields_every=fields)
         errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
         V = np.hstack([V, residual.lacking(V, run, 8, V[:, :0])])
     assert errors[1] < 0.4 * errors[0]
@@ -107,21 +107,21 @@ def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at
     scene = plate_scene("reduced", mesh=plate(100))
     study = Study(scene, scene.structure(), scene.system())
     basis, small = reduction_of(study, options_of(scene))
-    how = how_of(scene) | {"save": Save()}
+    plan = plan_of(scene)
     every = study.system.project(basis.V)
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
     few = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
-    true = difference(results(again(every, how)), results(again(few, how)))
-    sizes, real = [], estimate.integrate
+    true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
+    sizes, real = [], estimate.integrate_plan
 
-    def counted(system: Any, **options: Any) -> Any:
+    def counted(system: Any, *plan: Any, **options: Any) -> Any:
         sizes.append(system.w.size)
-        return real(system, **options)
+        return real(system, *plan, **options)
 
-    monkeypatch.setattr(estimate, "integrate", counted)
+    monkeypatch.setattr(estimate, "integrate_plan", counted)
     monkeypatch.setattr(estimate, "MANY", 0)
     monkeypatch.setattr(estimate, "MERGED", sets)
-    stated = estimate.of_reduced(study.system, basis, few, how).parts["points"]
+    stated = estimate.of_reduced(study.system, basis, few, plan).parts["points"]
     assert (max(sizes) == every.w.size) == looked_at
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
@@ -144,10 +144,11 @@ def test_scenes_at_random_state_their_errors(kind, count):
 def test_time_step_of_a_resonant_joint_is_told(steps):
     resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
     scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
-    how, system = how_of(scene), scene.system()
-    run = again(system, how)
-    stated = of_full(system, run, how).of("total", "displacement_rms") or 0.0
-    true = difference(results(again(system, how, 16)), results(run))["displacement_rms"] or 0.0
+    plan, system = plan_of(scene), scene.system()
+    run = verification_run(system, plan)
+    stated = of_full(system, run, plan).of("total", "displacement_rms") or 0.0
+    truth = results(verification_run(system, plan.finer(16)))
+    true = difference(truth, results(run))["displacement_rms"] or 0.0
     assert true > 0.04
     assert 0.5 * true < stated < 2.0 * true
 
@@ -189,7 +190,7 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension):
         time = {"cycles": 2, "steps_per_cycle": 60}
         scene = plate_scene(mesh=plate(6), time=time, accuracy=asked, reduction={"modes": 4})
     study = run_scene(scene)
-    truth = results(again(study.system, how_of(study.scene), 8))
+    truth = results(verification_run(study.system, plan_of(study.scene).finer(8)))
     for model in study.models.values():
         off = difference(truth, results(model.run))
         for name, error in off.items():

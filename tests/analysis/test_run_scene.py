@@ -385,7 +385,7 @@ def test_step_that_does_not_converge_names_the_place(scene, words, monkeypatch):
     def fail(*_, **__):
         raise sj.ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
 
-    monkeypatch.setattr(study_module, "integrate", fail)
+    monkeypatch.setattr(study_module, "integrate_plan", fail)
     with pytest.raises(sj.ConvergenceError, match=words) as caught:
         sj.run_scene(scene)
     assert caught.value.exit_status == 3
