@@ -12,7 +12,7 @@ import skfem_joint as sj
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.history import compare
-from skfem_joint.analysis.study import Model
+from skfem_joint.analysis.models import Model
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.reduction.basis import make_basis, own_basis
 from skfem_joint.reduction.friction_points import reduced_system

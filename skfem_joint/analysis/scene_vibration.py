@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.asked import TO_STEADY, options_of, origin_of
 from skfem_joint.analysis.backbone import (
     CHECKED,
     INCREMENTS,
@@ -29,7 +29,6 @@ from skfem_joint.analysis.response import (
     response,
 )
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent

@@ -29,7 +29,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_dense
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
@@ -325,3 +325,17 @@ class QuasiStatic:
                 return limit
             limit, multiple = lower, 1.01 * lower
         return limit
+
+
+def factors_at_rest(system: System) -> QuasiStatic | None:
+    """Quasi-static response of a system, for all passes that need its factors.
+
+    None where they are not needed, because no load or no friction acts, or cannot be had: whoever
+    then asks for a quasi-static response gets the reason as an error.
+    """
+    if not system.contact_points or not any(np.any(load.vector) for load in system.loads):
+        return None
+    try:
+        return QuasiStatic(system)
+    except (JointError, RuntimeError, np.linalg.LinAlgError):
+        return None

@@ -9,14 +9,15 @@ from benchmarks.estimates import judged, report, scenes
 from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis import study as study_module
-from skfem_joint.analysis.asked import plan_of
+from skfem_joint.analysis.asked import basis_of, options_of, plan_of
 from skfem_joint.analysis.estimate import of_full, verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
-from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.friction_points import merged_points, reduced_system
 from skfem_joint.reduction.residual import Residual, stride
 from skfem_joint.scene import Scene
 
@@ -29,6 +30,10 @@ def pulse(**changes: Any) -> dict[str, Any]:
 def total(scene: Scene, model: str) -> dict[str, float | None]:
     found = run_scene(scene).models[model].estimate
     return {name: found.of("total", name) for name in QUANTITIES}
+
+
+def basis_for(scene: Scene) -> Basis:
+    return basis_of(scene, scene.structure(), scene.system(), options_of(scene))
 
 
 @pytest.fixture
@@ -87,14 +92,12 @@ def test_what_few_unknowns_lack_does_not_depend_on_the_basis():
 
 def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
     scene = bar_scene("reduced")
-    study = Study(scene, scene.structure(), scene.system())
-    V = reduction_of(study, options_of(scene))[0].V
-    plan = plan_of(scene)
-    full, residual = results(verification_run(study.system, plan)), Residual(study.system)
+    system, plan, V = scene.system(), plan_of(scene), basis_for(scene).V
+    full, residual = results(verification_run(system, plan)), Residual(system)
     fields = stride(plan.n_steps, 200)
     errors = []
     for _ in range(3):
-        run = verification_run(study.system.project(V), plan, fields_every=fields)
+        run = verification_run(system.project(V), plan, fields_every=fields)
         errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
         V = np.hstack([V, residual.lacking(V, run, 8, V[:, :0])])
     assert errors[1] < 0.4 * errors[0]
@@ -105,10 +108,9 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
 def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at, monkeypatch):
     """Without a step of all points, where few of them resolve how the model slips."""
     scene = plate_scene("reduced", mesh=plate(100))
-    study = Study(scene, scene.structure(), scene.system())
-    basis, small = reduction_of(study, options_of(scene))
-    plan = plan_of(scene)
-    every = study.system.project(basis.V)
+    system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
+    small = reduced_system(system, basis, periodic=scene.periodic)
+    every = system.project(basis.V)
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
     few = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
@@ -119,13 +121,13 @@ def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at
         return real(system, *plan, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)
-    monkeypatch.setattr(estimate, "MANY", 0)
-    monkeypatch.setattr(estimate, "MERGED", sets)
-    stated = estimate.of_reduced(study.system, basis, few, plan).parts["points"]
+    settings = replace(estimate.SETTINGS, many=0, merged=sets)
+    monkeypatch.setattr(estimate, "SETTINGS", settings)
+    stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
     assert (max(sizes) == every.w.size) == looked_at
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
-        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SURE
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SETTINGS.sure
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
@@ -218,7 +220,7 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
 
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
-    monkeypatch.setattr("skfem_joint.analysis.accuracy.ROUNDS", 1)
+    monkeypatch.setattr(accuracy, "SETTINGS", accuracy.AccuracySettings(rounds=1))
     with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
         run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
     assert caught.value.exit_status == 3
