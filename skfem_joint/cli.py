@@ -220,15 +220,17 @@ def _keys(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.asked import plan_of
     from skfem_joint.analysis.description import describe
     from skfem_joint.scene import load_scene, load_sweep
-    from skfem_joint.stepping.resolution import check_resolution
+    from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
 
     scene = load_scene(options.scene)
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
-        check_resolution(system, scene.time_step, scene.n_steps)
+        check_resolution(system, plan_of(scene))
+        check_jumps(system, plan_of(scene))
     # All of it is checked before it is called valid.
     swept = None if scene.sweep is None else load_sweep(options.scene)
     found = describe(scene)

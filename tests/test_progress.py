@@ -30,7 +30,7 @@ from skfem_joint.loads import Harmonic
 from skfem_joint.progress import LINE_S, PACE_S
 from skfem_joint.progress import told as telling
 from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.steady import CHANGE
+from skfem_joint.stepping.steady import SETTINGS
 
 BAR = arm(Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
 
@@ -74,7 +74,7 @@ def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from
     assert run.steady is not None
     assert told[-1][0] >= run.steady.periods  # and the one that is stored
     assert changes[-1] == pytest.approx(run.steady.change, rel=0.1)
-    assert changes[-1] <= CHANGE < changes[-2]
+    assert changes[-1] <= SETTINGS.change < changes[-2]
 
 
 class Clock:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
@@ -291,6 +290,8 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
 
 def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:
     """What a mode moves beyond following its force (N) at once, at steps of ``h`` from rest."""
+    from scipy.signal import cont2discrete, lfilter  # loads much else
+
     plain = [1.0], [1.0, damping, omega**2]
     numerator, denominator, _ = cont2discrete(plain, h, "foh")
     return np.asarray(lfilter(numerator.ravel(), denominator, force) - force / omega**2)

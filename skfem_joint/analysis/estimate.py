@@ -47,7 +47,6 @@ import numpy as np
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
-from skfem_joint.minimise import law
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
@@ -404,9 +403,11 @@ def _corrected(every: System, run: Run, plan: Plan, verify: Callable[..., Run]) 
 
 def _friction(system: System, v: FloatArray) -> FloatArray:
     """Forces of friction (times, n), N, at some velocities of the unknowns (times, n)."""
+    from skfem_joint.minimise.law import force_vectors  # loads the compiler
+
     B, limits = np.asarray(system.B), system.on_rows(system.w)
     parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
-    forces = (law.force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
+    forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
 
 

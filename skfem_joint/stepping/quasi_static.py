@@ -23,7 +23,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -35,11 +35,13 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
-from skfem_joint.minimise.truncated_newton import CondensedNewton
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.truncated_newton import CondensedNewton
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,8 @@ class QuasiStatic:
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
+        from skfem_joint.minimise.truncated_newton import CondensedNewton  # loads the compiler
+
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone
         if isinstance(self.problem, CondensedNewton):
@@ -166,8 +170,8 @@ class QuasiStatic:
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
-        if isinstance(self.problem, CondensedNewton):
-            return self.problem.schur.solver()
+        if self.whole is not None and self.condensed is None:
+            return self.whole.schur.solver()
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
 
     @cached_property
