@@ -80,7 +80,7 @@ class Stepper(ABC):
     frequency : float
         Of the vibration, rad/s, that the last jump of the acceleration sets off; 0 after a step.
     first_call, most_at_once : int
-        Steps that surely take less than a second, and the most that are to be done in one call.
+        Steps that surely take less than a second, and the most that may be done in a single call.
     """
 
     COUNTS: ClassVar[tuple[str, ...]]
@@ -130,7 +130,7 @@ class Stepper(ABC):
 
         Points at rest stick under Coulomb friction as long as they can: their acceleration and
         friction minimise the step problem of the mass with these points alone. False, and the
-        failure noted, where it is not found.
+        failure noted, where none is found.
         """
         s, (u, v) = self.system, self.now[:2]
         slip, limits = s.B @ v, s.on_rows(s.w)
@@ -281,7 +281,7 @@ class CompiledStepper(Stepper):
         own = cast("CompiledStepProblem", step_problem(self.matrices[0], self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
-        self.room = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
+        self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share = self.recorder.joints
         self.joints = start, own.places.point[point], value, share
@@ -332,7 +332,7 @@ class CompiledStepper(Stepper):
             self.observed,
             self.joints,
             tuple(self.now),
-            tuple(self.room),
+            tuple(self.workspace),
             r.sums(),
             tuple(r.free_rows()),
             counted,

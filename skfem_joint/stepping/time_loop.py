@@ -47,7 +47,7 @@ def loop_workspace(n: int, rows: int, m: int, loads: int, points: int) -> LoopWo
 @compiled
 def time_loop(
     n_steps, first_step, strides, c, matrices, problem, workspace, w, places, tolerance,
-    loads, amplitude, observed, joints, state, room, sums, stored, counts,
+    loads, amplitude, observed, joints, state, loop, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place; add up works and peaks, and store rows.
 
@@ -74,7 +74,7 @@ def time_loop(
         Load amplitudes at the steps' ends, N.
     joints : tuple of ndarray
         As in `Recorder`, with the problem's points.
-    state, room, sums, stored : tuple of ndarray
+    state, loop, sums, stored : tuple of ndarray
         `State`, `LoopWorkspace`, `Recorder.sums` and `Recorder.free_rows`.
     counts : ndarray of int
         By the names of `CompiledStepper.COUNTS`.
@@ -84,8 +84,8 @@ def time_loop(
     tuple
         Steps, stored rows and fields, and the last residual (N) and its unknown. With fewer than
         ``n_steps`` steps one did not converge, and the state is that before it. (Not a named tuple:
-        numba makes one by calling Python, where a pending Ctrl-C would be raised, and does not look
-        for that before it uses what it got.)
+        numba makes one by calling Python, where a pending Ctrl-C is raised, and does not check for
+        that before it uses the result.)
     """
     M, C, K = matrices
     u, v, a, d, sigma = state
@@ -95,8 +95,8 @@ def time_loop(
     joint_start, joint_point, joint_value, joint_share = joints
     stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
     by_joint, joint_slip, joint_slipping = stored[6:]
-    right, image, y, change, v_mean, v_change, slip_change, slip_now = room[:8]
-    work, slip_size, force_size, slip_peak, moved, seen = room[8:]
+    right, image, y, change, v_mean, v_change, slip_change, slip_now = loop[:8]
+    work, slip_size, force_size, slip_peak, moved, seen = loop[8:]
     v_new, sigma_new = workspace.velocity, workspace.force
     n = u.size
     for j in range(point_place.size):
