@@ -272,23 +272,24 @@ class CompiledStepper(Stepper):
                 "finite beta"
             )
         from skfem_joint.linalg.kernels import Full, bands
-        from skfem_joint.stepping.time_loop import loop_workspace
+        from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
 
         form = bands if kind == "chain" else lambda A: Full(as_dense(A))
-        self.matrices = tuple(form(A) for A in (s.M, s.C, s.K))
-        self.loads, self.observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
+        matrices = [form(A) for A in (s.M, s.C, s.K)]
+        loads, observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
         # The problem of the mass, from which those of all steps are made.
-        own = cast("CompiledStepProblem", step_problem(self.matrices[0], self.points, kind))
+        own = cast("CompiledStepProblem", step_problem(matrices[0], self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share = self.recorder.joints
-        self.joints = start, own.places.point[point], value, share
+        joints = start, own.places.point[point], value, share
+        self.loop_system = LoopSystem(*matrices, loads, observed, joints, *own.places)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
-        M, C, K = self.matrices
+        M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
         return self.own.with_matrix(H)
 
@@ -321,16 +322,12 @@ class CompiledStepper(Stepper):
             first_step,
             r.save.strides if store else (NEVER, NEVER),
             c,
-            self.matrices,
+            self.loop_system,
             problem.kernel,
             problem.workspace,
             problem.limits,
-            tuple(problem.places),
             self.tolerance,
-            self.loads,
             np.ascontiguousarray(amplitudes.T),
-            self.observed,
-            self.joints,
             tuple(self.now),
             tuple(self.workspace),
             r.sums(),
