@@ -275,17 +275,18 @@ class CompiledStepper(Stepper):
         from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
 
         form = bands if kind == "chain" else lambda A: Full(as_dense(A))
-        matrices = [form(A) for A in (s.M, s.C, s.K)]
+        M, C, K = (form(A) for A in (s.M, s.C, s.K))
         loads, observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
         # The problem of the mass, from which those of all steps are made.
-        own = cast("CompiledStepProblem", step_problem(matrices[0], self.points, kind))
+        own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share = self.recorder.joints
         joints = start, own.places.point[point], value, share
-        self.loop_system = LoopSystem(*matrices, loads, observed, joints, *own.places)
+        places = own.places.row, own.places.point
+        self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
