@@ -16,6 +16,7 @@ from skfem_joint.reduction.friction_points import (
     partition,
     reduced_system,
 )
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 
 ACTIVE = 0.0526  # m, of the structure of Fig. 18 at 87.5 kN
@@ -52,7 +53,7 @@ def on_a_line() -> tuple[sj.System, Basis, np.ndarray, np.ndarray]:
     """Structure of Fig. 18 on five joint modes; its active points and their positions."""
     structure, system = fig_18()
     options = Options(reference="paper", active_length=ACTIVE)
-    basis = make_basis(structure, system, options, step=1e-5, n_steps=400, cycle_steps=200, warn=[])
+    basis = make_basis(structure, system, options, Plan(1e-5, 400, cycle_steps=200))
     ((points, position),) = basis.stretches
     return system.project(basis.V), basis, points, position
 
@@ -147,39 +148,36 @@ def test_partition_finds_what_is_apart():
 
 def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     system, basis = example()
-    warn: list[str] = []
-    reduced = reduced_system(system, basis, warn=warn)
+    reduced = reduced_system(system, basis)
     assert reduced.n == 8
     assert 20 <= reduced.w.size <= 24  # three a mode
     assert reduced.shares.shape == (reduced.w.size, system.w.size)
     np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.slip_velocity), rtol=1e-12)
-    assert len(warn) == 1
-    assert "reduced model uses beta" in warn[0]
-    decay = reduced_system(system, basis, periodic=False, warn=[])
+    (note,) = reduced.notes
+    assert "reduced model uses beta" in note
+    decay = reduced_system(system, basis, periodic=False)
     np.testing.assert_allclose(decay.beta, 1e5, rtol=1e-12)
-    chosen = reduced_system(system, basis, friction_points="all", beta=77.0, warn=warn)
+    chosen = reduced_system(system, basis, friction_points="all", beta=77.0)
     assert np.all(chosen.beta == 77.0)
     assert chosen.w.size == system.w.size
-    assert len(warn) == 1
+    assert chosen.notes == ()
     line, basis = fig_18()[1], on_a_line()[1]
-    assert reduced_system(line, basis, warn=[]).w.size == 4 * 5  # Gauss: of each stretch
-    assert reduced_system(line, basis, friction_points=7, warn=[]).w.size == 7
+    assert reduced_system(line, basis).w.size == 4 * 5  # Gauss: of each stretch
+    assert reduced_system(line, basis, friction_points=7).w.size == 7
 
 
 def test_fewer_points_than_asked_for_are_told():
     _, system, _ = case("strip")
     basis = own_basis(system, full("strip"), 5)
-    warn: list[str] = []
-    reduced_system(system, basis, friction_points=10_000, beta=1e4, warn=warn)
-    assert len(warn) == 1
-    assert "instead of 10000" in warn[0]
+    (note,) = reduced_system(system, basis, friction_points=10_000, beta=1e4).notes
+    assert "instead of 10000" in note
 
 
 def test_systems_without_friction_or_points_are_refused():
     system, basis = example()
     with pytest.raises(sj.InputError, match="needs friction in a joint"):
-        reduced_system(replace(system, w=0.0 * system.w), basis, warn=[])
+        reduced_system(replace(system, w=0.0 * system.w), basis)
     with pytest.raises(sj.InputError, match="found 0, must be >= 1"):
-        reduced_system(system, basis, friction_points=0, warn=[])
+        reduced_system(system, basis, friction_points=0)
     with pytest.raises(sj.InputError, match="found 0, must be"):
-        reduced_system(fig_18()[1], on_a_line()[1], friction_points=0, warn=[])
+        reduced_system(fig_18()[1], on_a_line()[1], friction_points=0)

@@ -21,6 +21,8 @@ from skfem_joint.reduction.reference import (
     run_lap_joint,
 )
 from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 
 # The reference system
 
@@ -63,8 +65,8 @@ def scaled(
 ) -> Basis:
     """Basis of scaled modes; the probe takes two periods of 500 Hz."""
     zones = active_zones(structure, system)
-    probe = probed(system, zones, 1e-5, 400, None)
-    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
+    probe = probed(system, zones, Plan(1e-5, 400))
+    lengths, _ = zone_lengths(system, zones, length, probe.slip_peak)
     return scaled_basis(structure, system, paper_reference(), zones, lengths, probe, **options)
 
 
@@ -81,8 +83,8 @@ def test_basis_is_mass_orthonormal_and_zero_in_the_grey_length():
 def unloaded(structure: sj.Structure, system: sj.System, length: float) -> np.ndarray:
     """Basis without responses to loads and without fixed-interface modes, on all nodes."""
     zones = active_zones(structure, system)
-    probe = probed(system, zones, 2e-5, 10, None)
-    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
+    probe = probed(system, zones, Plan(2e-5, 10))
+    lengths, _ = zone_lengths(system, zones, length, probe.slip_peak)
     none = replace(system, loads=())
     basis = scaled_basis(
         structure, none, paper_reference(), zones, lengths, probe, interface_modes=0
@@ -164,7 +166,8 @@ def test_probe_takes_the_steps_that_the_fastest_load_needs_at_most_the_run_s_own
     def steps(loads, cycle_steps, period):
         system = structure.system(loads)
         zones = active_zones(structure, system)
-        run = probed(system, zones, period / cycle_steps, 2 * cycle_steps, cycle_steps)
+        plan = Plan(period / cycle_steps, 2 * cycle_steps, cycle_steps=cycle_steps)
+        run = probed(system, zones, plan)
         return run.counters.steps // 2
 
     slow = sj.Load("end", sj.Harmonic(6e4, 200.0))
@@ -184,11 +187,11 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 
     def friction_error(snapshots):
         options = Options(reference="paper", snapshots=snapshots)
-        steps = {"step": 5e-6, "n_steps": 600, "cycle_steps": 200}
-        basis = make_basis(structure, run.system, options, **steps, warn=[])
-        small = reduced_system(run.system, basis, friction_points="all", warn=[])
-        found = sj.integrate(small, **steps).cycles.friction[-1]
-        return abs(found / run.cycles.friction[-1] - 1.0)
+        plan = Plan(5e-6, 600, cycle_steps=200)
+        basis = make_basis(structure, run.system, options, plan)
+        small = reduced_system(run.system, basis, friction_points="all")
+        energy = integrate_plan(small, plan).cycles.friction[-1]
+        return abs(energy / run.cycles.friction[-1] - 1.0)
 
     assert friction_error("rates") < 0.02
     assert friction_error("both") > 0.03
@@ -198,8 +201,7 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 def scaled_case(name: str, modes: int, **options: Any) -> Basis:
     structure, system, step = case(name)
     settings = Options(reference="paper", modes=modes, **options)
-    steps = {"step": step, "n_steps": 3 * STEPS, "cycle_steps": STEPS}
-    return make_basis(structure, system, settings, **steps, warn=[])
+    return make_basis(structure, system, settings, Plan(step, 3 * STEPS, cycle_steps=STEPS))
 
 
 @pytest.mark.parametrize(
@@ -212,7 +214,7 @@ def test_scaled_modes_follow_the_full_model(name, modes, history, energy):
     j = basis.V.shape[1]
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(j), atol=1e-10)
     assert basis.stretches is None
-    small = reduced_system(system, basis, friction_points=4 * modes, warn=[])
+    small = reduced_system(system, basis, friction_points=4 * modes)
     found = errors(three_periods(small, step), full(name))
     assert found[0] < history
     assert abs(found[1]) < energy
@@ -242,7 +244,7 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points():
     basis = scaled_case("edge", 5)
     assert basis.stretches is not None
     every, few = (
-        three_periods(reduced_system(system, basis, friction_points=k, beta=1e4, warn=[]), step)
+        three_periods(reduced_system(system, basis, friction_points=k, beta=1e4), step)
         for k in ("all", 2)
     )
     assert few.system.w.size == 2 < basis.active.size
