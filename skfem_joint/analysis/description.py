@@ -16,13 +16,14 @@ import numpy as np
 from scipy import sparse
 from scipy.signal import cont2discrete, lfilter
 
+from skfem_joint import modes
 from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.backbone import first_slip
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import LOOKED_AT
+from skfem_joint.linalg.shifts import shifted
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -36,8 +37,6 @@ SHOWN, MOST_STEPS = 3, 5_000
 ALIKE = 0.5
 #: Strains, and displacements over the structure's length, that are not small.
 LARGE_STRAIN, LARGE = 0.01, 0.1
-#: Share of the mass that is added to a stiffness which leaves rigid motions.
-_SHIFT = 1e-9
 
 
 @dataclass
@@ -98,7 +97,10 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
-    both = [natural_modes(system, LOOKED_AT, joints=joints) for joints in ("loose", "stuck")]
+    both = [
+        natural_modes(system, modes.SETTINGS.searched, joints=joints)
+        for joints in ("loose", "stuck")
+    ]
     rigid, (loose, stuck) = [one.rigid_motions for one in both], [one.straining for one in both]
     values["frequencies_stuck_Hz"] = stuck.frequencies[:SHOWN].tolist()
     values["frequencies_loose_Hz"] = loose.frequencies[:SHOWN].tolist()
@@ -278,8 +280,7 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
-        shift = _SHIFT * float(K.diagonal().sum() / M.diagonal().sum()) if not held.size else 0.0
-        u[free] = factorised(K + shift * M)(force[free])
+        u[free] = factorised(K if held.size else shifted(K, M))(force[free])
     return u
 
 

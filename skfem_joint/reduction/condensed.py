@@ -16,6 +16,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.basis import Basis
@@ -30,9 +31,8 @@ from skfem_joint.values import WHOLE, check
 #: usual for linear structures; friction adds odd harmonics, of which the third counts), and so many
 #: at least.
 BEYOND, LEAST = 3.0, 8
-#: Constraint modes that are solved for at once; stiffness that holds what the slips do not, share
-#: of that of mass.
-_BLOCK, _HOLD = 64, 1e-12
+#: Constraint modes that are solved for at once.
+_BLOCK = 64
 
 
 def condense(system: System, interface_modes: str | int = "auto") -> System:
@@ -87,7 +87,7 @@ def condensed_basis(
     if rest.size:
         K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))
         M_rest = M[:, rest]
-        K_rest = K[:, rest] + _HOLD * inner.mean_square_frequency * M_rest
+        K_rest = K[:, rest] + shifts.SETTINGS.least * inner.mean_square_frequency * M_rest
         solve, coupling = factorised(sparse.csc_array(K_rest)), sparse.csc_array(K[:, kept])
         for k in range(0, kept.size, _BLOCK):
             V[rest, k : k + _BLOCK] = -solve(coupling[:, k : k + _BLOCK].toarray())

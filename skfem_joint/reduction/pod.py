@@ -10,6 +10,7 @@ from scipy.linalg import LinAlgError, solve_triangular, svd
 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.linalg import shifts
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check
@@ -157,7 +158,7 @@ def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Mat
     if name == "mass":
         return system.M
     square = np.vdot(v, (system.M @ v.T).T) / np.vdot(u, (system.M @ u.T).T)
-    least = 1e-12 * system.mean_square_frequency
+    least = shifts.SETTINGS.least * system.mean_square_frequency
     return system.K + max(1e-3 * square, least) * system.M
 
 

@@ -24,6 +24,7 @@ from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
+from skfem_joint.linalg.shifts import shifted
 from skfem_joint.minimise import law
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -39,9 +40,8 @@ ALIKE = 10
 _RATE, _FREE = 10.0, 1e-6
 # Share of a mode's mass within a span from which on it is round-off of what that spans.
 _INSIDE = 1.0 - 1e-6
-# Singular values that are left out, over the largest; share of the stiffness, over that of mass,
-# that holds bodies which friction alone holds.
-_NEGLIGIBLE, _HOLD = 1e-8, 1e-9
+# Singular values that are left out, over the largest.
+_NEGLIGIBLE = 1e-8
 
 
 def stride(n_steps: int, cycle_steps: int | None) -> int:
@@ -73,8 +73,7 @@ class Residual:
 
     @cached_property
     def _stiffness(self) -> Any:
-        system = self.system
-        return sparse.csc_array(system.K + _HOLD * system.mean_square_frequency * system.M)
+        return sparse.csc_array(shifted(self.system.K, self.system.M))
 
     @cached_property
     def _carrying(self) -> IntArray:

@@ -22,6 +22,7 @@ from scipy.signal import cont2discrete, lfilter
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
+from skfem_joint.linalg.shifts import shifted
 from skfem_joint.loads import Amplitude, common_period
 from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -52,8 +53,8 @@ ROUNDS, BLIND = 3, 0.1
 _SHARE, _MOST, _INEXACT = 4e-3, 20, 1e-6
 #: Increments of a path through time weigh so much more than its states.
 _INCREMENTS = 3.0
-#: Modes of the preliminary model; what is added to the stiffness: share of that of mass.
-_MODES, _RIGID = 14, 1e-9
+#: Modes of the preliminary model.
+_MODES = 14
 #: The preliminary model's law goes from -1 to 1 within this inverse share of the slip velocity,
 #: which is not below the second, m/s.
 _RESOLVED, _SLOW = 1e4, 1e-3
@@ -265,7 +266,7 @@ def _scaled(snapshots: Sequence[FloatArray]) -> FloatArray:
 
 def energy(system: System) -> sparse.csr_array:
     """Inner product of strain energy, with so little of mass that nothing else notices."""
-    return sparse.csr_array(system.K + _RIGID * system.mean_square_frequency * system.M)
+    return sparse.csr_array(shifted(system.K, system.M))
 
 
 def _levels(count: int, top: float) -> FloatArray:
