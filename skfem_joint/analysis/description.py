@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint import modes
 from skfem_joint.analysis.asked import TO_STEADY
@@ -24,6 +23,7 @@ from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
+from skfem_joint.modal_response import modal_response
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -245,12 +245,11 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     follow = _solve(system, F, held) if F.size else F
     omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
     damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
-    extra = [
-        _answer(w, c, h, row @ amplitudes)
-        for w, c, row in zip(omega, damping, participation, strict=True)
-    ]
+    modal = participation @ amplitudes
+    # What each mode moves beyond following its force at once.
+    extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
     both = np.hstack([follow, shapes])
-    x = np.vstack([amplitudes, *extra])
+    x = np.vstack([amplitudes, extra])
     G, k = both.T @ (system.K @ both), len(amplitudes)
     energy = np.einsum("it,ij,jt->t", x, G, x)
     at_rest = np.einsum("it,ij,jt->t", amplitudes, G[:k, :k], amplitudes)
@@ -262,13 +261,6 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     dynamic = F @ most[:k] + system.M @ (inertia @ most[k:])
     amplified = float(np.sqrt(energy.max() / at_rest.max())) if strains else None
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
-
-
-def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:
-    """What a mode moves beyond following its force (N) at once, at steps of ``h`` from rest."""
-    plain = [1.0], [1.0, damping, omega**2]
-    numerator, denominator, _ = cont2discrete(plain, h, "foh")
-    return np.asarray(lfilter(numerator.ravel(), denominator, force) - force / omega**2)
 
 
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:

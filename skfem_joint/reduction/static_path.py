@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.loads import Amplitude, common_period
+from skfem_joint.modal_response import modal_response
 from skfem_joint.modes import eigenmodes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.friction_points import MANY, MERGED, NO_FRICTION, merged_points
@@ -311,11 +311,9 @@ def interface_modes(
     stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
     driven = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
-    share = np.zeros(omega.size)
-    for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
-        # What it lags behind its support, which is its acceleration over the square of w.
-        lag = cont2discrete(([1.0, 0.0, 0.0], [1.0, c, w**2]), loads.plan.step, "foh")
-        share[k] = w * np.abs(lfilter(lag[0].ravel(), lag[1], driven[k])).max()
+    # What each lags behind its support is its acceleration over the square of its frequency.
+    acceleration = modal_response(omega, damping, driven, loads.plan.step, "acceleration")
+    share = omega * np.abs(acceleration).max(axis=1)
     order = np.argsort(-share, kind="stable")[:most]
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
 
