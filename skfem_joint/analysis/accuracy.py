@@ -8,7 +8,7 @@ own estimate says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, log2
 from typing import Any
 
@@ -16,11 +16,10 @@ import numpy as np
 
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import options_of, plan_of
-from skfem_joint.analysis.estimate import Estimate, Lacking
+from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
 from skfem_joint.stepping.resolution import longest_step
@@ -110,7 +109,7 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
         least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and found.lacks is not None:
-            basis = _enriched(system, basis, found.lacks)
+            basis = basis.enriched(system, found.lacks.V, found.lacks.velocities)
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
@@ -126,12 +125,6 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
         f"with steps of {step:.4g} s still errs by an estimated {stated(found)}, most of it from "
         f"its {worst}. Ask for less, or run 'full' alone"
     )
-
-
-def _enriched(system: System, basis: Basis, lacks: Lacking) -> Basis:
-    """Basis with the modes that it lacks; all points of the joints may slip in it."""
-    points = np.flatnonzero(system.w > 0.0)
-    return replace(basis, V=lacks.V, velocities=lacks.velocities, active=points, stretches=None)
 
 
 def _halvings(ratio: float) -> int:

@@ -39,7 +39,7 @@ from skfem_joint.minimise.law import force as friction_force
 from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.zones import motions_without_slip
+from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.quasi_static import SETTINGS as QUASI_STATIC

@@ -5,9 +5,9 @@ short bars, where that would be cheaper, looks take tenths of a second, and say 
 
 basis
     The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
-    .reduction.residual`). With the first modes of that, and the next of what its own modes come
-    from, the model is run again, and once more with what that run lacks, unless they hardly changed
-    anything. How the second change relates to the first tells what is still missing.
+    .reduction.missing_modes`). With the first modes of that, and the next of what its own modes
+    come from, the model is run again, and once more with what that run lacks, unless they hardly
+    changed anything. How the second change relates to the first tells what is still missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
     what the basis lacks; further looks at the basis keep it.
@@ -47,8 +47,9 @@ from skfem_joint.loads import Function
 from skfem_joint.minimise import law
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
-from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
-from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.reduction.friction_points import SETTINGS as MERGING
+from skfem_joint.reduction.friction_points import merged_points, shared_points
+from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -245,12 +246,13 @@ class _Points:
 
     @property
     def few(self) -> bool:
-        return self.condensed or self.system.contact_points <= MANY
+        return self.condensed or self.system.contact_points <= MERGING.many
 
     @cached_property
     def merged(self) -> System:
         every = self.projection(self.basis.V)
-        return merged_points(every, self.basis.velocities, np.flatnonzero(self.system.w), MERGED)
+        points, rates = np.flatnonzero(self.system.w), self.basis.history.velocities
+        return merged_points(every, rates, points, MERGING.merged)
 
     def projection(self, V: FloatArray) -> System:
         """Projection on V, which begins with the basis, and with those that were asked for."""
@@ -361,7 +363,7 @@ def _enriched(
     looks: list[tuple[Results, Results]] = []
     while len(looks) < 2 or (len(looks) < MOST_LOOKS and V.shape[1] < most):
         before = results(run)
-        V = np.hstack([V, residual.lacking(V, run, ADDED, known)])
+        V = np.hstack([V, residual.missing_modes(V, run, ADDED, known)])
         run = stored(points.model(V, beta))
         looks.append((before, results(run)))
         bases.append(V)

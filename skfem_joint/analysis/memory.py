@@ -12,9 +12,8 @@ import numpy as np
 
 from skfem_joint.analysis.asked import options_of, save_of
 from skfem_joint.errors import InputError
-from skfem_joint.reduction.basis import TRAINING_CYCLES
-from skfem_joint.reduction.residual import INSTANTS
-from skfem_joint.reduction.zones import QUICK_CYCLES
+from skfem_joint.reduction import missing_modes
+from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.scene import Scene
 
 GIB = 2**30
@@ -82,9 +81,10 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
     training = 0
     if reduced:
         cycle_steps = scene.cycle_steps or scene.n_steps
-        steps = 1 + min(scene.n_steps, TRAINING_CYCLES * cycle_steps)
+        steps = 1 + min(scene.n_steps, SHORT_RUNS.training_cycles * cycle_steps)
         if scene.reduction.reference == "paper":
-            steps = min(1 + QUICK_CYCLES * min(cycle_steps, _PROBE_STEPS), _PROBE_NUMBERS // n + 2)
+            steps = 1 + SHORT_RUNS.cycles * min(cycle_steps, _PROBE_STEPS)
+            steps = min(steps, _PROBE_NUMBERS // n + 2)
         kept, times = steps * (2 * n + 4 * rows), 2 * min(steps, _MOST_TIMES)
         if scene.reduction.reference == "static":
             single = [load.kind for load in scene.load] == ["harmonic"]
@@ -103,7 +103,8 @@ def needed(scene: Scene, like: Scene | None = None) -> dict[str, int]:
         estimated = stored * (named + joints + loads + 1)
         if reduced or condensed:
             # Looks are whole runs where cycles never become alike; its own run is stored already.
-            estimated += INSTANTS * (6 * n + 8 * rows) + stored * (7 * named + 2 * (loads + 1))
+            instants = missing_modes.SETTINGS.instants
+            estimated += instants * (6 * n + 8 * rows) + stored * (7 * named + 2 * (loads + 1))
     if reduced:
         most = options_of(scene).mode_count * max(1, 2 * len(structure.joints)) + 20
         states += min(n, most) * (6 * min(n, most) + 6 * n + 4 * rows)

@@ -26,8 +26,8 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.reduction.zones import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save

@@ -21,6 +21,7 @@ from skfem_joint.analysis.backbone import (
     stuck_modes,
 )
 from skfem_joint.analysis.estimate import Estimate, Parts
+from skfem_joint.analysis.reduced_models import make_reduced
 from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
@@ -33,9 +34,9 @@ from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis, make_basis, stuck_basis
+from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.sources import stuck_basis
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -247,7 +248,7 @@ def _loaded(
         return basis, condensed_system(loaded, basis.V)
     plan = _plan(scene, frequency)
     plan = replace(plan, n_steps=plan.n_steps * TO_STEADY)
-    basis = make_basis(scene.structure(), loaded, options, plan)
+    basis = make_reduced(scene.structure(), loaded, options, plan)
     small = reduced_system(loaded, basis, **options.friction)
     warn += [*basis.notes, *small.notes]
     return basis, small

@@ -17,15 +17,15 @@ from skfem_joint.analysis.asked import TO_STEADY, options_of, plan_of
 from skfem_joint.analysis.description import Description, describe
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import Errors, compare, difference, results
+from skfem_joint.analysis.reduced_models import make_reduced
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import schur
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import gross_slip
-from skfem_joint.reduction.basis import Basis, Options, make_basis
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
@@ -63,7 +63,7 @@ class Model:
 
         Of a reduced model in the run that its modes were made from.
         """
-        return self.run.slip_peak if self.basis is None else self.basis.slip_peak
+        return self.run.slip_peak if self.basis is None else self.basis.history.slip_peak
 
     @property
     def modes(self) -> int | None:
@@ -281,8 +281,8 @@ def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
         basis, system = met.basis, met.system
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        study.warnings += gross_slip(study.structure, basis.slip_peak, study.period)
-        active = _active(study, basis.slip_peak)[1:]
+        study.warnings += gross_slip(study.structure, basis.history.slip_peak, study.period)
+        active = _active(study, basis.history.slip_peak)[1:]
     before, compiled = np.add(watch.read(), study.met_s).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
@@ -306,7 +306,8 @@ def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
     before, compiled = watch.read()
     run = integrate_plan(small, plan_of(study.scene), **how)
     peak = np.asarray(run.slip_peak @ small.shares)
-    basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
+    basis = replace(basis, history=replace(basis.history, slip_peak=peak))
+    offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
     return replace(model, compilation_s=compiled + run.compilation_s)
 
@@ -330,6 +331,6 @@ def _basis(study: Study, options: Options, warn: list[str], enriched: bool = Fal
     if plan.until == "steady":
         plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
     path = study.description.path
-    basis = make_basis(study.structure, study.system, options, plan, enriched=enriched, path=path)
+    basis = make_reduced(study.structure, study.system, options, plan, enriched=enriched, path=path)
     warn += basis.notes
     return basis

@@ -17,7 +17,7 @@ from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.reduction.friction_points import merged_points
-from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Save
 

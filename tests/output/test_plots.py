@@ -17,7 +17,7 @@ from pictured import JOINT, bar, blocks, lap, side
 import skfem_joint as sj
 from skfem_joint.output import plots
 from skfem_joint.reduction.pod import proper_decomposition
-from skfem_joint.reduction.reference import ReferenceModes, lap_joint
+from skfem_joint.reduction.scaled.reference import lap_joint
 
 ROWS = 50
 FREQUENCY = 1000.0
@@ -40,18 +40,18 @@ def runs():
 
 
 @pytest.fixture(scope="module")
-def reference(runs):
-    proper = proper_decomposition(runs["full"].u)
-    return ReferenceModes(np.linspace(0.0, 1.0, len(proper.modes)), proper.modes, proper, 0.25)
+def proper(runs):
+    return proper_decomposition(runs["full"].u)
 
 
 @pytest.fixture(scope="module")
-def figures(runs, reference):
+def figures(runs, proper):
+    xi = np.linspace(0.0, 1.0, len(proper.modes))
     return {
         "histories": plots.histories_figure(runs, ["free_end"]),
         "hysteresis": plots.hysteresis_figure(runs, "free_end", 0, ROWS),
-        "modes": plots.modes_figure(reference, "the paper's reference joint"),
-        "values": plots.proper_values_figure(reference.proper, "the full model's own run"),
+        "modes": plots.modes_figure(xi, proper, "the paper's reference joint"),
+        "values": plots.proper_values_figure(proper, "the full model's own run"),
         "cycles": plots.energies_figure(runs),
     }
 

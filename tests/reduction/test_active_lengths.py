@@ -8,9 +8,9 @@ from bodies import EA
 from reduced_joints import case, case_i
 
 import skfem_joint as sj
-from skfem_joint.reduction import active_length
 from skfem_joint.reduction.active_length import active_fractions, gross_slip, measured, slips
-from skfem_joint.reduction.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
+from skfem_joint.reduction.scaled.estimated_length import DAMPING_RATIO
+from skfem_joint.reduction.scaled.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
 
 
 def test_measured_length_of_a_linear_decay():
@@ -60,7 +60,7 @@ def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
     # equal to the joint's loop with tan(phi) = 2 zeta, whatever force, section and friction.
     force, tau = 1.7e4, 3e5
     loop, peak = 2 * force**3 / (3 * EA * tau), force**2 / (2 * EA * tau)
-    zeta = active_length.DAMPING_RATIO
+    zeta = DAMPING_RATIO
     assert np.sin(np.arctan(2.0 * zeta)) == pytest.approx(loop / (np.pi * force * peak), rel=1e-14)
 
 

@@ -8,14 +8,11 @@ import pytest
 from reduced_joints import case, fig_18, full, three_periods
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
-from skfem_joint.reduction.friction_points import (
-    gauss_points,
-    gauss_rule,
-    merged_points,
-    partition,
-    reduced_system,
-)
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.friction_points import merged_points, partition
+from skfem_joint.reduction.scaled.basis import paper_basis
+from skfem_joint.reduction.scaled.gauss import gauss_points, gauss_rule
+from skfem_joint.reduction.sources import own_basis
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 
@@ -53,8 +50,8 @@ def on_a_line() -> tuple[sj.System, Basis, np.ndarray, np.ndarray]:
     """Structure of Fig. 18 on five joint modes; its active points and their positions."""
     structure, system = fig_18()
     options = Options(reference="paper", active_length=ACTIVE)
-    basis = make_basis(structure, system, options, Plan(1e-5, 400, cycle_steps=200))
-    ((points, position),) = basis.stretches
+    basis = paper_basis(structure, system, options, Plan(1e-5, 400, cycle_steps=200))
+    ((points, position),) = basis.lines
     return system.project(basis.V), basis, points, position
 
 
@@ -88,7 +85,7 @@ def example() -> tuple[sj.System, Basis]:
 
 def merged(system: sj.System, basis: Basis, count: int) -> tuple[sj.System, np.ndarray]:
     """Merged points, and the one that stands for each old point."""
-    few = merged_points(system, basis.velocities, basis.active, count)
+    few = merged_points(system, basis.history.velocities, basis.history.active, count)
     owner = np.full(system.w.size, -1)
     owner[few.shares.indices] = np.repeat(np.arange(few.w.size), np.diff(few.shares.indptr))
     np.testing.assert_allclose(few.shares.sum(axis=1), np.ones(few.w.size), rtol=1e-12)
@@ -102,8 +99,8 @@ def test_merged_points_carry_the_same_total_and_are_means(count):
     few, owner = merged(reduced, basis, count)
     assert 0.8 * count <= few.w.size <= count
     assert np.all(few.w > 0.0)
-    assert few.w.sum() == pytest.approx(system.w[basis.active].sum(), rel=1e-12)
-    assert np.array_equal(np.flatnonzero(owner >= 0), basis.active)
+    assert few.w.sum() == pytest.approx(system.w[basis.history.active].sum(), rel=1e-12)
+    assert np.array_equal(np.flatnonzero(owner >= 0), basis.history.active)
     rows = reduced.B.reshape(-1, 2, reduced.n)
     for k in range(few.w.size):
         mine = owner == k
@@ -128,10 +125,10 @@ def test_points_of_other_laws_or_joints_are_not_merged():
     odd = np.arange(system.w.size) % 2
     reduced = replace(system.project(basis.V), beta=np.where(odd, 1e5, 1e3))
     few, owner = merged(reduced, basis, 12)
-    assert np.array_equal(few.beta[owner[basis.active]], reduced.beta[basis.active])
+    assert np.array_equal(few.beta[owner[basis.history.active]], reduced.beta[basis.history.active])
     assert set(few.beta) == {1e3, 1e5}
     two = replace(system.project(basis.V), J=np.stack([odd, 1.0 - odd]), joints=("odd", "even"))
-    J = merged_points(two, basis.velocities, basis.active, 12).J
+    J = merged_points(two, basis.history.velocities, basis.history.active, 12).J
     np.testing.assert_allclose(J, np.round(J), atol=1e-12)
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
@@ -152,7 +149,7 @@ def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     assert reduced.n == 8
     assert 20 <= reduced.w.size <= 24  # three a mode
     assert reduced.shares.shape == (reduced.w.size, system.w.size)
-    np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.slip_velocity), rtol=1e-12)
+    np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.history.slip_velocity), rtol=1e-12)
     (note,) = reduced.notes
     assert "reduced model uses beta" in note
     decay = reduced_system(system, basis, periodic=False)

@@ -8,8 +8,8 @@ from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.sources import make_basis, own_basis
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 
@@ -26,7 +26,7 @@ def test_own_modes_are_the_best_of_their_number(inner_product, snapshots):
     run = full("lap")
     basis = own_basis(system, run, 8, snapshots=snapshots, inner_product=inner_product)
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(8), atol=1e-10)
-    np.testing.assert_allclose(basis.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
+    np.testing.assert_allclose(basis.history.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
     modes, values = basis.proper.modes, basis.proper.singular_values
     assert np.all(np.diff(values) <= 0.0)
     if inner_product == "energy":
@@ -79,17 +79,17 @@ def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
 
 
 def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
-    structure, system, step = case("strip")
+    _, system, step = case("strip")
     options = Options(reference="self", modes=6, interface_modes=2, active_length=0.05)
     plan = Plan(step, 5 * STEPS, cycle_steps=STEPS)
-    basis = make_basis(structure, system, options, plan)
+    basis = make_basis(system, options, plan)
     expected = own_basis(system, full("strip"), 6, interface_modes=2)
     assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-12
-    assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
+    assert (basis.modes, basis.active_length, basis.modes_of_unit_length) == (6, {}, None)
     note = "reduction.active_length has no effect but beside reference = 'paper'."
     assert basis.notes == (note,)
     with pytest.raises(sj.InputError, match="must be 'static', 'self' or 'paper'"):
-        make_basis(structure, system, Options(reference="other"), plan)
+        make_basis(system, Options(reference="other"), plan)
 
 
 def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
@@ -97,13 +97,13 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     plan = Plan(step, 3 * STEPS, cycle_steps=STEPS)
     bent = structure.system([sj.Load("right", sj.Harmonic(2e3, 500.0), (0.0, 1.0))], [])
     two, one = (Options(reference="self", modes=count) for count in (2, 1))
-    basis = make_basis(structure, bent, two, plan)
-    assert 0.1 < basis.missed < 0.5
+    basis = make_basis(bent, two, plan)
+    assert 0.1 < basis.history.missed < 0.5
     assert "cannot follow" in basis.notes[0]
     with pytest.raises(sj.InputError, match="cannot follow"):
-        make_basis(structure, bent, one, plan)
-    basis = make_basis(structure, bent, one, plan, enriched=True)
-    assert basis.missed > 0.5
+        make_basis(bent, one, plan)
+    basis = make_basis(bent, one, plan, enriched=True)
+    assert basis.history.missed > 0.5
     assert basis.notes[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 

@@ -11,16 +11,16 @@ from reduced_joints import SPEED, STEPS, bar, case, case_i, errors, fig_18, full
 from scipy import linalg
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, scaled_basis
-from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.reduction.reference import (
+from skfem_joint.reduction.basis import Options, reduced_system
+from skfem_joint.reduction.scaled.basis import ScaledBasis, paper_basis, scaled_basis
+from skfem_joint.reduction.scaled.reference import (
     ReferenceModes,
     lap_joint,
     modes_of_lap_joint,
     paper_reference,
     run_lap_joint,
 )
-from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
+from skfem_joint.reduction.scaled.zones import active_zones, probed, zone_lengths
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 
@@ -62,7 +62,7 @@ def test_modes_keep_their_shape_on_the_unit_active_length():
 
 def scaled(
     structure: sj.Structure, system: sj.System, length: object = "auto", **options: Any
-) -> Basis:
+) -> ScaledBasis:
     """Basis of scaled modes; the probe takes two periods of 500 Hz."""
     zones = active_zones(structure, system)
     probe = probed(system, zones, Plan(1e-5, 400))
@@ -92,13 +92,13 @@ def unloaded(structure: sj.Structure, system: sj.System, length: float) -> np.nd
     return structure.expand(basis.V.T)[..., 0].T
 
 
-def test_linear_region_follows_a_single_mouth_rigidly():
+def test_linear_region_follows_a_single_loaded_end_rigidly():
     V = unloaded(*fig_18(), 0.05)
     assert V.shape == (201, 5)
     assert np.allclose(V[100:], V[100], rtol=0.0, atol=1e-11 * np.abs(V).max())
 
 
-def test_linear_region_between_two_mouths_follows_linearly():
+def test_linear_region_between_two_loaded_ends_follows_linearly():
     regions = [("left", 0.1, 20), ("middle", 0.3, 30), ("right", 0.1, 20)]
     loads = [("middle", sj.Harmonic(1e5, 500.0))]
     V = unloaded(*bar(regions, ["left", "right"], loads, fixed=["start", "end"]), 0.05)
@@ -188,7 +188,7 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
     def friction_error(snapshots):
         options = Options(reference="paper", snapshots=snapshots)
         plan = Plan(5e-6, 600, cycle_steps=200)
-        basis = make_basis(structure, run.system, options, plan)
+        basis = paper_basis(structure, run.system, options, plan)
         small = reduced_system(run.system, basis, friction_points="all")
         energy = integrate_plan(small, plan).cycles.friction[-1]
         return abs(energy / run.cycles.friction[-1] - 1.0)
@@ -198,10 +198,10 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 
 
 @cache
-def scaled_case(name: str, modes: int, **options: Any) -> Basis:
+def scaled_case(name: str, modes: int, **options: Any) -> ScaledBasis:
     structure, system, step = case(name)
     settings = Options(reference="paper", modes=modes, **options)
-    return make_basis(structure, system, settings, Plan(step, 3 * STEPS, cycle_steps=STEPS))
+    return paper_basis(structure, system, settings, Plan(step, 3 * STEPS, cycle_steps=STEPS))
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_scaled_modes_follow_the_full_model(name, modes, history, energy):
     basis = scaled_case(name, modes)
     j = basis.V.shape[1]
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(j), atol=1e-10)
-    assert basis.stretches is None
+    assert basis.lines is None
     small = reduced_system(system, basis, friction_points=4 * modes)
     found = errors(three_periods(small, step), full(name))
     assert found[0] < history
@@ -232,9 +232,9 @@ def test_nothing_slips_beyond_the_active_length(name):
         distance, length = np.minimum(distance, along - along.min()), 0.5 * length
     slip = system.slip_norm((system.B @ basis.V).T)[:, patch.points]
     assert np.abs(slip[:, distance >= length]).max() < 1e-12 * slip.max()
-    assert np.array_equal(np.sort(basis.active), np.sort(patch.points[distance < length]))
+    assert np.array_equal(np.sort(basis.history.active), np.sort(patch.points[distance < length]))
     spacing = np.diff(np.unique(along.round(9))).max()
-    peak = basis.slip_peak[patch.points]
+    peak = basis.history.slip_peak[patch.points]
     farthest = distance[peak > 1e-3 * peak.max()].max()
     assert farthest < length <= farthest + 1.001 * spacing
 
@@ -242,12 +242,12 @@ def test_nothing_slips_beyond_the_active_length(name):
 def test_slip_along_an_edge_is_a_line_of_gauss_points():
     _, system, step = case("edge")
     basis = scaled_case("edge", 5)
-    assert basis.stretches is not None
+    assert basis.lines is not None
     every, few = (
         three_periods(reduced_system(system, basis, friction_points=k, beta=1e4), step)
         for k in ("all", 2)
     )
-    assert few.system.w.size == 2 < basis.active.size
+    assert few.system.w.size == 2 < basis.history.active.size
     history, energy = errors(few, every)
     assert history < 0.01
     assert abs(energy) < 0.06

@@ -7,8 +7,9 @@ import pytest
 from reduced_joints import bar, case, case_i, errors, fig_18, full
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, static_basis
-from skfem_joint.reduction.friction_points import friction_lost, merged_points, reduced_system
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.friction_points import friction_lost, merged_points
+from skfem_joint.reduction.sources import make_basis, static_basis
 from skfem_joint.reduction.static_path import StaticPath, slip_path
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -88,9 +89,9 @@ def test_a_pulse_with_sixteen_unknowns():
 
 @pytest.mark.parametrize(("name", "limits"), [("edge", (1e-3, 5e-3)), ("two", (1e-3, 5e-3))])
 def test_plates_that_bend_or_lie_on_each_other(name, limits):
-    structure, system, step = case(name)
+    _, system, step = case(name)
     plan = Plan(step, 300, cycle_steps=100)
-    basis = make_basis(structure, system, Options(), plan)
+    basis = make_basis(system, Options(), plan)
     few = reduced_system(system, basis)
     history, friction = errors(integrate_plan(few, plan), full(name))
     assert history < limits[0]
@@ -111,8 +112,8 @@ def test_few_points_lose_little_friction_power_and_never_gain():
     every = system.project(basis.V)
     lost = []
     for count in (10, 20, 40, 80):
-        few = merged_points(every, basis.velocities, basis.active, count)
-        lost.append(friction_lost(every, few, basis.velocities))
+        few = merged_points(every, basis.history.velocities, basis.history.active, count)
+        lost.append(friction_lost(every, few, basis.history.velocities))
         assert few.w.sum() == pytest.approx(system.w.sum(), rel=1e-12)
     assert all(-1e-12 < one < 0.01 for one in lost)
     assert lost[-1] < 0.1 * lost[0]

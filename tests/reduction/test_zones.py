@@ -10,14 +10,12 @@ from reduced_joints import TAU, bar, case, case_i, fig_18
 from skfem_joint.errors import InputError
 from skfem_joint.loads import HalfSine, Harmonic, MultiHarmonic
 from skfem_joint.mesh import build_bar, build_box, build_plate, merged, named
-from skfem_joint.reduction.active_length import Estimate, measured
-from skfem_joint.reduction.zones import (
-    active_zones,
+from skfem_joint.reduction.active_length import contact_parts, measured, measured_lengths
+from skfem_joint.reduction.scaled.estimated_length import (
+    ActiveLengthEstimate,
     estimate_active_length,
-    measured_lengths,
-    stretches,
-    zone_lengths,
 )
+from skfem_joint.reduction.scaled.zones import active_zones, zone_lengths
 from skfem_joint.structure import Joint, Load, Structure
 from skfem_joint.system import System
 
@@ -25,7 +23,7 @@ PULL = Harmonic(1e5, 500.0)
 
 
 def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]:
-    """Name of each zone, and where along its axis its mouth and its other end are."""
+    """Name of each zone, and where along its axis its loaded end and its other end are."""
     found = []
     for zone in active_zones(structure, system):
         along = structure.nodes[zone.nodes] @ zone.axis
@@ -115,7 +113,7 @@ def test_each_ring_of_bolts_is_a_part_of_its_own():
     joint = np.concatenate([plan.regions["one"], plan.regions["two"]])
     mesh = named(plan.mesh.with_subdomains({"joint": joint}))
     made = structure(mesh, [Joint("joint", 8e6, 0.7, axis=(1.0, 0.0))])
-    found = stretches(made.body, made.patches[0])
+    found = contact_parts(made.body, made.patches[0])
     assert [round(zone.length, 9) for zone in found] == [0.02, 0.02]
 
 
@@ -200,7 +198,7 @@ def test_lengths_from_both_ends_of_a_joint_are_kept_apart():
     assert stuck == pytest.approx([0.01, 0.01])  # one element
 
 
-def estimated(structure: Structure, system: System) -> Estimate:
+def estimated(structure: Structure, system: System) -> ActiveLengthEstimate:
     (zone,) = active_zones(structure, system)
     return estimate_active_length(system, zone)
 
