@@ -132,8 +132,16 @@ def own_basis(
         if held.F.shape[1]:
             V = np.hstack([V, held.F @ held.lowest(interface_modes)[1]])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
-    motion = {"u": run.u, "v": run.v, "slip_peak": run.slip_peak}
-    return basis_of(system, V, modes, proper, **motion, slip_velocity=velocity)
+    return basis_of(
+        system,
+        V,
+        modes,
+        proper,
+        u=run.u,
+        v=run.v,
+        slip_peak=run.slip_peak,
+        slip_velocity=velocity,
+    )
 
 
 def static_basis(
@@ -173,8 +181,9 @@ def static_basis(
         slip = system.slip_norm(run.u @ (system.B @ path.V).T).max(axis=0)
     few = run.system
     velocity = float(few.slip_norm(run.v @ np.asarray(few.B).T).max(initial=0.0))
-    motion = {"u": u, "v": path.V.T, "slip_peak": slip}
-    basis = basis_of(system, V, modes, proper, **motion, slip_velocity=velocity)
+    basis = basis_of(
+        system, V, modes, proper, u=u, v=path.V.T, slip_peak=slip, slip_velocity=velocity
+    )
     # Its history has the coordinates of the preliminary basis: from these to those of the run.
     velocities = thinned(run.v, bases.SETTINGS.most_times) @ basis.history.velocities
     history = replace(basis.history, velocities=velocities, resolved=1e-5)
@@ -208,5 +217,6 @@ def stuck_basis(
     V = np.hstack([stuck, proper.modes[:, :modes]])
     slip_peak = system.slip_norm((system.B @ u.T).T).max(axis=0)
     velocity = 2.0 * np.pi * frequency * float(slip_peak.max())
-    motion = {"u": u, "v": slips, "slip_peak": slip_peak}
-    return basis_of(system, V, modes, proper, **motion, slip_velocity=velocity)
+    return basis_of(
+        system, V, modes, proper, u=u, v=slips, slip_peak=slip_peak, slip_velocity=velocity
+    )

@@ -81,7 +81,7 @@ class ScaledBasis(Basis):
 
     def enriched(self, system: System, V: FloatArray, velocities: FloatArray) -> Basis:
         """Basis of more vectors, as `Basis.enriched`; friction points are merged ones from then."""
-        return replace(super().enriched(system, V, velocities), lines=None)
+        return Basis.enriched(replace(self, lines=None), system, V, velocities)
 
 
 def paper_basis(
@@ -105,8 +105,16 @@ def paper_basis(
     probe = probed(system, zones, plan)
     lengths, notes = zone_lengths(system, zones, options.active_length, probe.slip_peak)
     reference = paper_reference(snapshots=options.snapshots, inner_product=options.product)
-    numbers = {"modes": options.mode_count, "interface_modes": options.interface_modes}
-    basis = scaled_basis(meshed, system, reference, zones, lengths, probe, **numbers)
+    basis = scaled_basis(
+        meshed,
+        system,
+        reference,
+        zones,
+        lengths,
+        probe,
+        modes=options.mode_count,
+        interface_modes=options.interface_modes,
+    )
     return basis.judged(options, notes, enriched)
 
 
