@@ -21,13 +21,8 @@ from skfem_joint.analysis.backbone import (
     stuck_modes,
 )
 from skfem_joint.analysis.estimate import Estimate, Parts
-from skfem_joint.analysis.response import (
-    Curve,
-    SteadyPoint,
-    at_frequency,
-    linear_response,
-    response,
-)
+from skfem_joint.analysis.linear_response import linear_response
+from skfem_joint.analysis.response import Curve, SteadyPoint, at_frequency, response
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray, Matrix

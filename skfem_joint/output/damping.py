@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.response import HARMONICS, Curve
+from skfem_joint.analysis.response import SETTINGS, Curve
 from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
@@ -155,7 +155,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
     header += [f"offset_{n}_m" for n in names]
-    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
+    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(SETTINGS.harmonics)]
     header += ["friction_energy_J", "input_energy_J"]
     header += ["largest_slip_m", "slipping_share", "periods", "residual"]
     header += ["step_error", *joints]
