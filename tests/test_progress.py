@@ -24,7 +24,8 @@ from rich.progress import Progress as Bar
 from scene_texts import written
 from stepping_systems import arm
 
-from skfem_joint.analysis.backbone import CHECKED, INCREMENTS, TRIALS, backbone
+from skfem_joint.analysis.backbone import backbone, levels_of_a_curve
+from skfem_joint.analysis.gross_slip import SETTINGS as GROSS_SLIP
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
 from skfem_joint.progress import LINE_S, PACE_S
@@ -58,8 +59,8 @@ def test_a_response_tells_every_vibration_that_it_looks_for(estimated):
 def test_a_backbone_tells_every_level_and_part_of_a_loop():
     levels = 6
     _, told = told_by(lambda tell: backbone(BAR, (1, 2), levels, progress=tell))
-    trials = len(told) - 2 * (levels + CHECKED * INCREMENTS)  # for where a joint slips as a whole
-    assert 0 <= trials <= 2 * TRIALS
+    trials = len(told) - 2 * levels_of_a_curve(levels)  # for where a joint slips as a whole
+    assert 0 <= trials <= 2 * GROSS_SLIP.trials
     assert [done for done, _ in told] == list(range(1, len(told) + 1))
     assert told[-1] == (len(told), len(told))
     assert told[0][1] >= len(told) - trials

@@ -10,7 +10,8 @@ import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.response import SETTINGS, Curve
-from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
+from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
+from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
@@ -68,7 +69,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
             model.name: {"modes": [_mode(model, k, joints) for k in range(len(model.curves))]}
             for model in found.models
         },
-        "warnings": found.warnings,
+        "warnings": list(found.warnings),
     }
     picture = folder / "backbone.png"
     return _written(picture, backbone_figure(found.models, found.largest), content, tables)
@@ -183,7 +184,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
             }
             for model in found.models
         },
-        "warnings": found.warnings,
+        "warnings": list(found.warnings),
     }
     tables = {"response.csv": [header, *rows]}
     return _written(folder / "response.png", response_figure(found), content, tables)

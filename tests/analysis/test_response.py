@@ -16,7 +16,7 @@ from skfem_joint.analysis import linear_response as linear
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import at_frequency
-from skfem_joint.analysis.scene_vibration import scene_response
+from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.mesh import build_bar
 
 
