@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -394,7 +395,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
 
 
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import BACKBONE_ROWS, scene_backbone
+    from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
@@ -403,7 +404,7 @@ def _backbone(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             found = scene_backbone(scene, progress, rows)
-        found.warnings += notes
+        found = replace(found, warnings=(*found.warnings, *notes))
         files = damping.write_backbone(options.out, found)
     for model in found.models:
         for curve in model.curves:
@@ -423,7 +424,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import RESPONSE_ROWS, scene_response
+    from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
@@ -432,7 +433,7 @@ def _response(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             found = scene_response(scene, executor, progress, rows)
-        found.warnings += notes
+        found = replace(found, warnings=(*found.warnings, *notes))
         files = damping.write_response(options.out, found)
     for model in found.models:
         for curve in model.curves:

@@ -24,7 +24,8 @@ from rich.progress import Progress as Bar
 from scene_texts import written
 from stepping_systems import arm
 
-from skfem_joint.analysis.backbone import CHECKED, INCREMENTS, TRIALS, backbone
+from skfem_joint.analysis.backbone import backbone, levels_of_a_curve
+from skfem_joint.analysis.gross_slip import SETTINGS as GROSS_SLIP
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
 from skfem_joint.progress import SETTINGS, shown_on
@@ -58,8 +59,8 @@ def test_a_backbone_reports_every_level_and_part_of_a_loop():
     levels = 6
     _, reports = reported_by(lambda report: backbone(BAR, (1, 2), levels, progress=report))
     # The other reports are of trials for the load at which a joint slips as a whole.
-    trials = len(reports) - 2 * (levels + CHECKED * INCREMENTS)
-    assert 0 <= trials <= 2 * TRIALS
+    trials = len(reports) - 2 * levels_of_a_curve(levels)
+    assert 0 <= trials <= 2 * GROSS_SLIP.trials
     assert [done for done, _ in reports] == list(range(1, len(reports) + 1))
     assert reports[-1] == (len(reports), len(reports))
     assert reports[0][1] >= len(reports) - trials

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from skfem_joint import modes
 from skfem_joint.analysis.asked import TO_STEADY
-from skfem_joint.analysis.backbone import first_slip
+from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
@@ -143,7 +143,7 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
-        level = first_slip(path, force, to.inner(vibration.follows @ vibration.most), True)
+        level = gross_slip_level(path, force, to.inner(vibration.follows @ vibration.most), True)
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),
