@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.backbone import backbone as backbone
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
+    from skfem_joint.analysis.models import Model as Model
+    from skfem_joint.analysis.models import Study as Study
     from skfem_joint.analysis.natural_modes import NaturalModes as NaturalModes
     from skfem_joint.analysis.natural_modes import natural_modes as natural_modes
     from skfem_joint.analysis.response import Curve as Curve
@@ -58,8 +60,6 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.rows import Rows as Rows
     from skfem_joint.analysis.stress import StressHistory as StressHistory
     from skfem_joint.analysis.stress import stress_history as stress_history
-    from skfem_joint.analysis.study import Model as Model
-    from skfem_joint.analysis.study import Study as Study
     from skfem_joint.analysis.study import run_scene as run_scene
     from skfem_joint.analysis.sweep import Row as Row
     from skfem_joint.analysis.sweep import sweep as sweep
@@ -121,12 +121,13 @@ _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
     "analysis.history": "Errors compare",
+    "analysis.models": "Model Study",
     "analysis.natural_modes": "NaturalModes natural_modes",
     "analysis.response": "Curve SteadyPoint response",
     "analysis.ring_down": "RingDown ring_down",
     "analysis.rows": "Rows",
     "analysis.stress": "StressHistory stress_history",
-    "analysis.study": "Model Study run_scene",
+    "analysis.study": "run_scene",
     "analysis.sweep": "Row sweep",
     "errors": "ConvergenceError InputError",
     "loads": _SHAPES,

@@ -27,8 +27,8 @@ from skfem_joint.terminal import plain_streams, unfiltered
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from skfem_joint.analysis.models import Study
     from skfem_joint.analysis.rows import Rows
-    from skfem_joint.analysis.study import Study
 
 _log = logging.getLogger(__name__)
 
@@ -220,15 +220,17 @@ def _keys(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.asked import plan_of
     from skfem_joint.analysis.description import describe
     from skfem_joint.scene import load_scene, load_sweep
-    from skfem_joint.stepping.resolution import check_resolution
+    from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
 
     scene = load_scene(options.scene)
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
-        check_resolution(system, scene.time_step, scene.n_steps)
+        check_resolution(system, plan_of(scene))
+        check_jumps(system, plan_of(scene))
     # All of it is checked before it is called valid.
     swept = None if scene.sweep is None else load_sweep(options.scene)
     found = describe(scene)
@@ -268,19 +270,13 @@ def _run(options: argparse.Namespace) -> int:
             _log.warning("No checkpoint in %s: the run starts anew.", out)
     # Results before words: nothing is printed until all files are written.
     with output.prepare(scene, out) as notes, _progress(options) as progress:
-        failure: JointError | None = None
-        try:
-            study: Study = run_scene(scene, progress, checkpoints)
-        except JointError as error:
-            if error.results is None:
-                raise
-            study, failure = error.results, error
-        if options.certify and not study.interrupted and failure is None:
+        study = run_scene(scene, progress, checkpoints)
+        if options.certify and not study.ended:
             with _executor(options) as executor:
-                failure = _certify(study, progress, executor)
-        study.warnings += notes
+                study = _certify(study, progress, executor)
+        study = study.noting(*notes)
         files = output.write(study, out, progress)
-        if checkpoints is not None and not study.interrupted and failure is None:
+        if checkpoints is not None and not study.ended:
             checkpoints.remove(study.models)
     if scene.title:
         print(f"{scene.title}\n")
@@ -289,8 +285,8 @@ def _run(options: argparse.Namespace) -> int:
     for table in (report.summary_table(content), report.estimate_table(content)):
         print(table, end="\n\n")
     _told(study.warnings, out, files)
-    if failure is not None:
-        raise failure
+    if study.failure is not None:
+        raise study.failure.error
     if study.interrupted:
         saved = checkpoints is not None and checkpoints.files()
         print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
@@ -316,21 +312,23 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
             executor.shutdown()
 
 
-def _certify(study: Study, progress: Progress, executor: Executor | None) -> JointError | None:
+def _certify(study: Study, progress: Progress, executor: Executor | None) -> Study:
     """Estimate more errors of each model; what ends it early does not cost the results."""
     from skfem_joint.analysis.certificate import certify
+    from skfem_joint.analysis.models import Failure
 
+    name = ""
     try:
         for name in study.models:
-            study.models[name] = certify(study, name, progress, executor)
+            study = study.holding(certify(study, name, progress, executor))
     except (JointError, BrokenExecutor) as error:
         told = error if isinstance(error, JointError) else ConvergenceError(f"{_BROKEN} ({error})")
-        study.warnings.append(f"The errors could not all be estimated: {told}")
-        return told
+        study = replace(study, failure=Failure(name, told))
+        return study.noting(f"The errors could not all be estimated: {told}")
     except KeyboardInterrupt:
-        study.warnings.append("The run was interrupted while errors were estimated.")
-        study.interrupted = True
-    return None
+        note = "The run was interrupted while errors were estimated."
+        return study.noting(note, interrupted=True)
+    return study
 
 
 def _error_time(options: argparse.Namespace) -> int:

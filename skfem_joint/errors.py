@@ -14,7 +14,6 @@ class JointError(Exception):
     """Base of all errors raised on purpose by this package."""
 
     exit_status = 1  #: status with which the command line ends when the error reaches it
-    results: Any = None  #: results of what was done before, if there are any
 
 
 class InputError(JointError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.arrays import FloatArray
 
@@ -41,6 +40,8 @@ def modal_response(
     -------
     ndarray, shape (k, times)
     """
+    from scipy.signal import cont2discrete, lfilter  # slow to load
+
     numerator = [1.0] if quantity == "displacement" else [1.0, 0.0, 0.0]
     response = np.empty(force.shape)
     for k, (w, c) in enumerate(zip(omega, damping, strict=True)):

@@ -19,6 +19,7 @@ from skfem_joint import cli, output
 from skfem_joint.analysis import study
 from skfem_joint.output.record import LIST
 from skfem_joint.scene import load_scene
+from skfem_joint.stepping import driver
 from skfem_joint.stepping.checkpoint import Checkpoints
 
 ROOT = Path(__file__).parent.parent
@@ -99,7 +100,7 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_pat
         output.write(study.run_scene(scene), whole)
     # Chunks end where the time is up: they must not show in the results.
     with Patch.context() as patch:
-        patch.setattr("skfem_joint.stepping.integrate.CHUNK_S", 1e-9)
+        patch.setattr(driver, "SETTINGS", driver.DriverSettings(chunk_s=1e-9))
         patch.setattr("skfem_joint.stepping.steppers.CompiledStepper.most_at_once", 5)
         with pytest.raises(KilledError), output.prepare(scene, out):
             study.run_scene(scene, kill, Checkpoints(out, every=1))

@@ -20,8 +20,8 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np
 
 from skfem_joint import build_bar, build_plate, run_scene
-from skfem_joint.analysis.asked import how_of
-from skfem_joint.analysis.estimate import again
+from skfem_joint.analysis.asked import plan_of
+from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.errors import JointError
 from skfem_joint.modes import straining_modes
@@ -156,7 +156,7 @@ def judged(scene):
         return Judged(what, {}, {}, str(error))
     model, asked = study.models[name], study.scene
     finer = 8 if asked.named_mesh.dim == 1 else 4
-    truth = results(again(asked.system(), how_of(asked), finer))
+    truth = results(verification_run(asked.system(), plan_of(asked).finer(finer)))
     said = {q: model.estimate and model.estimate.of("total", q) for q in QUANTITIES}
     return Judged(what, said, difference(truth, results(model.run)))
 

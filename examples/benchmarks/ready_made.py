@@ -24,7 +24,7 @@ from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Task, solve
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import PER_CYCLE
+from skfem_joint.analysis.certificate import SETTINGS
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome
 from skfem_joint.analysis.history import Results, results
 from skfem_joint.output.folder import kept, write_error_time
@@ -47,7 +47,7 @@ QUICK_BOUND = 1.0
 def sampled(reference, u, v):
     """Results from samples of all unknowns, shape (samples, n), by the trapezoidal rule."""
     cycles, system = reference.grid.cycles, reference.system
-    first = 0 if cycles is None else (cycles - 1) * PER_CYCLE * SAMPLES
+    first = 0 if cycles is None else (cycles - 1) * SETTINGS.per_cycle * SAMPLES
     point_u, u, v = (system.P @ u.T).T, u[first:], v[first:]
     load = system.load_amplitudes(sample_times(reference)[first:])
     way = system.load_vectors().T @ np.diff(u, axis=0).T
@@ -128,7 +128,7 @@ def _explicit(reference, parts, longest):
     wall = (time.perf_counter() - begin) * n_steps / piece
     if wall > longest:
         return Outcome(None, wall, {"steps": n_steps}, status="extrapolated")
-    cycle = None if grid.cycles is None else parts * PER_CYCLE
+    cycle = None if grid.cycles is None else parts * SETTINGS.per_cycle
     begin = time.perf_counter()
     found = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
     return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})

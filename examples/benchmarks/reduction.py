@@ -31,7 +31,7 @@ from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import static_basis
 from skfem_joint.reduction.static_path import slip_path
-from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.stepping.plan import Plan
 
 #: Columns of the table; the last are quasi-static states, factorisations and preliminary steps.
 HEADER = (
@@ -103,16 +103,16 @@ def measure(task):
     modes, interface_modes = (task.get(name, value) for name, value in CHOSEN.items())
     full = sj.integrate(system, **how)
     begin = time.perf_counter()
-    path = slip_path(system, how["step"], how["n_steps"], modes=modes)
+    plan = Plan(**how)
+    path = slip_path(system, plan, modes=modes)
     basis = static_basis(system, path, modes, interface_modes)
     periodic = how["cycle_steps"] is not None
-    small = reduced_system(system, basis, periodic=periodic, warn=[])
+    small = reduced_system(system, basis, periodic=periodic)
     offline = time.perf_counter() - begin
     reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s
     begin = time.perf_counter()
-    steps = {**how, "scheme": generalized_alpha(1.0), "save": sj.Save()}
-    found = estimate.of_reduced(system, basis, small, steps, reduced)
+    found = estimate.of_reduced(system, basis, small, plan, reduced)
     more = time.perf_counter() - begin
 
     errors, cycles, n = compare(full, reduced), full.cycles.friction.size, basis.V.shape[1]

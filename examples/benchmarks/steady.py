@@ -36,8 +36,7 @@ from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
-from skfem_joint.stepping import integrate as stepping
-from skfem_joint.stepping import steady
+from skfem_joint.stepping import driver, steady
 
 MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
 #: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
@@ -101,9 +100,9 @@ def backbones(quick):
 
 def periods(systems, memory):
     """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
-    halves = stepping.turns_over if memory else lambda loads: False
-    kept = {name: memory and getattr(steady, name) for name in ("MEMORY", "LINEAR_MEMORY")}
-    with patch.multiple(steady, **kept), patch.object(stepping, "turns_over", halves):
+    halves = driver.turns_over if memory else lambda loads: False
+    settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
+    with patch.object(steady, "SETTINGS", settings), patch.object(driver, "turns_over", halves):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     return sum(run.steady.periods for run in runs)
 
@@ -126,7 +125,7 @@ def responses(quick):
             times.append(time.perf_counter() - begin)
             state, used = one.state, used + one.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
-    mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
+    mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
           f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
           f"same change {plain}: {plain / used:.1f} times as many.")  # fmt: skip

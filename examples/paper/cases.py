@@ -12,8 +12,8 @@ import skfem_joint as sj
 from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.history import compare
+from skfem_joint.analysis.models import Model
 from skfem_joint.analysis.reduced_models import make_reduced
-from skfem_joint.analysis.study import Model
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
@@ -22,6 +22,8 @@ from skfem_joint.reduction.scaled.estimated_length import estimate_active_length
 from skfem_joint.reduction.scaled.zones import active_zones
 from skfem_joint.reduction.sources import own_basis
 from skfem_joint.scene import scene_from
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
@@ -169,13 +171,13 @@ def _own(its):
 def _reduced(its):
     """Reduced model of a scene, however few modes it has."""
     options, system = options_of(its), its.system()
-    steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
+    plan = Plan(its.time_step, its.n_steps, cycle_steps=its.cycle_steps)
     if options.reference == "self":
         basis = _own(its)
     else:
-        basis = make_reduced(its.structure(), system, options, **steps, enriched=True, warn=[])
-    small = reduced_system(system, basis, periodic=its.periodic, warn=[], **options.friction)
-    return Model("reduced", sj.integrate(small, **steps), 0.0, basis.active_length, basis=basis)
+        basis = make_reduced(its.structure(), system, options, plan, enriched=True)
+    small = reduced_system(system, basis, periodic=its.periodic, **options.friction)
+    return Model("reduced", integrate_plan(small, plan), 0.0, basis.active_length, basis=basis)
 
 
 _MODELS = {}

@@ -296,7 +296,7 @@ def study_of(folder, scene, bodies):
     (folder / "scene.toml").write_bytes(scene)
     found = load_scene(folder / "scene.toml")
     fits = found.n_steps * max(1, found.system().n) <= MOST_WORK
-    return run_scene(found) if fits else None
+    return run_scene(found).finished() if fits else None
 
 
 def check(study):

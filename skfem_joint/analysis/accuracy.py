@@ -1,72 +1,178 @@
-"""An accuracy that is asked for: basis, friction points, law and time step chosen to meet it.
+"""Steps and a reduced model for an accuracy that is asked for.
 
 The reduced model is refined where its estimated error comes from, until the estimate is below what
-is asked for: by the modes that it lacks, more friction points, a steeper law, half the time step.
+is asked for: by the modes that it misses, more friction points, a steeper law, half the time step.
 The full model is run with the step that the reduced one needs, and again with a shorter one if its
 own estimate says so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, log2
 from typing import Any
 
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import options_of, plan_of
+from skfem_joint.analysis.asked import basis_of, options_of, plan_of
 from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.errors import ConvergenceError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
 
-#: Rounds of refinement, vectors of a basis and halvings of the step that are tried.
-ROUNDS, MOST_VECTORS, MOST_HALVINGS = 8, 100, 6
-#: Share of the error of earlier rounds that two rounds must get below.
-STALLED = 0.9
-#: Share of the error asked for from which on its source is refined.
-WORTHWHILE = 0.4
+
+@dataclass(frozen=True)
+class AccuracySettings:
+    """Bounds of the search for a model that meets an accuracy.
+
+    Attributes
+    ----------
+    rounds, most_vectors, most_halvings : int
+        Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
+    stalled : float
+        The search ends where two rounds leave more than this share of the error of earlier ones.
+    worthwhile : float
+        A source is refined from this share of the error asked for on.
+    """
+
+    rounds: int = 8
+    most_vectors: int = 100
+    most_halvings: int = 6
+    stalled: float = 0.9
+    worthwhile: float = 0.4
 
 
-def excess(accuracy: AccuracyTable, found: Estimate, source: str = "total") -> float:
+SETTINGS = AccuracySettings()
+
+
+@dataclass(frozen=True)
+class Met:
+    """A reduced model that meets an accuracy.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with the steps that it takes.
+    basis : Basis
+    system : System
+        The reduced model.
+    estimate : Estimate
+        Its estimated errors.
+    """
+
+    scene: Scene
+    basis: Basis
+    system: System
+    estimate: Estimate
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is run of a scene, so that the accuracy that it asks for is met.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with the time steps that are taken at first.
+    met : Met, optional
+        Reduced model that meets the accuracy; None where none is asked for.
+    notes : tuple of str
+        What to beware of.
+    seconds, compilation_s : float
+        Time that the choice took, and time of compilation in it, s.
+    """
+
+    scene: Scene
+    met: Met | None = None
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    compilation_s: float = 0.0
+
+
+def choose(scene: Scene, rest: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
+    """Choose time steps, and a reduced model where one is run, for the accuracy asked for.
+
+    Without a reduced model the full one takes the step that a reduced one of it would need. Where
+    no accuracy is asked for, the scene is taken as it is. ``rest`` may have factors of the system.
+
+    Raises
+    ------
+    ConvergenceError
+        If the rounds, vectors or halvings at hand do not do.
+    InputError
+        If the reduction does not fit the scene.
+    """
+    if not scene.accuracy.asked:
+        return Choice(scene)
+    watch = Stopwatch()
+    structure, system, given = scene.structure(), scene.system(), scene
+    scene = resolved(scene, system)
+    basis_for = partial(basis_of, scene, structure, system, options_of(scene), rest)
+    if "reduced" not in given.models.run:
+        if system.contact_points and given.reduction.reference != "self":
+            with suppress(InputError):  # no reduced model: the full one's own estimate decides
+                scene = with_steps_of(scene, basis_for())
+        return Choice(scene)
+    basis = basis_for(enriched=True)
+    met = meet(scene, basis, partial(progress, "choosing a reduced model"))
+    # What a basis misses before it is enriched is of no concern.
+    notes = basis.notes if met.basis is basis else ()
+    said = (
+        f"For the accuracy asked for the reduced model has {met.system.n} vectors, "
+        f"{met.system.w.size} friction points, beta = {met.system.beta.max():.3g} s/m and steps of "
+        f"{met.scene.time_step:.4g} s; it errs by an estimated {stated(met.estimate)}."
+    )
+    return Choice(met.scene, met, (*notes, said), *watch.read())
+
+
+def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:
     """Largest of the errors from a source over what is asked for."""
-    motion, energy = largest(found, source)
+    motion, energy = largest(errors, source)
     asked = ((motion, accuracy.displacement), (energy, accuracy.energy))
     return max((error / most for error, most in asked if most is not None), default=0.0)
 
 
-def largest(found: Estimate, source: str = "total") -> tuple[float, float]:
+def largest(errors: Estimate, source: str = "total") -> tuple[float, float]:
     """Largest errors from a source, of motion and of energy."""
-    errors = {name: e for name, e in found.parts.get(source, {}).items() if e is not None}
-    motion = max((e for name, e in errors.items() if "energy" not in name), default=0.0)
-    return motion, max((e for name, e in errors.items() if "energy" in name), default=0.0)
+    known = {name: e for name, e in errors.parts.get(source, {}).items() if e is not None}
+    motion = max((e for name, e in known.items() if "energy" not in name), default=0.0)
+    return motion, max((e for name, e in known.items() if "energy" in name), default=0.0)
 
 
-def stated(found: Estimate) -> str:
-    """What is estimated, in words."""
-    motion, energy = largest(found)
+def stated(errors: Estimate) -> str:
+    """Largest estimated errors, in words."""
+    motion, energy = largest(errors)
     return f"{100 * motion:.2g} % in displacement and {100 * energy:.2g} % in energy"
 
 
-def followed(scene: Scene) -> Scene:
+def resolved(scene: Scene, system: System) -> Scene:
     """Scene with a step that is not too long for its loads."""
-    longest = longest_step(scene.system(), scene.n_steps * scene.time_step)
+    longest = longest_step(system, scene.n_steps * scene.time_step)
     ratio = scene.time_step / longest
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
 
 
-def stepped(scene: Scene, basis: Basis) -> Scene:
-    """Scene with the step that a reduced model needs, where to look for it costs little.
+def with_steps_of(scene: Scene, basis: Basis) -> Scene:
+    """Scene with the step that a reduced model needs, which costs little to find.
 
-    ConvergenceError as `shorter`, or if a step does not converge.
+    Raises
+    ------
+    ConvergenceError
+        As `shorter`, or if a step does not converge.
     """
     reduced = reduced_system(scene.system(), basis)
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.rounds):
         plan = plan_of(scene)
         run = estimate.verification_run(reduced, plan)
         finer = shorter(scene, estimate.of_full(reduced, run, plan))
@@ -76,53 +182,48 @@ def stepped(scene: Scene, basis: Basis) -> Scene:
     return scene
 
 
-@dataclass(frozen=True)
-class Met:
-    """A reduced model that meets an accuracy, and the scene with the steps that it takes."""
-
-    scene: Scene
-    basis: Basis
-    system: System
-    estimate: Estimate
-
-
 def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
     It starts with ``basis``; ``report`` is called with (rounds done, most rounds).
-    ConvergenceError if the rounds, vectors or halvings at hand do not do.
+
+    Raises
+    ------
+    ConvergenceError
+        If the rounds, vectors or halvings at hand do not do.
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
     errors: list[float] = []
-    for done in range(ROUNDS):
-        report(done, ROUNDS)
+    for done in range(SETTINGS.rounds):
+        report(done, SETTINGS.rounds)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
-        step, found = scene.time_step, estimate.of_reduced(system, basis, reduced, plan_of(scene))
-        errors.append(excess(accuracy, found))
+        step, stands = scene.time_step, estimate.of_reduced(system, basis, reduced, plan_of(scene))
+        errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
-            return Met(scene, basis, reduced, found)
-        sources = {s: excess(accuracy, found, s) for s in ("basis", "law", "points", "time_step")}
-        if min(errors[-2:]) > STALLED * min(errors[:-2], default=np.inf):
+            return Met(scene, basis, reduced, stands)
+        sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
+        if min(errors[-2:]) > SETTINGS.stalled * min(errors[:-2], default=np.inf):
             break
-        least = min(WORTHWHILE, max(sources.values()))
+        least = min(SETTINGS.worthwhile, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
-        if "basis" in refined and found.lacks is not None:
-            basis = basis.enriched(system, found.lacks.V, found.lacks.velocities)
+        if "basis" in refined and stands.missing is not None:
+            basis = basis.enriched(system, stands.missing.V, stands.missing.velocities)
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
-            beta = min(estimate.STEEPER * float(reduced.beta.max()), float(system.beta.max()))
+            steeper = estimate.SETTINGS.steeper * float(reduced.beta.max())
+            beta = min(steeper, float(system.beta.max()))
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
-        if basis.V.shape[1] > MOST_VECTORS or halvings > MOST_HALVINGS:
+        if basis.V.shape[1] > SETTINGS.most_vectors or halvings > SETTINGS.most_halvings:
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
         f"accuracy: a reduced model of {reduced.n} vectors and {reduced.w.size} friction points "
-        f"with steps of {step:.4g} s still errs by an estimated {stated(found)}, most of it from "
+        f"with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of it from "
         f"its {worst}. Ask for less, or run 'full' alone"
     )
 
@@ -132,19 +233,66 @@ def _halvings(ratio: float) -> int:
     return ceil(log2(max(1.1 * ratio, 1.0)) / 1.5)
 
 
-def shorter(scene: Scene, found: Estimate) -> Scene | None:
-    """Scene with steps short enough for the estimated error of a full model; None: they are.
+def shorter(scene: Scene, errors: Estimate) -> Scene | None:
+    """Scene with steps short enough for the estimated errors of a full model.
 
-    ConvergenceError if that would take steps so many times shorter that it will not do.
+    None if its own are short enough.
+
+    Raises
+    ------
+    ConvergenceError
+        If they would have to be so many times shorter that it will not do.
     """
-    ratio = excess(scene.accuracy, found)
+    ratio = excess(scene.accuracy, errors)
     if ratio <= 1.0:
         return None
     halvings = _halvings(ratio)
-    if halvings > MOST_HALVINGS:
+    if halvings > SETTINGS.most_halvings:
         raise ConvergenceError(
             f"accuracy: with steps of {scene.time_step:.4g} s the full model errs by an estimated "
-            f"{stated(found)}: the steps asked for are far too long. Give more "
+            f"{stated(errors)}: the steps asked for are far too long. Give more "
             "steps, or ask for less"
         )
     return scene.finer(2**halvings)
+
+
+def shortened_steps(
+    scene: Scene, system: System, integrate: Callable[..., Run]
+) -> tuple[Scene, Run, Estimate | None]:
+    """Run a full model with steps that meet the accuracy asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its steps are tried first; they are taken as they are where no accuracy is asked for.
+    system : System
+    integrate : callable
+        As `integrate_plan`. What it saved is not taken up again with another step.
+
+    Returns
+    -------
+    tuple
+        Scene with the steps taken, the run, and its estimated errors where an accuracy is asked
+        for and the run was not interrupted.
+
+    Raises
+    ------
+    ConvergenceError
+        If no step that is tried meets the accuracy.
+    """
+    run = integrate(system, plan_of(scene))
+    if not scene.accuracy.asked:
+        return scene, run, None
+    for _ in range(SETTINGS.rounds):
+        if run.interrupted:
+            return scene, run, None
+        errors = estimate.of_full(system, run, plan_of(scene))
+        finer = shorter(scene, errors)
+        if finer is None:
+            return scene, run, errors
+        scene = finer
+        run = integrate(system, plan_of(scene), checkpoint=None)
+    raise ConvergenceError(
+        f"accuracy: no step that the full model meets it with was found; "
+        f"{scene.time_step:.4g} s does not do. Ask for less"
+    )

@@ -1,36 +1,36 @@
 """Errors that take other meshes and laws to estimate, beside those that every result has.
 
 mesh
-    Elements halved twice, full model only: the observed order p (kept between 1/2 and 2, friction
+    Elements halved twice, full model only. The observed order p (kept between 1/2 and 2, friction
     is not smooth) extrapolates the difference of the first two runs to the error of the first. In
-    two and three dimensions they are halved once, and the error is taken to go with the size of the
-    elements: another halving would cost sixteen times the first and more.
+    two and three dimensions elements are halved once, and the error is taken to be proportional to
+    their size: another halving would cost sixteen times the first and more.
 law
-    Against exact Coulomb friction: what the regularisation changes. Full model only, a reduced
-    model's steepness is looked at with every run.
+    Against exact Coulomb friction: the change by the regularisation. Full model only; the steepness
+    of a reduced model is checked with every run.
 full run
     A reduced model without the full one beside it: two cycles of both. (Where the full one was run
     beside it, every estimate has the distance of the whole runs.)
 
 A reference for other runs of a scene is its own mesh and friction law, integrated by the full model
-at small steps and extrapolated in the step. These errors, of its time step too, tell how well it is
-known.
+at small steps and extrapolated in the step. These errors, of its time step too, state how well it
+is known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import log2
 from typing import Any
 
-from skfem_joint.analysis.asked import plan_of
+from skfem_joint.analysis.asked import origin_of, plan_of
 from skfem_joint.analysis.estimate import Estimate, Parts, added, verification_run
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
+from skfem_joint.analysis.models import Model, Study
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.study import Model, Study, origin_of
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 from skfem_joint.progress import Progress, Tally, silent
@@ -41,58 +41,93 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system import System
 
-#: Orders of convergence that an extrapolation may use.
-ORDERS = (0.5, 2.0)
-#: How often elements are halved, by the dimension of the mesh.
-HALVINGS = {1: 2, 2: 1, 3: 1}
-#: Cycles of a short full run.
-SHORT = 2
-#: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without any.
-PER_CYCLE, PER_RUN = 25, 100
-#: Steps of an interval of a reference's finest run: no more, in a quick report, and no fewer.
-FINEST, FINEST_QUICK, COARSEST = 2048, 256, 16
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Numbers of certificates and references.
+
+    Attributes
+    ----------
+    orders : tuple of float
+        Orders of convergence that an extrapolation may use.
+    halvings : dict of int to int
+        How often elements are halved, by the dimension of the mesh.
+    short : int
+        Cycles of a short full run.
+    per_cycle, per_run : int
+        Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
+        cycles.
+    finest, finest_quick, coarsest : int
+        Steps of an interval of a reference's finest run: at most, at most in a quick report, and at
+        least.
+    """
+
+    orders: tuple[float, float] = (0.5, 2.0)
+    halvings: Mapping[int, int] = field(default_factory=lambda: {1: 2, 2: 1, 3: 1})
+    short: int = 2
+    per_cycle: int = 25
+    per_run: int = 100
+    finest: int = 2048
+    finest_quick: int = 256
+    coarsest: int = 16
+
+
+SETTINGS = CertificateSettings()
 
 
 @dataclass(frozen=True)
 class Source:
-    """Estimated relative errors from one source, by quantity."""
+    """Estimated relative errors from one source.
+
+    Attributes
+    ----------
+    source : str
+        Its name.
+    errors : mapping of str to float or None
+        Errors by quantity.
+    order : float, optional
+        Observed order of convergence of the displacement history; None where nothing was halved
+        twice. Beyond `CertificateSettings.orders` the extrapolation is not to be trusted but in its
+        size.
+    """
 
     source: str
     errors: Parts
-    #: Observed order of convergence of the displacement history, None where nothing was halved
-    #: twice; outside `ORDERS` the extrapolation is not to be trusted beyond its size.
     order: float | None = None
 
 
 def extrapolated(first: float, second: float) -> tuple[float, float | None]:
     """Error of the coarsest of three results from their successive differences, and the order.
 
-    The order p is given as observed, None if there is none; the error uses one within `ORDERS`.
+    The order p is given as observed, None if there is none; the error uses it as `kept`.
     """
     if first == 0.0 or second == 0.0:
         return first, None
     order = log2(first / second)
-    return max(first, second) / (1.0 - 2.0 ** -kept(order)), order
+    return max(first, second) * extrapolation(2.0 ** kept(order)), order
 
 
 def kept(order: float | None) -> float:
-    """Order of convergence within `ORDERS`."""
-    return ORDERS[1] if order is None else min(max(order, ORDERS[0]), ORDERS[1])
+    """Order of convergence kept within `CertificateSettings.orders`; the highest if not known."""
+    least, most = SETTINGS.orders
+    return most if order is None else min(max(order, least), most)
 
 
 def halved(source: str, runs: Sequence[Results]) -> Source:
     """Errors of the first of two or three runs, each with half the step or size of the one before.
 
-    Of two runs, the error is taken to go with the first power.
+    Of two runs, the error is taken to be proportional to step or size.
     """
     first = difference(runs[0], runs[1])
     if len(runs) == 2:
-        return Source(source, {k: None if e is None else 2.0 * e for k, e in first.items()})
+        return Source(
+            source, {k: None if e is None else extrapolation(2.0) * e for k, e in first.items()}
+        )
     second = difference(runs[1], runs[2])
     pairs = {k: (a, b) for k, a in first.items() if a is not None and (b := second[k]) is not None}
-    found = {k: extrapolated(*pair) for k, pair in pairs.items()}
-    errors = {k: found[k][0] if k in found else None for k in first}
-    return Source(source, errors, found.get(QUANTITIES[0], (None, None))[1])
+    known = {k: extrapolated(*pair) for k, pair in pairs.items()}
+    errors = {k: known[k][0] if k in known else None for k in first}
+    return Source(source, errors, known.get(QUANTITIES[0], (None, None))[1])
 
 
 def full_results(scene: Scene) -> Results:
@@ -109,7 +144,7 @@ def _kept_results(rows: Rows, scene: Scene) -> Results:
     return rows.row(rows.mark("full results", origin_of(scene)), partial(full_results, scene))
 
 
-def looks(
+def mesh_and_law(
     scene: Scene,
     base: Results,
     progress: Progress = silent,
@@ -121,7 +156,7 @@ def looks(
     Matrices have no mesh that could be refined. Without an executor each run is one of the rows.
     """
     steep = any(joint.law == "arctan" for joint in scene.joint)
-    halvings = HALVINGS[scene.named_mesh.dim] if scene.matrices is None else 0
+    halvings = SETTINGS.halvings[scene.named_mesh.dim] if scene.matrices is None else 0
     scenes, runs = [scene], [base]
     for _ in range(halvings):
         points: dict[str, Any] = {"points": scene.output_points}
@@ -131,8 +166,8 @@ def looks(
     tally = Tally(partial(progress, "certifying the full model"), len(scenes) - 1)
     tally.add(0)
     one_by_one = map(partial(_kept_results, rows or Rows()), scenes[1:])
-    for found in executor.map(full_results, scenes[1:]) if executor else one_by_one:
-        runs.append(found)
+    for other in executor.map(full_results, scenes[1:]) if executor else one_by_one:
+        runs.append(other)
         tally.add()
     sources = [halved("mesh", runs[: halvings + 1])] if halvings else []
     if steep:
@@ -143,11 +178,24 @@ def looks(
 def certify(
     study: Study, name: str, progress: Progress = silent, executor: Executor | None = None
 ) -> Model:
-    """One of a study's models, "full" or "reduced", with more of its errors estimated.
+    """Estimate more errors of one of a study's models; the model with all of its errors.
 
-    ``progress`` is called with (label, runs done, runs in all); an ``executor`` runs them side by
-    side. InputError for a model that the study has not run, ConvergenceError if a run does not
-    converge.
+    Parameters
+    ----------
+    study : Study
+    name : str
+        "full" or "reduced".
+    progress : callable, optional
+        Called with (label, runs done, runs in all).
+    executor : Executor, optional
+        Runs them side by side.
+
+    Raises
+    ------
+    InputError
+        For a model that the study has not run.
+    ConvergenceError
+        If a run does not converge.
     """
     if name not in study.models:
         raise InputError(f"certify: the scene does not run the {name} model")
@@ -155,11 +203,11 @@ def certify(
     known = model.estimate or Estimate({})
     parts = dict(known.parts)
     if model.basis is None:
-        found = looks(study.scene, results(model.run), progress, executor)[0]
-        parts |= {one.source: one.errors for one in found}
+        sources = mesh_and_law(study.scene, results(model.run), progress, executor)[0]
+        parts |= {error.source: error.errors for error in sources}
         # Where that of the time step is not known, neither is the total.
         in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
-        parts["total"] = added(in_time, *(one.errors for one in found))
+        parts["total"] = added(in_time, *(error.errors for error in sources))
     elif "full" not in study.models:
         return replace(model, estimate=known.beside(_short(study, model, executor)))
     return replace(model, estimate=replace(known, parts=parts))
@@ -168,28 +216,38 @@ def certify(
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
     """Difference of a reduced model from the full one in its first cycles, or its first fifth."""
     plan = plan_of(study.scene)
-    plan = plan.first(plan.n_steps // 5 if plan.cycle_steps is None else SHORT)
+    plan = plan.first(plan.n_steps // 5 if plan.cycle_steps is None else SETTINGS.short)
     systems = study.system, model.run.system
     return difference(*(executor.map if executor else map)(partial(_results, plan), systems))
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Times at which runs are compared with a reference: ends of intervals of a whole run."""
+    """Times at which runs are compared with a reference: ends of intervals of a whole run.
 
-    duration: float  #: of all runs, s
-    cycles: int | None  #: None without a common period of the loads
-    rho: float  #: spectral radius of the scheme at infinite frequency
+    Attributes
+    ----------
+    duration : float
+        Duration of all runs, s.
+    cycles : int, optional
+        Number of cycles; None without a common period of the loads.
+    rho : float
+        Spectral radius of the scheme at infinite frequency.
+    """
+
+    duration: float
+    cycles: int | None
+    rho: float
 
     @property
     def intervals(self) -> int:
         """Number of intervals."""
-        return PER_RUN if self.cycles is None else PER_CYCLE * self.cycles
+        return SETTINGS.per_run if self.cycles is None else SETTINGS.per_cycle * self.cycles
 
     def integrate(self, system: System, parts: int, fields: int = 0) -> Run:
         """Run of ``parts`` steps an interval, all unknowns stored ``fields`` times in each.
 
-        Half a run, which is worth nothing here, is a KeyboardInterrupt.
+        An interrupt is raised as KeyboardInterrupt: half a run tells nothing.
         """
         n_steps = parts * self.intervals
         plan = Plan(
@@ -197,22 +255,37 @@ class Grid:
             n_steps,
             generalized_alpha(self.rho),
             Save(every=parts),
-            None if self.cycles is None else parts * PER_CYCLE,
+            None if self.cycles is None else parts * SETTINGS.per_cycle,
         )
         return verification_run(system, plan, fields_every=fields and max(1, parts // fields))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The discrete truth of a scene's full model, and its certificate."""
+    """The discrete truth of a scene's full model, and its certificate.
+
+    Attributes
+    ----------
+    system : System
+    grid : Grid
+    parts : int
+        Steps an interval of the finest run.
+    order : float
+        Order of convergence that the results are extrapolated with.
+    results : Results
+    fine_mesh : Results
+        Results on the finest mesh of the certificate.
+    estimates : list of Source
+        Errors of a run of a quarter of the steps.
+    """
 
     system: System
     grid: Grid
-    parts: int  #: steps an interval of the finest run
-    order: float  #: that the results are extrapolated with
+    parts: int
+    order: float
     results: Results
-    fine_mesh: Results  #: on the finest mesh of the certificate
-    estimates: list[Source]  #: of a run of a quarter of the steps
+    fine_mesh: Results
+    estimates: list[Source]
 
 
 def make_reference(
@@ -237,10 +310,10 @@ def make_reference(
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("error-time: no load acts, nothing errs; give one an amplitude above 0")
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
-    rows, most = rows or Rows(), FINEST_QUICK if quick else FINEST
+    rows, most = rows or Rows(), SETTINGS.finest_quick if quick else SETTINGS.finest
     mark = rows.mark("parts of an interval", origin_of(scene), most, bound)
     parts = rows.row(mark, partial(_finest_parts, system, grid, most, bound))
-    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * PER_CYCLE}
+    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * SETTINGS.per_cycle}
     if time.cycles is None:
         steps = {"step": grid.duration / (parts // 4 * grid.intervals)}
     coarse = scene.changed(
@@ -249,9 +322,9 @@ def make_reference(
     base = _kept_results(rows, coarse)
     middle, finest = (_kept_results(rows, coarse.finer(factor)) for factor in (2, 4))
     in_time = halved("time step", [base, middle, finest])
-    others, fine_mesh = looks(coarse, base, progress, rows=rows)
+    others, fine_mesh = mesh_and_law(coarse, base, progress, rows=rows)
     order = kept(in_time.order)
-    truth = finest.plus(1.0 / (2.0**order - 1.0), finest, middle)
+    truth = finest.plus(extrapolation(2.0**order) - 1.0, finest, middle)
     if scene.matrices is not None:  # of which there is no finer mesh
         fine_mesh = truth
     return Reference(system, grid, parts, order, truth, fine_mesh, [in_time, *others])
@@ -259,7 +332,7 @@ def make_reference(
 
 def _finest_parts(system: System, grid: Grid, most: int, bound: float) -> int:
     """Steps of an interval of a reference's finest run: ``most``, or what ``bound`` s allow."""
-    parts, longest = COARSEST, longest_step(system, grid.duration)
+    parts, longest = SETTINGS.coarsest, longest_step(system, grid.duration)
     while grid.duration > longest * (parts // 4) * grid.intervals:
         parts *= 2
     seconds_a_part = grid.integrate(system, parts // 2).wall_s / (parts // 2)

@@ -1,4 +1,4 @@
-"""What a scene's structure is and does under its loads at rest and stuck: told before it is run.
+"""What a scene's structure is, and what it does under its loads at rest and with stuck joints.
 
 The stuck structure vibrates in its lowest modes, each of which follows the loads exactly where they
 are straight between steps; what the modes leave out follows at once. At the time of its largest
@@ -8,7 +8,7 @@ the first joint slip as a whole is found by limit analysis, so that moments coun
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +25,7 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.modal_response import modal_response
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.structure import AnyStructure, PressureTable
 from skfem_joint.structure.doubts import per_wavelength
@@ -39,36 +39,59 @@ ALIKE = 0.5
 LARGE_STRAIN, LARGE = 0.01, 0.1
 
 
-@dataclass
+@dataclass(frozen=True)
 class Description:
-    """Facts about a structure and doubts about it, as whole sentences, and its figures by name."""
+    """What a structure is and does at rest, in whole sentences and in numbers.
+
+    Attributes
+    ----------
+    facts, doubts : tuple of str
+        Facts about the structure, and reasons to doubt that it is what was meant.
+    values : mapping of str
+        Its figures by name, as in ``summary.json``.
+    """
+
+    facts: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class _Draft:
+    """A description as it is written."""
 
     facts: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     values: dict[str, Any] = field(default_factory=dict)
-    path: QuasiStatic | None = None  #: its factors, for modes
 
 
-def describe(scene: Scene) -> Description:
-    """What a scene's structure is, and what it does under the peaks of its loads.
+def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
+    """Describe a scene's structure, and what it does under the peaks of its loads.
 
-    Quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What cannot be
-    found is said.
+    It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
+    cannot be computed is among the doubts.
+
+    Parameters
+    ----------
+    scene : Scene
+    rest : QuasiStatic, optional
+        Quasi-static response of the scene's system, whose factors are used; made here if it is
+        needed and not given.
     """
     structure, system = scene.structure(), scene.system()
-    found = Description(list(_parts(structure)))
+    draft = _Draft(list(_parts(structure)))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
-        found.values |= {"mass_kg": mass, "length_m": float(size.max())}
+        draft.values |= {"mass_kg": mass, "length_m": float(size.max())}
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-        found.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+        draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     try:
-        _moves(scene, structure, system, found)
+        _moves(scene, structure, system, rest, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
-        found.doubts.append(
+        draft.doubts.append(
             f"What the structure does under its loads at rest is not known: {error}"
         )
-    return found
+    return Description(tuple(draft.facts), tuple(draft.doubts), draft.values)
 
 
 def _parts(structure: AnyStructure) -> Iterator[str]:
@@ -92,9 +115,15 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
     yield from structure.at_rest()
 
 
-def _moves(scene: Scene, structure: AnyStructure, system: System, found: Description) -> None:
+def _moves(
+    scene: Scene,
+    structure: AnyStructure,
+    system: System,
+    rest: QuasiStatic | None,
+    draft: _Draft,
+) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
-    facts, values, no_unknowns = found.facts, found.values, np.zeros(0, np.intp)
+    facts, values, no_unknowns = draft.facts, draft.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
     both = [
@@ -116,7 +145,7 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     if structure.body is None:
         facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
     if rigid[1]:
-        found.doubts.append(
+        draft.doubts.append(
             f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the structure "
             "floats. Is something to be fixed, or do joints lack pressure or pairs?"
         )
@@ -133,13 +162,13 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
     if not system.loads or not np.any(static):
         return
     if not held.size:
-        _displaced(structure, system, _solve(system, static, no_unknowns), found)
+        _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
-    _normal(scene, structure, vibration, found)
-    to = arranged(system)
-    path = QuasiStatic(to.system)
-    found.path = path.afresh(to)
-    _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), found)
+    _normal(scene, structure, vibration, draft)
+    rest = rest or QuasiStatic(system)
+    to = rest.to
+    path = rest.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
+    _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), draft)
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
@@ -156,15 +185,13 @@ def _moves(scene: Scene, structure: AnyStructure, system: System, found: Descrip
         f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
     )
     if share > 1.0:
-        found.doubts.append(
+        draft.doubts.append(
             f"The loads with what they set in motion come to {share:.3g} times what the joints can "
             "hold by friction: a joint slips as a whole."
         )
 
 
-def _normal(
-    scene: Scene, structure: AnyStructure, vibration: _Vibration, found: Description
-) -> None:
+def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: _Draft) -> None:
     """Add by how much the vibration of the stuck structure changes the normal forces."""
     acts = structure.reactions(scene.loads())
     if acts is None:
@@ -176,48 +203,48 @@ def _normal(
         np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
     share = most / acts.force
     worst = int(share.argmax())
-    found.values["normal_force_change"] = float(share[worst])
+    draft.values["normal_force_change"] = float(share[worst])
     text = (
         f"{100.0 * share[worst]:.3g} % of what presses it, most in "
         f"{structure.pressed_at(int(acts.dof[worst]))}"
     )
-    found.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
+    draft.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
     if share[worst] > LARGE:
-        found.doubts.append(
+        draft.doubts.append(
             f"Vibration of the stuck structure would change the normal force by {text}: that it "
             "stays as the clamping makes it, which all models assume, is doubtful there."
         )
 
 
-def _displaced(structure: AnyStructure, system: System, u: FloatArray, found: Description) -> None:
+def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _Draft) -> None:
     """Add what is displaced and strained under static loads, and whether that is small."""
     moved = np.abs(np.asarray(system.P @ u))
     names = dict.fromkeys(load.on for load in system.loads)
     by_load = {name: float(moved[system.points.index(name)]) for name in names}
-    found.values["static_displacement_m"] = by_load
+    draft.values["static_displacement_m"] = by_load
     body = structure.body
     if body is None:
         shown = ", ".join(f"{name} {x:.4g} m" for name, x in by_load.items())
-        found.facts.append(f"Under the peak of the loads at rest: {shown}.")
+        draft.facts.append(f"Under the peak of the loads at rest: {shown}.")
         return
-    length, full = found.values["length_m"], body.unpacked(system.expand(u))
+    length, full = draft.values["length_m"], body.unpacked(system.expand(u))
     largest, slope = float(np.linalg.norm(full, axis=1).max()), body.gradient(full)
     strains = 0.5 * (slope + slope.swapaxes(1, 2))  # means of the elements
     strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
-    found.values["static_strain"] = strain
+    draft.values["static_strain"] = strain
     shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
-    found.facts.append(
+    draft.facts.append(
         f"Under the peak of the loads at rest, over the length of {length:.4g} m: {shown}; largest "
         f"strain {strain:.2g}."
     )
     cure = "are loads, stiffness, section and supports right?"
     if largest > LARGE * length:
-        found.doubts.append(
+        draft.doubts.append(
             f"The loads at rest move the structure by {largest:.3g} m, more than a tenth of its "
             f"{length:.3g} m: {cure}"
         )
     if strain > LARGE_STRAIN:
-        found.doubts.append(
+        draft.doubts.append(
             f"The loads at rest strain the structure by {100.0 * strain:.3g} %, more than metals "
             f"bear elastically: {cure}"
         )

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.asked import basis_of, options_of, origin_of
 from skfem_joint.analysis.certificate import Reference, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.study import Study, origin_of, reduction_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.progress import Progress, silent
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.system import System
 
@@ -206,26 +206,27 @@ def other_jobs(
 class _Reduction:
     """Reduced models of some modes, made when they are first needed."""
 
-    study: Study
+    scene: Scene
+    system: System
     modes: int
 
     @cached_property
     def models(self) -> dict[str, tuple[System, float]]:
         """By family: the model, and how long it took to make, s."""
-        begin, made = time.perf_counter(), {}
-        options = replace(options_of(self.study.scene), modes=self.modes)
-        basis, _ = reduction_of(self.study, options)
+        begin, made, scene = time.perf_counter(), {}, self.scene
+        options = replace(options_of(scene), modes=self.modes)
+        basis = basis_of(scene, scene.structure(), self.system, options)
         offline = time.perf_counter() - begin
         for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
-            begin = time.perf_counter()
-            _, one = reduction_of(self.study, replace(options, friction_points=points), basis)
-            made[family] = one, offline + time.perf_counter() - begin
+            begin, chosen = time.perf_counter(), replace(options, friction_points=points)
+            small = reduced_system(self.system, basis, **chosen.friction, periodic=scene.periodic)
+            made[family] = small, offline + time.perf_counter() - begin
         return made
 
     def facts(self) -> dict[str, Any]:
         """By family: what its models are, and how long they took to make, s; or why none is."""
         try:
-            return {k: (_details(one), seconds) for k, (one, seconds) in self.models.items()}
+            return {k: (_details(model), spent) for k, (model, spent) in self.models.items()}
         except InputError as error:  # more modes than the mesh has, for one
             return {"failure": str(error)}
 
@@ -237,9 +238,9 @@ def reduced_jobs(
     rows: Rows | None = None,
 ) -> Iterator[Job]:
     """Reduced models: friction at all nodes, and at few points, else with the scene's options."""
-    study, rows = Study(scene, scene.structure(), reference.system), rows or Rows()
+    rows = rows or Rows()
     for modes in wanted["modes"]:
-        reduction = _Reduction(study, modes)
+        reduction = _Reduction(scene, reference.system, modes)
         mark = rows.mark("reduction", origin_of(scene), modes)
         facts = rows.row(mark, reduction.facts)
         if "failure" in facts:

@@ -1,36 +1,39 @@
 """Estimated errors of results, by the source of error.
 
-A reduced or condensed model is looked at from four sides, and no step of the full one is done (on
-short bars, where that would be cheaper, looks take tenths of a second, and say which source errs):
+The errors of a reduced or condensed model are estimated by verification runs of better models, each
+better in one respect. No step of the full model is done. (On short bars, where that would be
+cheaper, verification runs take tenths of a second, and tell which source errs.)
 
 basis
-    The residual of its run in the full equation tells what the basis lacks (:mod:`skfem_joint
-    .reduction.missing_modes`). With the first modes of that, and the next of what its own modes
-    come from, the model is run again, and once more with what that run lacks, unless they hardly
-    changed anything. How the second change relates to the first tells what is still missing.
+    The residual of its run in the full equation shows which modes the basis misses
+    (:mod:`skfem_joint.reduction.missing_modes`). With the first modes of that, and the next ones of
+    what its own modes come from, the model is run again, and once more with the modes that that run
+    misses, unless they hardly changed anything. The ratio of the second change to the first tells
+    what is still missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
-    what the basis lacks; further looks at the basis keep it.
+    the missing modes; further verification runs of the basis keep it.
 points
-    All contact points instead of its few friction points.
+    All contact points in place of its few friction points.
 time step
-    Half of it, with the first of what the basis lacks: a poor one is smoother than the truth.
-    (Twice the step, which full models are run with, stated a fifth of an error in energy of 2.7 %
-    with 60 steps a period.)
+    Half of it, with the first of the missing modes: a poor basis is smoother than the truth. (Twice
+    the step, which full models are run with, gave a fifth of an error in energy of 2.7 % with 60
+    steps a period.)
 
-A condensed model has law and points of the full one: there its basis and time step alone err.
-Looks end with the cycle in which the reduced run has settled: a transient goes on to matter.
-Where contact points are very many they are merged in looks; all of them tell at the velocities of a
-run what that leaves out, and the run is made again under it (or with all, where that is much).
+A condensed model has law and points of the full one: its basis and time step alone err.
+Verification runs end with the cycle in which the reduced run has settled; where it does not settle
+they are whole runs. Where contact points are very many they are merged in verification runs. What
+that leaves out is evaluated at all points with the velocities of such a run, and acts as a load
+when the run is made again (or the run is made with all points, where it is much).
 
-The looks are steps of one way, from the model asked for to the best one: energies may go up and
-down on it, so that the total error is that of the whole way, and not the sum of the parts, plus
-what the last look of each kind still leaves.
+The verification runs lead step by step from the model asked for to the best one. Energies may rise
+and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
+plus what the last run of each kind still leaves.
 
-A full model is run with twice the step; with half of it where twice is too long for the load, or
-tells of large errors, which that one only guesses (a resonant structure's friction energy with 50
-steps a period: 4.3 % off, 2.0 % by twice the step, 4.3 % by half), and a quarter where the step is
-too long itself.
+A full model is run with twice the step. It is run with half the step where twice the step is too
+long for the load, or gives large errors, which it only guesses (friction energy of a resonant
+structure with 50 steps a period: 4.3 % off; 2.0 % by twice the step, 4.3 % by half), and with a
+quarter of the step where the step is too long itself.
 """
 
 from __future__ import annotations
@@ -41,10 +44,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
-from skfem_joint.minimise import law
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
@@ -59,75 +61,136 @@ from skfem_joint.system import AppliedLoad, System
 
 #: Sources of error, as a summary names them.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
-#: Relative change of cycles below which they are alike.
-SETTLED = 0.01
-#: Fewest cycles of looks; most steps of a correction for all points, unless one cycle has more, how
-#: many numbers it takes at once, and up to what it is believed; cycles of the look at all points.
-FIRST, MOST_STEPS, AT_ONCE, SURE, SHORT = 4, 4000, 300_000, 5e-3, 2
-#: Modes that are added at a time, twice; oftener where a residual has fewer, as those of a slip
-#: front that the basis holds: each look frees the next points.
-ADDED, MOST_LOOKS = 8, 4
-#: Steepness of the law's look over that of the model's.
-STEEPER = 10.0
-#: Share of an energy's or peak's largest part, and of the error in the history of the point that
-#: moves most, below which its error does not fall because parts cancel.
-CHANCE, AT_LEAST = 0.7, 0.1
-#: Change, relative, by modes that are added from which on no more are.
-ENOUGH = 1e-3
-#: Largest ratio of the second change to the first that what is left is taken from.
-SLOWEST = 0.4
-#: Twice the step is looked at where it is at most this share of what a load allows (20 steps in a
-#: period): longer ones may agree with each other and miss the joint's higher harmonics.
-FOLLOWS = 0.4
-#: Error of a step over the difference to half of it, of second order.
-HALVED = 4.0 / 3.0
-#: Error of a step over the difference to twice the step: 1/3 for second order, more with friction.
-SMOOTH = 0.45
-#: Difference to twice the step, relative, from which on half of it is looked at: errors this large
-#: do not yet fall with the square of the step.
-LONG = 0.05
+
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """Numbers of the estimates.
+
+    Attributes
+    ----------
+    settled : float
+        Relative change of cycles below which they are alike.
+    fewest_cycles : int
+        Fewest cycles of a verification run.
+    many : int
+        Contact points beyond which they are merged in verification runs.
+    merged : int
+        Sets that they are merged into.
+    most_steps : int
+        Most steps of a correction for all points, unless one cycle has more.
+    at_once : int
+        Numbers that the correction takes at once.
+    sure : float
+        Largest error up to which the correction is believed.
+    short : int
+        Cycles of a run with all points, where it is not.
+    added : int
+        Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
+        those of a slip front that the basis holds: each verification run frees the next points.
+    most_runs : int
+        Most times that modes are added.
+    enough : float
+        Relative change by added modes below which no more are added.
+    slowest : float
+        Largest ratio of the second change to the first that the rest is extrapolated with.
+    steeper : float
+        Steepness of the law in its verification run over that of the model.
+    chance, at_least : float
+        The error of an energy or peak is no less than the first share of its largest part, and than
+        the second share of the error in the history of the point that moves most: parts may cancel
+        by chance.
+    follows : float
+        The step is doubled where twice the step is at most this share of the longest step that the
+        load allows (20 steps in a period): longer ones may agree with each other and miss the
+        joint's higher harmonics.
+    smooth : float
+        Error of a step over the difference to twice the step: 1/3 for second order, more with
+        friction.
+    large : float
+        Relative difference to twice the step from which on half the step is run: errors this large
+        do not yet fall with the square of the step.
+    """
+
+    settled: float = 0.01
+    fewest_cycles: int = 4
+    many: int = MERGING.many
+    merged: int = MERGING.merged
+    most_steps: int = 4000
+    at_once: int = 300_000
+    sure: float = 5e-3
+    short: int = 2
+    added: int = 8
+    most_runs: int = 4
+    enough: float = 1e-3
+    slowest: float = 0.4
+    steeper: float = 10.0
+    chance: float = 0.7
+    at_least: float = 0.1
+    follows: float = 0.4
+    smooth: float = 0.45
+    large: float = 0.05
+
+
+SETTINGS = EstimateSettings()
 
 #: Relative errors by quantity; None: not known, or zero in the result.
 Parts = dict[str, float | None]
 
 
 @dataclass(frozen=True)
-class Lacking:
-    """What a reduced model lacks."""
+class MissingModes:
+    """Modes that the basis of a reduced model misses.
 
-    V: FloatArray  #: (n, j), its basis with what it lacks
-    velocities: FloatArray  #: (times, j), of the coordinates in a run with that
-    slips: bool  #: whether the most of it is slip, and not motion out of contact
+    Attributes
+    ----------
+    V : ndarray, shape (n, j)
+        The basis with the modes that it misses.
+    velocities : ndarray, shape (times, j)
+        Velocities of the coordinates in a run with that basis.
+    slips : bool
+        Whether the first of them is slip, and not motion out of contact.
+    """
+
+    V: FloatArray
+    velocities: FloatArray
+    slips: bool
 
 
 @dataclass(frozen=True)
 class Estimate:
     """Estimated relative errors of one model's results.
 
-    ``parts`` are by source, see `SOURCES`, and quantity; what is not there is not estimated.
+    Attributes
+    ----------
+    parts : mapping
+        Errors by source, see `SOURCES`, and by quantity; a source that is not there is not
+        estimated.
+    missing : MissingModes, optional
+        Modes that a reduced model misses.
+    unmeasured : mapping, optional
+        Total as it was estimated before the full model's run was known, where it is.
     """
 
     parts: Mapping[str, Parts]
-    lacks: Lacking | None = field(default=None, repr=False)
-    #: Total as it was estimated before the full model's run was known, where it is.
+    missing: MissingModes | None = field(default=None, repr=False)
     unmeasured: Parts | None = field(default=None, repr=False)
 
     def beside(self, full_run: Parts) -> Estimate:
-        """With the distances from a run of the full model; a total is no less than they are.
+        """Copy with the distances from a run of the full model; no total is less than they are.
 
         A total that is not known is then that distance, without the full model's own error.
         """
         stated = self.parts.get("total", {})
-        total = {
-            name: max((e for one in (stated, full_run) if (e := one.get(name)) is not None),
-                      default=None)
-            for name in QUANTITIES
-        }  # fmt: skip
+        total: Parts = {}
+        for name in QUANTITIES:
+            known = [e for errors in (stated, full_run) if (e := errors.get(name)) is not None]
+            total[name] = max(known, default=None)
         parts = {**self.parts, "full_run": full_run, "total": total}
         return replace(self, parts=parts, unmeasured=dict(stated))
 
     def of(self, source: str, quantity: str) -> float | None:
-        """One of the errors; None where it is not known."""
+        """Error of a quantity from a source; None where it is not known."""
         return self.parts.get(source, {}).get(quantity)
 
 
@@ -138,7 +201,10 @@ def verification_run(
     fields_every: int = 0,
     progress: Callable[..., None] | None = None,
 ) -> Run:
-    """Whole run of a system that stores its named points, and fields every so many steps."""
+    """Run a system to estimate errors: it stores its named points, and fields every so many steps.
+
+    An interrupt is raised as KeyboardInterrupt: half a run tells nothing.
+    """
     plan = plan.storing(fields_every=fields_every)
     return integrate_plan(system, plan, progress=progress).finished()
 
@@ -181,38 +247,39 @@ def of_reduced(
             run = verify(reduced, plan)
     base = results(run)
     start, merged = _merged(points, steepest, plan, verify)
-    looks, bases, last = _enriched(points, steepest, plan, start, verify)
+    changes, bases, last = _enriched(points, steepest, plan, start, verify)
     V, W = bases[-1], bases[1]
-    (first, grown), best = looks[0], results(last)
-    steep = best if len(looks) == 1 else looks[1][0]
+    (first, grown), best = changes[0], results(last)
+    steep = best if len(changes) == 1 else changes[1][0]
     beta = float(last.system.beta.max())
-    law = 1.0 / (STEEPER - 1.0) if beta > steepest else 0.0
-    other = results(verify(points.model(W, beta), plan.finer(2)))
-    truth = best.plus(HALVED, other, steep)
+    law = extrapolation(SETTINGS.steeper) - 1.0 if beta > steepest else 0.0
+    halved, other = extrapolation(2.0**2), results(verify(points.model(W, beta), plan.finer(2)))
+    truth = best.plus(halved, other, steep)
 
     def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
         return difference(truth, truth.plus(factor, one, other))
 
     whole = first
-    for before, after in looks:
+    for before, after in changes:
         whole = whole.plus(1.0, after, before)
-    left = _left([change(after, before) for before, after in looks])
+    left = _left([change(after, before) for before, after in changes])
     parts = {
         "basis": added(change(whole, first), left),
         "law": change(steep, grown, 1.0 + law),
         "points": added(change(first, base), merged),
-        "time_step": change(other, steep, HALVED),
+        "time_step": change(other, steep, halved),
     }
     total = added(difference(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = _at_least(total, truth, base, *parts.values())
-    return Estimate(parts, Lacking(V, last.v, _slips(system, V[:, basis.V.shape[1] :])))
+    return Estimate(parts, MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :])))
 
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
     series = np.stack(_by_cycle(run))
-    changes = np.any(np.abs(series - series[:, -1:]) > SETTLED * np.abs(series[:, -1:]), axis=0)
-    return max(FIRST, int(np.flatnonzero(changes).max(initial=-1)) + 2)
+    last = series[:, -1:]
+    changes = np.any(np.abs(series - last) > SETTINGS.settled * np.abs(last), axis=0)
+    return max(SETTINGS.fewest_cycles, int(np.flatnonzero(changes).max(initial=-1)) + 2)
 
 
 def _by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -224,21 +291,33 @@ def _by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _twice(system: System, plan: Plan) -> bool:
     """Whether twice the step of a plan still follows the loads, and ends where it does."""
     whole = plan.n_steps % 2 == 0 and (plan.cycle_steps is None or plan.cycle_steps % 2 == 0)
-    return whole and bool(2.0 * plan.step <= FOLLOWS * longest_step(system, plan.duration))
+    return whole and bool(2.0 * plan.step <= SETTINGS.follows * longest_step(system, plan.duration))
 
 
 @dataclass(frozen=True)
 class _Points:
-    """Contact points of looks: all of them, or as many as it takes where they are many."""
+    """Contact points of verification runs: all of them, or merged ones where they are many.
+
+    Attributes
+    ----------
+    system : System
+        The full model.
+    basis : Basis
+        Of the reduced model.
+    condensed : bool
+        Whether the basis keeps all points as unknowns, which costs nothing.
+    projected : dict of int to System
+        Projections by the number of modes; each basis begins with the one before.
+    """
 
     system: System
     basis: Basis
-    condensed: bool  #: whether the basis keeps all of them as unknowns, which costs nothing
-    projected: dict[int, System]  #: projections by the number of modes, each begins as the last
+    condensed: bool
+    projected: dict[int, System]
 
     @staticmethod
     def of(system: System, basis: Basis, reduced: System) -> _Points:
-        """Those of a reduced or condensed model."""
+        """Points for a reduced or condensed model."""
         if not picks_unknowns(reduced.B):
             return _Points(system, basis, condensed=False, projected={})
         known = {basis.V.shape[1]: reduced}
@@ -246,16 +325,17 @@ class _Points:
 
     @property
     def few(self) -> bool:
-        return self.condensed or self.system.contact_points <= MERGING.many
+        """Whether verification runs have all points."""
+        return self.condensed or self.system.contact_points <= SETTINGS.many
 
     @cached_property
     def merged(self) -> System:
-        every = self.projection(self.basis.V)
-        points, rates = np.flatnonzero(self.system.w), self.basis.history.velocities
-        return merged_points(every, rates, points, MERGING.merged)
+        """Reduced model with merged points."""
+        every, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
+        return merged_points(every, self.basis.history.velocities, points, SETTINGS.merged)
 
     def projection(self, V: FloatArray) -> System:
-        """Projection on V, which begins with the basis, and with those that were asked for."""
+        """Projection on V, which begins with the basis and with all V before; made once."""
         j, known = V.shape[1], self.projected
         if j not in known and not known:
             known[j] = self.system.project(V)
@@ -269,7 +349,7 @@ class _Points:
         return replace(self.projection(V), beta=np.minimum(self.system.beta, beta))
 
     def model(self, V: FloatArray, beta: float) -> System:
-        """Reduced model on V with as many points as looks have."""
+        """Reduced model on V with the points of verification runs."""
         if self.condensed:
             return slips_first(self.projection(V))
         small = self.everywhere(V, beta)
@@ -281,31 +361,33 @@ class _Points:
 def _merged(
     points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
 ) -> tuple[Run | None, Parts]:
-    """What a look's points cause: none if it has all; before it a run of the look, if there is one.
+    """Run with merged contact points, if it can be used again, and the error that merging causes.
 
-    It is told by a correction, where that is small, else by the start of a run with all points.
+    The error is zero if no points are merged. A defect correction estimates it where it is small,
+    else the first cycles of a run with all points.
     """
     if points.few:
         return None, dict.fromkeys(QUANTITIES, 0.0)
-    V, cycle = points.basis.V, plan.cycle_steps
+    V, cycle, most = points.basis.V, plan.cycle_steps, SETTINGS.most_steps
     every, few = points.everywhere(V, beta), points.model(V, beta)
-    some = replace(plan, until="end").first(MOST_STEPS if cycle is None else MOST_STEPS // cycle)
+    some = replace(plan, until="end").first(most if cycle is None else most // cycle)
     run = verify(few, some, fields_every=1)
-    found = _corrected(every, run, some, verify)
-    if max((error for error in found.values() if error is not None), default=0.0) > SURE:
-        some = plan.first(plan.n_steps // 2 if cycle is None else SHORT)
+    errors = _corrected(every, run, some, verify)
+    if max((error for error in errors.values() if error is not None), default=0.0) > SETTINGS.sure:
+        some = plan.first(plan.n_steps // 2 if cycle is None else SETTINGS.short)
         some = some.finer(0.5) if _twice(points.system, some) else some
-        found = difference(*(results(verify(system, some)) for system in (every, few)))
+        errors = difference(*(results(verify(system, some)) for system in (every, few)))
     whole = plan.until != "steady" and run.counters.steps == plan.n_steps
-    return run if whole else None, found
+    return run if whole else None, errors
 
 
 def _corrected(every: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
-    """What few points cause in a run of a model that could have all, by a defect correction.
+    """Error that merged points cause in the run of a model, by a defect correction.
 
-    In each step all of them tell what the few leave out, which acts as a load when the model is run
-    again. That costs no iteration with all points. It says too much where few points do not resolve
-    how the model slips: nothing then holds what differs within one of them.
+    The difference between the friction of all points and that of the merged ones, both at the
+    velocities of the run, acts as a load when the model is run again. That costs no iteration with
+    all points. It overestimates the error where merged points do not resolve how the model slips:
+    nothing then holds what differs within one of them.
     """
     few = run.system
     missing = _friction(every, run.v) - _friction(few, run.v)
@@ -314,17 +396,19 @@ def _corrected(every: System, run: Run, plan: Plan, verify: Callable[..., Run]) 
     corrected = verify(replace(few, loads=(*few.loads, *added)), replace(plan, until="end"))
     work, own = corrected.cycles.input, len(few.loads)
     work = work[-1] if len(work) else corrected.input_work
-    found = results(corrected)
-    lost = found.friction_energy - float(work[own:].sum())
-    other = replace(found, friction_energy=lost, loop_energy=float(work[:own].sum()))
+    raw = results(corrected)
+    lost = raw.friction_energy - float(work[own:].sum())
+    other = replace(raw, friction_energy=lost, loop_energy=float(work[:own].sum()))
     return difference(other, results(run))
 
 
 def _friction(system: System, v: FloatArray) -> FloatArray:
     """Forces of friction (times, n), N, at some velocities of the unknowns (times, n)."""
+    from skfem_joint.minimise.law import force_vectors  # loads the compiler
+
     B, limits = np.asarray(system.B), system.on_rows(system.w)
-    parts = np.array_split(v, 1 + len(v) * len(B) // AT_ONCE)
-    forces = (law.force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
+    parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
+    forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
 
 
@@ -334,67 +418,67 @@ def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Par
     They are no less than a share of the largest part, and of the error in the history of the point
     that moves most.
     """
-    found = dict(total)
+    errors = dict(total)
     main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
     for name in QUANTITIES[1:]:
         error = total[name]
         if error is not None:
-            others = (CHANCE * (part[name] or 0.0) for part in parts)
-            found[name] = max(error, AT_LEAST * (main or 0.0), *others)
-    return found
+            others = (SETTINGS.chance * (part[name] or 0.0) for part in parts)
+            errors[name] = max(error, SETTINGS.at_least * (main or 0.0), *others)
+    return errors
 
 
 def _enriched(
     points: _Points, beta: float, plan: Plan, start: Run | None, verify: Callable[..., Run]
 ) -> tuple[list[tuple[Results, Results]], list[FloatArray], Run]:
-    """Results before and after a basis gets the next modes that it lacks, all bases, the last run.
+    """Results before and after each addition of missing modes, all bases, and the last run.
 
-    The first run may be there, with the fields of all steps. All but the first have a steeper law,
-    where the full model has: modes that are there to hold points still creep with one that a poor
-    basis resolves.
+    ``start`` is the first run, with the fields of all steps, if it is there. All but the first have
+    a steeper law, where the full model has one: modes that are there to hold points creep still
+    with a law that a poor basis resolves.
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
-    most, steeper = V.shape[1] + 2 * ADDED, bool(np.any(points.system.beta > beta))
+    most, steeper = V.shape[1] + 2 * SETTINGS.added, bool(np.any(points.system.beta > beta))
     stored = partial(verify, plan=plan, fields_every=fields)
     run = start.thinned(fields) if start else stored(points.model(V, beta))
     bases = [V]
-    looks: list[tuple[Results, Results]] = []
-    while len(looks) < 2 or (len(looks) < MOST_LOOKS and V.shape[1] < most):
+    changes: list[tuple[Results, Results]] = []
+    while len(changes) < 2 or (len(changes) < SETTINGS.most_runs and V.shape[1] < most):
         before = results(run)
-        V = np.hstack([V, residual.missing_modes(V, run, ADDED, known)])
+        V = np.hstack([V, residual.missing_modes(V, run, SETTINGS.added, known)])
         run = stored(points.model(V, beta))
-        looks.append((before, results(run)))
+        changes.append((before, results(run)))
         bases.append(V)
-        changed = difference(*reversed(looks[-1])).values()
+        changed = difference(*reversed(changes[-1])).values()
         if steeper:
-            beta, steeper = STEEPER * beta, False
+            beta, steeper = SETTINGS.steeper * beta, False
             run = stored(points.model(V, beta))
-        if max((e for e in changed if e is not None), default=0.0) < ENOUGH:
+        if max((e for e in changed if e is not None), default=0.0) < SETTINGS.enough:
             break
-    return looks, bases, run
+    return changes, bases, run
 
 
 def _left(changes: list[Parts]) -> Parts:
     """What is left after changes that go on as a geometric series."""
-    found: Parts = {}
+    errors: Parts = {}
     for name in QUANTITIES:
-        last, ratio = changes[-1][name], SLOWEST
+        last, ratio = changes[-1][name], SETTINGS.slowest
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
-            ratio = min(last / before, SLOWEST) if before > 0.0 else 0.0
-        found[name] = None if last is None else last * ratio / (1.0 - ratio)
-    return found
+            ratio = min(last / before, SETTINGS.slowest) if before > 0.0 else 0.0
+        errors[name] = None if last is None else last * ratio / (1.0 - ratio)
+    return errors
 
 
 def added(*parts: Parts) -> Parts:
     """Sum of errors by quantity; None where one of them is not known."""
-    found: Parts = {}
+    errors: Parts = {}
     for name in QUANTITIES:
         known = [error for part in parts if (error := part[name]) is not None]
-        found[name] = sum(known) if len(known) == len(parts) else None
-    return found
+        errors[name] = sum(known) if len(known) == len(parts) else None
+    return errors
 
 
 def _slips(system: System, modes: FloatArray) -> bool:
@@ -414,22 +498,24 @@ def of_full(
     interrupted.
     """
     verify = partial(verification_run, system, progress=progress)
-    found = _of_twice(system, run, plan, verify)
-    if found is None:
-        factor = 2.0 if plan.step <= FOLLOWS * longest_step(system, plan.duration) else 4.0
-        found = _times(1.0 / (1.0 - factor**-2), _steps_apart(verify(plan.finer(factor)), run))
-    return Estimate({"time_step": found, "total": found})
+    errors = _of_twice(system, run, plan, verify)
+    if errors is None:
+        follows = plan.step <= SETTINGS.follows * longest_step(system, plan.duration)
+        factor = 2.0 if follows else 4.0
+        apart = _steps_apart(verify(plan.finer(factor)), run)
+        errors = _times(extrapolation(factor**2), apart)
+    return Estimate({"time_step": errors, "total": errors})
 
 
 def _of_twice(system: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts | None:
-    """Errors of a full model's run from twice its step; None where that is too long to tell."""
+    """Errors of a full model's run by twice its step; None where that is too long to estimate."""
     if not _twice(system, plan):
         return None
     thinner = replace(plan, save=replace(plan.save, every=2 * plan.save.every))
     apart = _steps_apart(run, verify(thinner.finer(0.5)), 2)
-    if max((e for e in apart.values() if e is not None), default=0.0) > LONG:
+    if max((e for e in apart.values() if e is not None), default=0.0) > SETTINGS.large:
         return None
-    return _times(SMOOTH, apart)
+    return _times(SETTINGS.smooth, apart)
 
 
 def _times(factor: float, parts: Parts) -> Parts:
@@ -439,14 +525,14 @@ def _times(factor: float, parts: Parts) -> Parts:
 def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
     """Difference of two runs of one model; ``every`` so many rows of the first are in the other.
 
-    Where runs far apart meet by chance in the last cycle, the cycles before it tell, but no more
-    than the histories are apart.
+    Runs that are far apart may meet by chance in the last cycle. The root mean square of the
+    differences in the last quarter of the cycles counts too, but no more than the histories'.
     """
-    found = difference(results(fine, every), results(coarse))
-    last, motion = max(1, fine.cycles.friction.size // 4), found[QUANTITIES[0]]
+    errors = difference(results(fine, every), results(coarse))
+    last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]
     for name, one, other in zip(QUANTITIES[1:], _by_cycle(fine), _by_cycle(coarse), strict=True):
-        error = found[name]
+        error = errors[name]
         if error is not None and one.size:
             mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2))) / abs(float(one[-1]))
-            found[name] = max(error, mean if motion is None else min(mean, motion))
-    return _at_least(found, results(fine, every), results(coarse))
+            errors[name] = max(error, mean if motion is None else min(mean, motion))
+    return _at_least(errors, results(fine, every), results(coarse))

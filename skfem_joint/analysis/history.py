@@ -242,3 +242,12 @@ def difference(one: Results, other: Results) -> dict[str, float | None]:
         value, changed = getattr(one, name), getattr(other, name)
         found[name] = abs(value - changed) / abs(value) if value != 0.0 else None
     return found
+
+
+def extrapolation(ratio: float) -> float:
+    """Factor of Richardson's extrapolation: error of the coarser of two results, by their distance.
+
+    ``ratio`` is that of their errors, 2^p for half the step and a method of order p. The error of
+    the finer result is the factor less one.
+    """
+    return 1.0 / (1.0 - 1.0 / ratio)

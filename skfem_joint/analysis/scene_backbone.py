@@ -7,11 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis.asked import options_of
+from skfem_joint.analysis.asked import options_of, origin_of
 from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent

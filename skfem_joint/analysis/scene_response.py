@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import TO_STEADY, options_of
+from skfem_joint.analysis.asked import TO_STEADY, options_of, origin_of
 from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.reduced_models import make_reduced
@@ -22,7 +22,6 @@ from skfem_joint.analysis.response import (
 )
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.step_errors import step_error_notes
-from skfem_joint.analysis.study import origin_of
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent

@@ -1,99 +1,47 @@
-"""From a scene to results: the full model, the reduced one, how they compare, what to beware of."""
+"""From a scene to its results: passes in a row, each of which has a frozen result of its own.
+
+`run_scene` calls them. Structure and system follow from the scene; `describe` says what they are
+and do at rest; `choose` finds time steps and a reduced model for an accuracy that is asked for.
+Each model of the scene is then run and compared with the full one, its errors are estimated, and
+warnings about it are collected. No pass changes what another one has returned.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeAlias
 
 import numpy as np
 
-from skfem_joint.analysis import accuracy, estimate
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.accuracy import Choice, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
-from skfem_joint.analysis.asked import TO_STEADY, options_of, plan_of
-from skfem_joint.analysis.description import Description, describe
-from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.analysis.history import Errors, compare, difference, results
-from skfem_joint.analysis.reduced_models import make_reduced
+from skfem_joint.analysis.asked import basis_of, options_of, origin_of, plan_of
+from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.history import compare, difference, results
+from skfem_joint.analysis.models import Failure, Model, Study
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError, JointError
+from skfem_joint.errors import ConvergenceError, JointError
 from skfem_joint.linalg import schur
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import gross_slip
-from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.checkpoint import Checkpoints, fingerprint
+from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic, factors_at_rest
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.structure import AnyStructure, doubts
+from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
-_ByJoint: TypeAlias = dict[str, float]
-
-
-@dataclass(frozen=True)
-class Model:
-    """One model that was run."""
-
-    name: str
-    run: Run
-    offline_s: float  #: before the first step: modes, active length, projection, s
-    active_length: dict[str, float]  #: of each joint whose axis is known, m
-    #: Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
-    #: beside a full one.
-    active_area_fraction: dict[str, float] = field(default_factory=dict)
-    slipping_fraction: dict[str, float] = field(default_factory=dict)
-    basis: Basis | None = None  #: what a reduced or condensed model is made of
-    errors: Errors | None = None  #: against the full model, where both were run
-    estimate: Estimate | None = None  #: errors as estimated without it
-    estimate_s: float = 0.0  #: time for that, s
-    compilation_s: float = 0.0  #: of loops, once on a machine and in no other time here, s
-
-    @property
-    def slip_peak(self) -> FloatArray:
-        """Largest slip of each contact point of the full model, m, as far as it is known, (m,).
-
-        Of a reduced model in the run that its modes were made from.
-        """
-        return self.run.slip_peak if self.basis is None else self.basis.history.slip_peak
-
-    @property
-    def modes(self) -> int | None:
-        """Number of vectors of the basis; None for the full model."""
-        return None if self.basis is None else int(self.basis.V.shape[1])
-
-
-@dataclass
-class Study:
-    """Results of a scene."""
-
-    scene: Scene
-    structure: AnyStructure
-    system: System  #: of the full model
-    models: dict[str, Model] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)  #: whole sentences
-    interrupted: bool = False  #: the last model may hold a part of its run
-    met: accuracy.Met | None = None  #: reduced model that meets the accuracy asked for
-    met_s: tuple[float, float] = (0.0, 0.0)  #: time to find it, and that of compilation in it, s
-    description: Description = field(default_factory=Description)  #: what the structure is
-
-    @property
-    def runs(self) -> dict[str, Run]:
-        """Runs by the names of their models."""
-        return {name: model.run for name, model in self.models.items()}
-
-    @property
-    def period(self) -> float:
-        """Period of the load, or the length of the run where it has none, s."""
-        return (self.scene.cycle_steps or self.scene.n_steps) * self.scene.time_step
 
 
 def run_scene(
@@ -108,229 +56,237 @@ def run_scene(
         Called with (what is done, steps done, steps in all).
     checkpoints : Checkpoints, optional
         Where to save the models as they run. A model that was saved whole is not integrated again;
-        the modes of a reduced one are found again.
+        the modes of a reduced one are made again.
+
+    Returns
+    -------
+    Study
+        Where a model after the first one fails, the study holds the models before it, its
+        `Study.failure` says which one failed and why, and so does the last of its warnings.
+        `Study.finished` raises that error. After an interrupt it holds what was finished, with
+        ``interrupted`` set.
 
     Raises
     ------
     ConvergenceError
-        If a step of a model does not converge.
+        If a step of the first model does not converge, or no model meets the accuracy asked for.
     InputError
-        If the reduction does not fit the scene, or a checkpoint the run.
-        The ``results`` of both are the study where other models were run before.
+        If the scene does not fit its mesh, or the first model the scene, or a checkpoint its run.
+    KeyboardInterrupt
+        If it is interrupted before the first model has run a step.
     """
     origin = "" if checkpoints is None else origin_of(scene)
-    study = Study(scene, scene.structure(), scene.system(), description=describe(scene))
-    study.warnings += [*doubts(study.structure, study.system), *study.description.doubts]
-    if scene.accuracy.asked:
-        study.scene = accuracy.followed(scene)
-        if "reduced" in scene.models.run:  # tells the full one its step
-            _refine(study, progress)
-        elif study.system.contact_points and scene.reduction.reference != "self":
-            with suppress(InputError):  # no reduced model: the full one's own estimate tells
-                study.scene = accuracy.stepped(study.scene, _basis(study, options_of(scene), []))
-    if study.met is not None or "reduced" not in scene.models.run:
-        study.description.path = None  # its factors are large
+    structure, system = scene.structure(), scene.system()
+    rest = factors_at_rest(system)
+    description = describe(scene, rest)
+    choice = choose(scene, rest, progress)
+    rest = rest if "reduced" in scene.models.run and choice.met is None else None  # it is large
+    notes = (*doubts(structure, system), *description.doubts, *choice.notes)
+    study = Study(choice.scene, structure, system, description, warnings=notes)
     for name in scene.models.run:
-        how: dict[str, Any] = {"progress": partial(progress, f"{name} model")}
-        if checkpoints is not None:
-            how["checkpoint"] = checkpoints.of(name, origin)
-        try:
-            model = _MAKERS[name](study, how)
-        except JointError as error:
-            if not study.models:
-                raise
-            study.warnings.append(f"There is no {name} model: {error}")
-            error.results = study
-            raise
-        except KeyboardInterrupt:
-            if not study.models:
-                raise
-            study.interrupted = True
-            study.warnings.append(f"The run was interrupted while the {name} model was made.")
-            break
-        if "full" in study.models and not model.run.interrupted:
-            model = replace(model, errors=compare(study.models["full"].run, model.run))
-        study.models[name] = model
-        if not model.run.interrupted:
-            _estimate(study, model, progress)
-            _measure(study, study.models[name])
-            study.warnings += violated(study, study.models[name])
-        else:
-            study.interrupted = True
-            study.warnings.append(
-                f"The run was interrupted in the {name} model at t = "
-                f"{model.run.counters.steps * study.scene.time_step:.6g} s; "
-                "results are those until then."
-            )
-        if study.interrupted:
+        checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
+        labelled = partial(progress, f"{name} model")
+        integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
+        made = make_model(name, study, choice, rest, integrate)
+        made = compare_with_full(study, made)
+        made = estimate_errors(study, made, progress)
+        study = with_model(study, made)
+        if study.ended:
             break
     return study
 
 
-def origin_of(scene: Scene) -> str:
-    """Fingerprint of a scene, its mesh and the tables of its loads."""
-    # `Scene.changed` takes values as they are: here a list is as good as a tuple.
-    content = scene.model_dump(mode="json", exclude={"sweep"}, warnings=False)
-    return fingerprint(
-        content,
-        [load.amplitude for load in scene.loads()],
-        *scene.structure().identity,
-    )
+#: `integrate_plan` with progress and checkpoint of a model.
+_Integrate = Callable[..., Run]
 
 
-def _refine(study: Study, progress: Progress) -> None:
-    """Choose a reduced model, and a time step, for the accuracy that is asked for."""
-    watch = Stopwatch()
-    scene = study.scene
-    warn: list[str] = []
-    basis = _basis(study, options_of(scene), warn, enriched=True)
-    study.met = accuracy.meet(scene, basis, partial(progress, "choosing a reduced model"))
-    if study.met.basis is basis:  # what an enriched one lacked at first is of no concern
-        study.warnings += warn
-    study.scene, system = study.met.scene, study.met.system
-    study.met_s = watch.read()
-    study.warnings.append(
-        f"For the accuracy asked for the reduced model has {system.n} vectors, {system.w.size} "
-        f"friction points, beta = {system.beta.max():.3g} s/m and steps of "
-        f"{study.scene.time_step:.4g} s; it errs by an estimated "
-        f"{accuracy.stated(study.met.estimate)}."
-    )
+@dataclass(frozen=True)
+class Made:
+    """Result of the passes over one model.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with the time steps that were taken.
+    model : Model, optional
+        None where it failed, or was interrupted before its first step.
+    notes : tuple of str
+        What to beware of.
+    failure : Failure, optional
+    interrupted : bool
+    """
+
+    scene: Scene
+    model: Model | None = None
+    notes: tuple[str, ...] = ()
+    failure: Failure | None = None
+    interrupted: bool = False
+
+    @property
+    def whole(self) -> Model | None:
+        """The model, if its run was not interrupted."""
+        return None if self.model is None or self.model.run.interrupted else self.model
 
 
-def _full(study: Study, how: Mapping[str, Any]) -> Model:
-    run = _full_run(study, how)
-    found: Estimate | None = None
-    for _ in range(accuracy.ROUNDS if study.scene.accuracy.asked else 0):
-        if run.interrupted:
-            break
-        found = estimate.of_full(study.system, run, plan_of(study.scene))
-        finer = accuracy.shorter(study.scene, found)
-        if finer is None:
-            study.warnings.append(
-                f"For the accuracy asked for the full model has steps of "
-                f"{study.scene.time_step:.4g} s; it errs by an estimated {accuracy.stated(found)}."
-            )
-            break
-        study.scene, found = finer, None
-        # What was saved is of another step.
-        run = _full_run(study, {name: how[name] for name in how if name != "checkpoint"})
-    else:
-        if study.scene.accuracy.asked:
-            raise ConvergenceError(
-                f"accuracy: no step that the full model meets it with was found; "
-                f"{study.scene.time_step:.4g} s does not do. Ask for less"
-            )
-    active = _active(study, run.slip_peak)
-    model = Model("full", run, run.preparation_s, *active, estimate=found)
-    return replace(model, compilation_s=run.compilation_s)
+def make_model(
+    name: str, study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate
+) -> Made:
+    """Make a model and run it.
 
-
-def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
-    """Active lengths (m), shares of area and shares of nodes, from largest slips, (m,), m."""
-    found = region_of(study.structure, study.system, slip_peak, study.period)
-    return found.length, found.area_fraction, found.point_fraction
-
-
-def _full_run(study: Study, how: Mapping[str, Any]) -> Run:
+    What fails, or is interrupted, after another model of the study was run is a result too; an
+    error of the first one is raised.
+    """
     try:
-        return integrate_plan(study.system, plan_of(study.scene), **how)
+        made = _MAKERS[name](study, choice, rest, integrate)
+    except JointError as error:
+        if not study.models:
+            raise
+        note = f"There is no {name} model: {error}"
+        return Made(study.scene, notes=(note,), failure=Failure(name, error))
+    except KeyboardInterrupt:
+        if not study.models:
+            raise
+        note = f"The run was interrupted while the {name} model was made."
+        return Made(study.scene, notes=(note,), interrupted=True)
+    run = made.model.run if made.model is not None else None
+    if run is None or not run.interrupted:
+        return made
+    note = (
+        f"The run was interrupted in the {name} model at t = "
+        f"{run.counters.steps * made.scene.time_step:.6g} s; results are those until then."
+    )
+    return replace(made, notes=(*made.notes, note), interrupted=True)
+
+
+def compare_with_full(study: Study, made: Made) -> Made:
+    """Give a model its distance from the full one, where that was run before."""
+    model, full = made.whole, study.models.get("full")
+    if model is None or full is None:
+        return made
+    return replace(made, model=replace(model, errors=compare(full.run, model.run)))
+
+
+def estimate_errors(study: Study, made: Made, progress: Progress) -> Made:
+    """Give a model its estimated errors; what ends that early does not cost the results.
+
+    The distance from the full model, where that was run, counts among them.
+    """
+    model, scene, notes, interrupted = made.whole, made.scene, made.notes, made.interrupted
+    if model is None:
+        return made
+    if model.estimate is None and scene.accuracy.estimate:
+        watch, report = Stopwatch(), partial(progress, f"errors of the {model.name} model")
+        of_model = study.system, model.basis, model.run, plan_of(scene)
+        try:
+            errors = estimate.of_run(*of_model, progress=report)
+        except JointError as error:
+            notes = (*notes, f"The errors of the {model.name} model are not estimated: {error}")
+        except KeyboardInterrupt:
+            note = f"The run was interrupted in the errors of the {model.name} model."
+            notes, interrupted = (*notes, note), True
+        else:
+            took, compiled = watch.read()
+            _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
+            compiled += model.compilation_s
+            model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
+    if model.estimate is not None and model.errors is not None:
+        apart = difference(results(study.models["full"].run), results(model.run))
+        model = replace(model, estimate=model.estimate.beside(apart))
+    return replace(made, model=model, notes=notes, interrupted=interrupted)
+
+
+def with_model(study: Study, made: Made) -> Study:
+    """Study with a model, and with what to beware of in it."""
+    study = replace(study, scene=made.scene, failure=made.failure)
+    study = study.noting(*made.notes, interrupted=made.interrupted)
+    if made.model is not None:
+        study = study.holding(made.model)
+    if made.whole is not None:
+        study = study.noting(*violated(study, made.whole))
+    return study
+
+
+def _full(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate) -> Made:
+    scene, run, errors = shortened_steps(
+        study.scene, study.system, partial(_named_places, study, integrate)
+    )
+    notes = ()
+    if errors is not None:
+        notes = (
+            f"For the accuracy asked for the full model has steps of {scene.time_step:.4g} s; it "
+            f"errs by an estimated {stated(errors)}.",
+        )
+    active = _active(replace(study, scene=scene), run.slip_peak)
+    model = Model("full", run, run.preparation_s, *active, estimate=errors)
+    return Made(scene, replace(model, compilation_s=run.compilation_s), notes)
+
+
+def _named_places(
+    study: Study, integrate: _Integrate, system: System, plan: Plan, **others: None
+) -> Run:
+    """Run of the full model, whose errors say where in the structure they are."""
+    try:
+        return integrate(system, plan, **others)
     except ConvergenceError as error:
         if error.unknown is None:
             raise
-        dof = int(abs(study.system.T[:, [error.unknown]]).argmax())  # that it moves most
+        dof = int(abs(system.T[:, [error.unknown]]).argmax())  # that it moves most
         message = f"full model: {error} That unknown is of {study.structure.spot(dof)}."
         raise ConvergenceError(message, error.unknown) from error
 
 
-def _estimate(study: Study, model: Model, progress: Progress) -> None:
-    """Give a model its estimated errors; what ends that early does not cost the results."""
-    scene, watch = study.scene, Stopwatch()
-    if model.estimate is not None or not scene.accuracy.estimate:
-        return
-    report = partial(progress, f"errors of the {model.name} model")
-    try:
-        found = estimate.of_run(
-            study.system, model.basis, model.run, plan_of(scene), progress=report
-        )
-    except JointError as error:
-        study.warnings.append(f"The errors of the {model.name} model are not estimated: {error}")
-        return
-    except KeyboardInterrupt:
-        study.interrupted = True
-        study.warnings.append(f"The run was interrupted in the errors of the {model.name} model.")
-        return
-    took, compiled = watch.read()
-    _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
-    compiled += model.compilation_s
-    timed = replace(model, estimate=found, estimate_s=took, compilation_s=compiled)
-    study.models[model.name] = timed
+_ByJoint = dict[str, float]
 
 
-def _measure(study: Study, model: Model) -> None:
-    """Let the distance from the full model, where that was run, count among estimated errors."""
-    if model.estimate is not None and model.errors is not None:
-        apart = difference(results(study.models["full"].run), results(model.run))
-        study.models[model.name] = replace(model, estimate=model.estimate.beside(apart))
+def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
+    """Active lengths (m), shares of area and shares of nodes, from largest slips, (m,), m."""
+    region = region_of(study.structure, study.system, slip_peak, study.period)
+    return region.length, region.area_fraction, region.point_fraction
 
 
-def _reduced(study: Study, how: Mapping[str, Any]) -> Model:
-    watch, met = Stopwatch(), study.met
-    if met is None:
-        basis, system = reduction_of(study, options_of(study.scene))
-    else:
+def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate) -> Made:
+    watch, scene, met, notes = Stopwatch(), study.scene, choice.met, ()
+    if met is not None:
         basis, system = met.basis, met.system
-    active: tuple[_ByJoint, _ByJoint] = {}, {}
+    else:
+        options = options_of(scene)
+        basis = basis_of(scene, study.structure, study.system, options, rest)
+        system = reduced_system(study.system, basis, **options.friction, periodic=scene.periodic)
+        notes = (*basis.notes, *system.notes)
+    active: tuple[_ByJoint, ...] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        study.warnings += gross_slip(study.structure, basis.history.slip_peak, study.period)
+        notes = (*notes, *gross_slip(study.structure, basis.history.slip_peak, study.period))
         active = _active(study, basis.history.slip_peak)[1:]
-    before, compiled = np.add(watch.read(), study.met_s).tolist()
+    before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
-    run = integrate_plan(system, plan_of(study.scene), **how)
-    length, found = dict(basis.active_length), None if met is None else met.estimate
+    run = integrate(system, plan_of(scene))
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
-    model = Model("reduced", run, offline, length, *active, basis, estimate=found)
-    return replace(model, compilation_s=compiled)
+    model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
+    errors = None if met is None else met.estimate
+    return Made(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
 
 
-def _condensed(study: Study, how: Mapping[str, Any]) -> Model:
-    watch, system = Stopwatch(), study.system
+def _condensed(
+    study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate
+) -> Made:
+    watch, system, notes = Stopwatch(), study.system, ()
     basis = condensed_basis(system)
     small = condensed_system(system, basis.V)
     kept = small.B.shape[0]
     if kept > schur.SETTINGS.most_dense or arranged(system).kind == "chain":
-        study.warnings.append(
+        notes = (
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
-            "the full one, which has few entries, will hardly cost more; a reduced one costs less."
+            "the full one, which has few entries, will hardly cost more; a reduced one costs less.",
         )
     before, compiled = watch.read()
-    run = integrate_plan(small, plan_of(study.scene), **how)
+    run = integrate(small, plan_of(study.scene))
     peak = np.asarray(run.slip_peak @ small.shares)
     basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
-    return replace(model, compilation_s=compiled + run.compilation_s)
+    model = replace(model, compilation_s=compiled + run.compilation_s)
+    return Made(study.scene, model, notes)
 
 
 _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}
-
-
-def reduction_of(
-    study: Study, options: Options, basis: Basis | None = None
-) -> tuple[Basis, System]:
-    """Basis, if it is not given, and reduced system of a study, whose warnings are added to."""
-    if basis is None:
-        basis = _basis(study, options, study.warnings)
-    small = reduced_system(study.system, basis, **options.friction, periodic=study.scene.periodic)
-    study.warnings += small.notes
-    return basis, small
-
-
-def _basis(study: Study, options: Options, warn: list[str], enriched: bool = False) -> Basis:
-    plan = plan_of(study.scene)
-    if plan.until == "steady":
-        plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
-    path = study.description.path
-    basis = make_reduced(study.structure, study.system, options, plan, enriched=enriched, path=path)
-    warn += basis.notes
-    return basis

@@ -1,35 +1,56 @@
-"""What a model's results are: in numbers, and what to beware of in them, as whole sentences."""
+"""Results of a model in numbers, and warnings about them in whole sentences."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.analysis.accuracy import excess
 from skfem_joint.analysis.estimate import SOURCES, Estimate
 from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
+from skfem_joint.analysis.models import Model, Study
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Bolts
 
-if TYPE_CHECKING:
-    from skfem_joint.analysis.study import Model, Study
 
-#: Displacements beyond this share of a structure's size are not small.
-LARGE = 0.1
-#: An energy balance open by more than this share of the energy in play is told.
-OPEN = 1e-8
-#: Estimated errors above this are told; a distance from the full model below this never is.
-DOUBTFUL, UNSEEN = 0.05, 1e-3
-#: A drift in a period above this share of the amplitude is told.
-DRIFTS = 1e-3
-#: Joints that creep by more than this share of their slip are told: half of the limit makes them
-#: creep by 1 / beta a second. A law is recommended that lets them creep by the second share.
-CREEP, STEEP = 0.05, 0.01
+@dataclass(frozen=True)
+class Limits:
+    """Values from which on a warning is given.
+
+    Attributes
+    ----------
+    large : float
+        Displacement over a structure's size from which on it is not small.
+    open : float
+        Residual of the energy balance over the energy in play.
+    doubtful : float
+        Estimated error.
+    unseen : float
+        A distance from the full model up to this is never reported.
+    drifts : float
+        Drift in a period over the amplitude.
+    creep : float
+        Displacement that half of the friction limit makes a joint creep in a period, over its slip:
+        1 / beta in a second.
+    steep : float
+        The same share for a law that is recommended.
+    """
+
+    large: float = 0.1
+    open: float = 1e-8
+    doubtful: float = 0.05
+    unseen: float = 1e-3
+    drifts: float = 1e-3
+    creep: float = 0.05
+    steep: float = 0.01
+
+
+LIMITS = Limits()
 
 
 def model_summary(study: Study, model: Model) -> dict[str, Any]:
@@ -74,23 +95,23 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     if model.errors is not None:
         error = asdict(model.errors)
         by_point = error.pop("by_point")
-        error["displacement_rms_by_point"] = {name: one for name, (one, _) in by_point.items()}
-        error["displacement_max_by_point"] = {name: one for name, (_, one) in by_point.items()}
+        error["displacement_rms_by_point"] = {name: rms for name, (rms, _) in by_point.items()}
+        error["displacement_max_by_point"] = {name: most for name, (_, most) in by_point.items()}
         content["error"] = error
     return content
 
 
 def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
-    """What each joint does. The slip of a reduced model is that of its friction points."""
+    """Results of each joint. The slip of a reduced model is that of its friction points."""
     run = model.run
     per_cycle: list[Any] = run.cycles.by_joint[-1:].ravel().tolist()
     per_cycle = per_cycle or [None] * len(run.system.joints)
-    found: dict[str, dict[str, Any]] = {}
+    by_name: dict[str, dict[str, Any]] = {}
     shares = run.system.shares
     work = run.friction_work if shares is None else shares.T @ run.friction_work
     for k, patch in enumerate(study.structure.patches):
         name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
-        found[name] = {
+        by_name[name] = {
             "friction_energy_J": run.friction_energy[name],
             "friction_energy_per_cycle_J": per_cycle[k],
             "largest_slip_m": float(run.slip_peak[own].max(initial=0.0)),
@@ -103,8 +124,8 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             part = study.system.J[[k]].toarray()[0] * work
             nodes = body.nodes[patch.nodes]
             by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
-            found[name]["friction_energy_by_bolt_J"] = by_bolt
-    return found
+            by_name[name]["friction_energy_by_bolt_J"] = by_bolt
+    return by_name
 
 
 def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> list[float]:
@@ -130,54 +151,54 @@ def _estimated(estimate: Estimate | None, energies: str) -> dict[str, dict[str, 
 
 
 def violated(study: Study, model: Model) -> list[str]:
-    """What to beware of in a model's run, what assumptions it violates, and how far it may err."""
+    """Warnings about a model's run: assumptions that it violates, and how far it may err."""
     run = model.run
-    found = []
+    warnings = []
     if model.name != "reduced" and model.name == next(iter(study.models)):
-        found += gross_slip(study.structure, model.slip_peak, study.period)
-        found += _creeping(study, model)
+        warnings += gross_slip(study.structure, model.slip_peak, study.period)
+        warnings += _creeping(study, model)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = np.inf if study.structure.body is None else study.structure.body.size
-    if largest > LARGE * size:
-        found.append(
+    if largest > LIMITS.large * size:
+        warnings.append(
             f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "
             f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
             "hold no longer. Are loads, stiffness and supports right?"
         )
-    found += _free_offsets(model)
+    warnings += _free_offsets(model)
     state = steady_state(run)
     if state is not None and not state.reached:
-        found.append(
+        warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
             f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
             "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
         )
-    if np.any(peaks(run) > 0.0) and run.energy_residual > OPEN:
-        found.append(
+    if np.any(peaks(run) > 0.0) and run.energy_residual > LIMITS.open:
+        warnings.append(
             f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
             "the energy in play."
         )
     if model.estimate is not None:
-        found += _differs(study, model, model.estimate)
-        found += _errs(study, model, model.estimate)
-    return found
+        warnings += _differs(study, model, model.estimate)
+        warnings += _errs(study, model, model.estimate)
+    return warnings
 
 
-def _differs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
-    """Sentence about the distance from the full model beside it, where that is more than thought.
+def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
+    """Sentence about the distance from the full model beside it, if it is larger than expected.
 
-    Thought is what was estimated, and what is asked for.
+    The expected one is what was estimated, and what is asked for.
     """
     accuracy = study.scene.accuracy
     beyond = []
-    for name, apart in found.parts.get("full_run", {}).items():
-        stated = None if found.unmeasured is None else found.unmeasured.get(name)
+    for name, apart in errors.parts.get("full_run", {}).items():
+        stated = None if errors.unmeasured is None else errors.unmeasured.get(name)
         asked = accuracy.energy if "energy" in name else accuracy.displacement
         limits = {"estimated": stated, "asked for": asked}
         passed = [
             f"the {100 * limit:.3g} % {what}"
             for what, limit in limits.items()
-            if apart is not None and limit is not None and apart > max(limit, UNSEEN)
+            if apart is not None and limit is not None and apart > max(limit, LIMITS.unseen)
         ]
         if passed:
             shown = f"{name.replace('_', ' ')} by {100 * (apart or 0.0):.3g} %"
@@ -191,12 +212,12 @@ def _differs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
 
 
 def _free_offsets(model: Model) -> Iterator[str]:
-    """Sentences about steady vibration whose place nothing but its past determines."""
+    """Sentences about steady vibration whose offset depends on how it began."""
     run, steady = model.run, model.run.steady
     if steady is None or not steady.unstrained:
         return
     size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
-    if size.size and size[most] > DRIFTS * steady.amplitude.max():
+    if size.size and size[most] > LIMITS.drifts * steady.amplitude.max():
         yield (
             f"The {model.name} model drifts: '{run.system.points[most]}' goes on by "
             f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
@@ -218,39 +239,39 @@ def _creeping(study: Study, model: Model) -> Iterator[str]:
     for patch in study.structure.patches:
         slip = float(model.slip_peak[patch.points].max(initial=0.0))
         beta, name = patch.joint.beta, patch.joint.name
-        if slip > 0.0 and study.period / beta > CREEP * slip:
+        if slip > 0.0 and study.period / beta > LIMITS.creep * slip:
             yield (
                 f"The law of joint '{name}' creeps: with beta = {beta:.3g} s/m half of its "
                 f"friction limit lets it slip {study.period / beta:.3g} m in a period or run of "
                 f"{study.period:.3g} s, and it slips {slip:.3g} m at most. A beta of "
-                f"{study.period / (STEEP * slip):.2g} s/m would hold it nearly as Coulomb's law "
-                "does, which law = 'coulomb' takes."
+                f"{study.period / (LIMITS.steep * slip):.2g} s/m would hold it nearly as Coulomb's "
+                "law does, which law = 'coulomb' takes."
             )
 
 
-def _errs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
+def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
     """Sentence about estimated errors that are large, or larger than was asked for."""
     accuracy = study.scene.accuracy
     total = {
         name: e
-        for name, e in found.parts["total"].items()
+        for name, e in errors.parts["total"].items()
         # A distance from the full model has a sentence of its own, and no sources.
-        if e is not None and e != found.of("full_run", name)
+        if e is not None and e != errors.of("full_run", name)
     }
     worst = max(total, key=lambda name: total[name], default="")
-    own = replace(found, parts={**found.parts, "total": dict(total)})
-    if not worst or not (total[worst] > DOUBTFUL or excess(accuracy, own) > 1.0):
+    own = replace(errors, parts={**errors.parts, "total": dict(total)})
+    if not worst or not (total[worst] > LIMITS.doubtful or excess(accuracy, own) > 1.0):
         return
     sources = {
-        s: found.of(s, worst) or 0.0 for s in ("basis", "law", "points", "mesh", "time_step")
+        s: errors.of(s, worst) or 0.0 for s in ("basis", "law", "points", "mesh", "time_step")
     }
-    source = max(sources, key=lambda one: sources[one])
+    source = max(sources, key=lambda name: sources[name])
     cures = {
         "law": "set reduction.beta higher" if model.name == "reduced" else "choose a steeper beta",
         "points": "set reduction.friction_points higher, or 'all'",
         "mesh": "use smaller elements",
         "time_step": "use a shorter time step",
-        "basis": _basis(found),
+        "basis": _basis(errors),
     }
     yield (
         f"The {worst.replace('_', ' ')} of the {model.name} model errs by an estimated "
@@ -260,9 +281,9 @@ def _errs(study: Study, model: Model, found: Estimate) -> Iterator[str]:
     )
 
 
-def _basis(found: Estimate) -> str:
-    """What to do about a basis that lacks something."""
-    if found.lacks is not None and found.lacks.slips:
+def _basis(errors: Estimate) -> str:
+    """Cure for a basis that misses modes."""
+    if errors.missing is not None and errors.missing.slips:
         return (
             "it lacks slip of the joint; use more modes, a longer active_length, or "
             "reference = 'self'"

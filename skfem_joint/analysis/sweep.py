@@ -18,9 +18,10 @@ from threading import Thread
 from typing import Any
 
 from skfem_joint.analysis import memory
+from skfem_joint.analysis.asked import origin_of
 from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.study import origin_of, run_scene
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
@@ -168,14 +169,11 @@ def _finished(
 def _run(scene: Scene) -> Content:
     """Run one scene where it is sent: its numbers, why there are not all of them, its notes."""
     memory.check(scene, memory.default_limit())
-    failure = ""
     try:
         study = run_scene(scene)
     except JointError as error:
-        failure = str(error)
-        if error.results is None:
-            return {}, failure, []
-        study = error.results
+        return {}, str(error), []
+    failure = "" if study.failure is None else str(study.failure.error)
     if study.interrupted:
         raise KeyboardInterrupt
     models = {name: model_summary(study, model) for name, model in study.models.items()}

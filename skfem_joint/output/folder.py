@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from skfem_joint.analysis.error_time import FILES, Report
-from skfem_joint.analysis.study import Study
+from skfem_joint.analysis.models import Study
 from skfem_joint.files import holding, needed, replacing, safe_name
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of

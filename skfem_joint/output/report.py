@@ -12,7 +12,7 @@ import numpy as np
 
 from skfem_joint.analysis.estimate import SOURCES
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.study import Study
+from skfem_joint.analysis.models import Study
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.files import replacing
 from skfem_joint.stepping.recording import Run

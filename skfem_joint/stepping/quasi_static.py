@@ -23,24 +23,26 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_dense
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
-from skfem_joint.minimise.truncated_newton import CondensedNewton
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.truncated_newton import CondensedNewton
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ class QuasiStatic:
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
+        from skfem_joint.minimise.truncated_newton import CondensedNewton  # loads the compiler
+
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone
         if isinstance(self.problem, CondensedNewton):
@@ -164,8 +168,8 @@ class QuasiStatic:
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""
-        if isinstance(self.problem, CondensedNewton):
-            return self.problem.schur.solver()
+        if self.whole is not None and self.condensed is None:
+            return self.whole.schur.solver()
         return cast("Callable[[FloatArray], FloatArray]", factorised(self.A))
 
     @cached_property
@@ -323,3 +327,17 @@ class QuasiStatic:
                 return limit
             limit, multiple = lower, 1.01 * lower
         return limit
+
+
+def factors_at_rest(system: System) -> QuasiStatic | None:
+    """Quasi-static response of a system, for all passes that need its factors.
+
+    None where they are not needed, because no load or no friction acts, or cannot be had: whoever
+    then asks for a quasi-static response gets the reason as an error.
+    """
+    if not system.contact_points or not any(np.any(load.vector) for load in system.loads):
+        return None
+    try:
+        return QuasiStatic(system)
+    except (JointError, RuntimeError, np.linalg.LinAlgError):
+        return None

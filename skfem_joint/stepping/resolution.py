@@ -2,14 +2,18 @@
 
 A step that is too long gives a smooth, energetically sound, wrong answer: sampled too seldom a
 harmonic load is another load, a pulse may fall between two steps, and a load that jumps sets off a
-vibration that the steps cannot follow. All three can be told in advance.
+vibration that the steps cannot follow. `check_resolution` compares the step with the loads' own
+times, which takes no solve. `check_jumps` compares it with the vibration that a jump sets off,
+whose shape is a quasi-static state.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -18,141 +22,222 @@ from scipy.sparse.linalg import splu
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, refuse
 from skfem_joint.loads import Amplitude
-from skfem_joint.system import System
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.system import AppliedLoad, System
 
 #: Steps that a period of the load needs. At 8 the displacement may be off by more than a fifth.
 PER_PERIOD = 8
-#: Steps in the rise time of a pulse, or in the duration of a rectangle.
-PER_RISE = 2
-#: Steps in a period of the free vibration that a jump of the load sets off.
-PER_VIBRATION = 10
-#: Share of the variation of a plain function of time that may be missed between the steps: a
-#: harmonic with PER_PERIOD steps in its period misses so much. Fewest and most times at which that
-#: is seen; halvings of the step that are tried.
-MISSED, LEAST_TIMES, MOST_TIMES, HALVINGS = 0.06, 256, 4096, 12
-#: Jumps that such a function may have, and times in a step at which one is looked for.
-MOST_JUMPS, INSIDE = 4, 257
-#: Fraction of the golden ratio.
-GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-#: Times at which a load whose largest force is not known is sampled.
-SAMPLES = 1001
 
 
-def check_resolution(system: System, step: float, n_steps: int, steady: bool = False) -> None:
-    """See that the step follows each load and what it sets off, as far as that can be known.
+@dataclass(frozen=True)
+class ResolutionSettings:
+    """Numbers that time steps are judged by.
 
-    Pulses shorter than PER_RISE steps are allowed where the vibration of the loaded unknowns
-    themselves is resolved: the driver ends steps at the pulse's corners, so that its momentum is
-    right, and nothing is fast enough to need more. Smooth pulses, whose corners do not show their
-    shape, are not. A plain function of time is compared between the steps with the straight lines
-    through its values at them, which are all that the run sees of it; of its jumps only one at the
-    start is seen, which does not matter where vibration is to be ``steady``.
+    Attributes
+    ----------
+    per_rise : int
+        Steps in the rise time of a pulse, or in the duration of a rectangle.
+    per_vibration : int
+        Steps in a period of the free vibration that a jump of the load sets off.
+    samples : int
+        Times at which a load whose largest force is not known is sampled.
+    missed : float
+        Share of the variation of a plain function of time that may be missed between the steps: a
+        harmonic with `PER_PERIOD` steps in its period misses so much.
+    times : tuple of int
+        Fewest and most times at which that is evaluated.
+    halvings : int
+        Halvings of the step that are tried to find one that would do.
+    most_jumps : int
+        Jumps that such a function may have.
+    inside : int
+        Times in a step at which a jump is looked for.
+    """
+
+    per_rise: int = 2
+    per_vibration: int = 10
+    samples: int = 1001
+    missed: float = 0.06
+    times: tuple[int, int] = (256, 4096)
+    halvings: int = 12
+    most_jumps: int = 4
+    inside: int = 257
+
+
+SETTINGS = ResolutionSettings()
+
+
+class Bound(NamedTuple):
+    """Longest step for a load.
+
+    Attributes
+    ----------
+    load : str
+        The load, in words.
+    step : float
+        Longest step, s.
+    why : str
+        What a longer one does wrong.
+    cure : str
+        What else to try.
+    """
+
+    load: str
+    step: float
+    why: str
+    cure: str = ""
+
+
+def check_resolution(system: System, plan: Plan) -> None:
+    """See that the step of a plan follows each load; nothing is solved for that.
+
+    Pulses shorter than `ResolutionSettings.per_rise` steps are allowed where the vibration of the
+    loaded unknowns themselves is resolved: the driver ends steps at the pulse's corners, so that
+    its momentum is right, and nothing is fast enough to need more. Smooth pulses, whose corners do
+    not show their shape, are not. A plain function of time is compared between the steps with the
+    straight lines through its values at them, which are all that the run sees of it.
 
     Raises
     ------
     InputError
         Naming the load, what is too fast, and the step that would do.
     """
-    problems = [
-        f"{where}: a step of {step:.4g} s {why}; use a step of at most {most:.4g} s{else_}"
-        for where, most, why, else_ in _bounds(system, step * n_steps, not steady)
-        if step > most * (1.0 + 1e-9)
-    ]
-    refuse([*problems, *_unresolved(system, step, n_steps)])
+    bounds = _load_bounds(system, plan.duration)
+    refuse([*_too_long(plan.step, bounds), *_unresolved(system, plan)])
 
 
-def _unresolved(system: System, step: float, n_steps: int) -> Iterator[str]:
+def check_jumps(system: System, plan: Plan) -> None:
+    """See that the step of a plan follows the free vibration that jumps of the loads set off.
+
+    The vibration has the shape of the displacement under the load at rest, with joints that hold
+    what they can: a quasi-static state is solved for each load that jumps. It does not matter where
+    the plan ends with steady vibration. Of jumps of plain functions of time only one at the start
+    is seen.
+
+    Raises
+    ------
+    InputError
+        Naming the load, the period of the vibration, and the step that would do.
+    """
+    if plan.until != "steady":
+        refuse(_too_long(plan.step, _jump_bounds(system, plan.duration)))
+
+
+def longest_step(system: System, duration: float) -> float:
+    """Longest step, s, that both checks take for a run of ``duration``, s."""
+    bounds = [*_load_bounds(system, duration), *_jump_bounds(system, duration)]
+    return min((bound.step for bound in bounds), default=np.inf)
+
+
+def _too_long(step: float, bounds: Iterable[Bound]) -> Iterator[str]:
+    """Sentences about the bounds that a step does not keep."""
+    for bound in bounds:
+        if step > bound.step * (1.0 + 1e-9):
+            yield (
+                f"{bound.load}: a step of {step:.4g} s {bound.why}; use a step of at most "
+                f"{bound.step:.4g} s{bound.cure}"
+            )
+
+
+def _load_bounds(system: System, duration: float) -> Iterator[Bound]:
+    """Longest steps by the periods and rise times of the loads."""
+    for load, peak in _acting(system, duration):
+        amplitude, name = load.amplitude, _name(load)
+        frequency = amplitude.highest_frequency
+        if frequency is None:
+            continue
+        if amplitude.period is not None:
+            why = f"is longer than 1/{PER_PERIOD} of its fastest period"
+            yield Bound(name, 1.0 / frequency / PER_PERIOD, why)
+            continue
+        rise = 0.5 / frequency
+        most = rise / SETTINGS.per_rise
+        if not _is_round(amplitude, peak):
+            most = max(most, _period(system, load.vector) / SETTINGS.per_vibration)
+        yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")
+
+
+def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
+    """Longest steps by the free vibration that the loads' jumps set off."""
+    for load, peak in _acting(system, duration):
+        amplitude, end = load.amplitude, duration * (1.0 - 1e-9)
+        jumps = any(0.0 <= t < end for t in amplitude.jumps)
+        if jumps or abs(float(amplitude(0.0))) > 1e-6 * peak:
+            period = _period(system, _static_shape(system, peak * load.vector))
+            why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
+            most = period / SETTINGS.per_vibration
+            yield Bound(_name(load), most, why, ", or let the load rise in a ramp")
+
+
+def _acting(system: System, duration: float) -> Iterator[tuple[AppliedLoad, float]]:
+    """Loads that do something, with their largest force, N: sampled where it is not known."""
+    for load in system.loads:
+        peak = load.amplitude.peak_value
+        if peak is None:
+            times = np.linspace(0.0, duration, SETTINGS.samples)
+            peak = float(np.abs(load.amplitude(times)).max())
+        if peak != 0.0 and np.any(load.vector):
+            yield load, peak
+
+
+def _name(load: AppliedLoad) -> str:
+    return f"load on {load.on!r}" if load.on else "load"
+
+
+def _unresolved(system: System, plan: Plan) -> Iterator[str]:
     """Sentences about loads of which no frequency is known, and which the step does not follow."""
+    step, n_steps = plan.step, plan.n_steps
     for load in system.loads:
         if load.amplitude.highest_frequency is not None or not np.any(load.vector):
             continue
         missed = _missed(load.amplitude, step, n_steps)
-        if missed <= MISSED:
+        if missed <= SETTINGS.missed:
             continue
         shorter: float | None = None
-        for parts in (2**k for k in range(1, 1 + HALVINGS)):
-            if _missed(load.amplitude, step / parts, n_steps * parts) <= MISSED:
+        for parts in (2**k for k in range(1, 1 + SETTINGS.halvings)):
+            if _missed(load.amplitude, step / parts, n_steps * parts) <= SETTINGS.missed:
                 shorter = step / parts
                 break
         cure = (
-            f"no step down to {step / 2**HALVINGS:.3g} s does: does it jump often, or is it noise? "
-            "Give it as a Table of its values"
+            f"no step down to {step / 2**SETTINGS.halvings:.3g} s does: does it jump often, or is "
+            "it noise? Give it as a Table of its values"
             if shorter is None
             else f"use a step of at most {shorter:.4g} s"
         )
         yield (
-            f"load{f' on {load.on!r}' if load.on else ''}: a step of {step:.4g} s does not follow "
+            f"{_name(load)}: a step of {step:.4g} s does not follow "
             f"this function of time: between the steps it is off the straight lines through its "
             f"values at them by {100.0 * missed:.3g} % of what it varies by (root mean square), "
-            f"must be at most {100.0 * MISSED:.2g} %, as of a harmonic with {PER_PERIOD} steps in "
-            f"its period; {cure}"
+            f"must be at most {100.0 * SETTINGS.missed:.2g} %, as of a harmonic with {PER_PERIOD} "
+            f"steps in its period; {cure}"
         )
 
 
 def _missed(amplitude: Amplitude, step: float, n_steps: int) -> float:
     """Root mean square of what straight lines through the steps miss, over that of the variation.
 
-    Taken at times that fill the run evenly, and all places between two steps: a multiple of the
-    golden ratio's fraction never comes back to the same one, so that nothing can repeat with them.
-    Steps in which the function jumps are left out, a few of them.
+    It is evaluated at times that fill the run evenly, and all places between two steps: a multiple
+    of the golden ratio's fraction never comes back to the same one, so that nothing can repeat with
+    them. Steps in which the function jumps are left out, a few of them.
     """
-    count = min(max(LEAST_TIMES, 4 * n_steps), MOST_TIMES)
-    i = np.arange(count)
-    at = n_steps * (i + i * GOLDEN % 1.0) / count
+    least, most = SETTINGS.times
+    count = min(max(least, 4 * n_steps), most)
+    i, golden = np.arange(count), 0.5 * (5.0**0.5 - 1.0)
+    at = n_steps * (i + i * golden % 1.0) / count
     first = np.minimum(np.floor(at), n_steps - 1)
     before, after, force = (amplitude(step * t) for t in (first, first + 1.0, at))
     missed, varies = force - before - (at - first) * (after - before), float(np.std(force))
-    for _ in range(MOST_JUMPS):  # a step with a jump has the mean of both sides, as it should
+    for _ in range(SETTINGS.most_jumps):
+        # A step with a jump has the mean of both sides, as it should.
         worst = first[np.abs(missed).argmax()]
-        inside = amplitude(step * (worst + np.linspace(0.0, 1.0, INSIDE)))
+        inside = amplitude(step * (worst + np.linspace(0.0, 1.0, SETTINGS.inside)))
         if np.abs(np.diff(inside)).max() <= 0.5 * np.ptp(inside):
             break
         missed[first == worst] = 0.0
     return float(np.sqrt(np.mean(missed**2))) / varies if varies > 0.0 else 0.0
 
 
-def longest_step(system: System, duration: float) -> float:
-    """Longest step, s, that :func:`check_resolution` takes for a run of ``duration``, s."""
-    return min((most for _, most, _, _ in _bounds(system, duration)), default=np.inf)
-
-
-def _bounds(
-    system: System, duration: float, jumps: bool = True
-) -> Iterator[tuple[str, float, str, str]]:
-    """Load, longest step for it (s), what a longer one does wrong, and what else to try."""
-    for load in system.loads:
-        amplitude = load.amplitude
-        peak = _peak(amplitude, duration)
-        if peak == 0.0 or not np.any(load.vector):
-            continue
-        where = f"load on {load.on!r}" if load.on else "load"
-        frequency = amplitude.highest_frequency
-        if frequency is not None and amplitude.period is not None:
-            why = f"is longer than 1/{PER_PERIOD} of its fastest period"
-            yield where, 1.0 / frequency / PER_PERIOD, why, ""
-        elif frequency is not None:
-            rise = 0.5 / frequency
-            most = rise / PER_RISE
-            if not _round_pulse(amplitude, peak):
-                most = max(most, _period(system, load.vector) / PER_VIBRATION)
-            yield where, most, f"is too long for a pulse that rises in {rise:.4g} s", ""
-        if jumps and (
-            abs(float(amplitude(0.0))) > 1e-6 * peak
-            or any(0.0 <= t < duration * (1.0 - 1e-9) for t in amplitude.jumps)
-        ):
-            period = _period(system, _static_shape(system, peak * load.vector))
-            why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
-            yield where, period / PER_VIBRATION, why, ", or let the load rise in a ramp"
-
-
-def _peak(amplitude: Amplitude, duration: float) -> float:
-    """Largest force, N: sampled where it is not known."""
-    if amplitude.peak_value is not None:
-        return amplitude.peak_value
-    return float(np.abs(amplitude(np.linspace(0.0, duration, SAMPLES))).max())
-
-
-def _round_pulse(amplitude: Amplitude, peak: float) -> bool:
+def _is_round(amplitude: Amplitude, peak: float) -> bool:
     """Whether a pulse is not made of straight lines between its corners."""
     corners = sorted(amplitude.corners)
     for a, b in pairwise(corners):
@@ -164,10 +249,10 @@ def _round_pulse(amplitude: Amplitude, peak: float) -> bool:
 
 
 def _period(system: System, u: FloatArray) -> float:
-    """Period of a free vibration in the shape ``u`` by Rayleigh's quotient, s.
+    """Period of a free vibration in the shape ``u`` by Rayleigh's quotient, s; ``inf`` for none.
 
     The load's own vector is the shape of the loaded unknowns with all others held: the fastest that
-    the load can set off. Zero: nothing moves.
+    the load can set off.
     """
     frequency = system.frequency_of(u)
     return 2.0 * np.pi / frequency if frequency > 0.0 else np.inf
@@ -183,13 +268,13 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
         from skfem_joint.stepping.quasi_static import QuasiStatic
 
         try:
-            found: FloatArray = QuasiStatic(system, 1e-6).follow(f[np.newaxis], held=np.inf)[0]
+            u: FloatArray = QuasiStatic(system, 1e-6).follow(f[np.newaxis], held=np.inf)[0]
         except (ConvergenceError, InputError):
             pass  # points share their unknowns, or hold each other
         else:
             # Where all sticks nothing moves under Coulomb; a regularised law lets it creep.
-            if np.any(found) or np.isinf(system.beta[system.w > 0.0]).all():
-                return found
+            if np.any(u) or np.isinf(system.beta[system.w > 0.0]).all():
+                return u
     try:
         if not isinstance(system.K, np.ndarray):
             return np.asarray(splu(sparse.csc_array(system.K)).solve(f))

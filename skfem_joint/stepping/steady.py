@@ -20,7 +20,7 @@ It is taken out of the state before each period, and what a period adds to it is
 loads that change their sign every half period there is none, and the vibration is put about the
 place without strain; under others the body lies at the start of the period where it lay at the
 start of the search. A body that drifts for ever has a steady velocity, and no steady displacement.
-Where it is in truth depends on how the vibration began: only marching from there tells.
+Where it is in truth depends on how the vibration began: only a run from there shows that.
 """
 
 from __future__ import annotations
@@ -37,22 +37,50 @@ from skfem_joint.modes import is_singular, rigid_motions
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
-#: Largest change of the state over a period, relative to its largest in the period, in the norm of
-#: energy; and of the energy, over what is put in: it tells how far a slowly decaying part still is.
-CHANGE, ENERGY = 1e-6, 2e-4
-#: Most periods, and states that are mixed; singular values of their products that are round-off.
-PERIODS, MEMORY, ROUND_OFF = 2000, 12, 1e-13
-#: Share of the work put in below which that of friction leaves the map linear, and states that are
-#: mixed then: twice the modes that light damping leaves. (Where points slip so many are too many: a
-#: bar took 172 periods instead of 53.)
-LINEAR, LINEAR_MEMORY = 1e-3, 80
-#: Rigid motions that are looked for at first: of two bodies in space.
-BODY = 12
-#: Largest change over the least one yet that a mixture may have: with 1 a bar that slips as a whole
-#: took 570 periods instead of 73.
-GROWTH = 2.0
-#: Share of the largest force by which halves of a period may differ and count as mirror images.
-_ODD = 1e-10
+
+@dataclass(frozen=True)
+class SteadySettings:
+    """Numbers of the search for steady vibration.
+
+    Attributes
+    ----------
+    change : float
+        Largest change of the state over a period, relative to the largest state in the period, in
+        the norm of energy.
+    energy : float
+        Largest change of the energy over a period, over the work put in: it bounds how far a slowly
+        decaying part still is from its end.
+    periods : int
+        Most periods.
+    memory : int
+        States that are mixed.
+    linear : float
+        Work of friction over the work put in below which the map is taken for linear.
+    linear_memory : int
+        States that are mixed then: twice the modes that light damping leaves. (Where points slip so
+        many are too many: a bar took 172 periods instead of 53.)
+    round_off : float
+        Relative singular values of the products of changes that are round-off.
+    growth : float
+        Largest change over the least one yet that a mixture may have: with 1 a bar that slips as a
+        whole took 570 periods instead of 73.
+    odd : float
+        Share of the largest force by which halves of a period may differ and count as mirror
+        images.
+    """
+
+    change: float = 1e-6
+    energy: float = 2e-4
+    periods: int = 2000
+    memory: int = 12
+    linear: float = 1e-3
+    linear_memory: int = 80
+    round_off: float = 1e-13
+    growth: float = 2.0
+    odd: float = 1e-10
+
+
+SETTINGS = SteadySettings()
 
 
 @dataclass
@@ -60,14 +88,24 @@ class Anderson:
     """Mixes states of a map ``x -> g(x)`` towards its fixed point, in the norm of energy.
 
     A state is one row of numbers that begins with displacements and velocities.
+
+    Attributes
+    ----------
+    system : System
+    states : list of ndarray
+        The last states g(x).
+    changes : list of ndarray, shape (2 n,)
+        Displacements and velocities of g(x) - x.
+    weighted : list of ndarray, shape (2 n,)
+        The same times K and M.
     """
 
     system: System
-    states: list[FloatArray] = field(default_factory=list)  #: g(x), the last one last
-    changes: list[FloatArray] = field(default_factory=list)  #: g(x) - x, (2 n,)
-    weighted: list[FloatArray] = field(default_factory=list)  #: the same times K and M
+    states: list[FloatArray] = field(default_factory=list)
+    changes: list[FloatArray] = field(default_factory=list)
+    weighted: list[FloatArray] = field(default_factory=list)
 
-    def add(self, state: FloatArray, change: FloatArray, memory: int = MEMORY) -> float:
+    def add(self, state: FloatArray, change: FloatArray, memory: int = SETTINGS.memory) -> float:
         """Add g(x) and what it changes of x; the root of twice the energy of that.
 
         Beside it ``memory`` states are kept.
@@ -89,11 +127,11 @@ class Anderson:
         apart = last - np.array(self.changes[:-1])
         heavy = self.weighted[-1] - np.array(self.weighted[:-1])
         squares = np.einsum("ij,ij->i", apart, heavy)
-        differs = squares > ROUND_OFF**2 * float(last @ self.weighted[-1])
+        differs = squares > SETTINGS.round_off**2 * float(last @ self.weighted[-1])
         scale = np.zeros(count)  # states whose change is that of the last one tell nothing
         scale[differs] = 1.0 / np.sqrt(squares[differs])
         gram = (apart @ heavy.T) * np.outer(scale, scale)
-        share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=ROUND_OFF)[0]
+        share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=SETTINGS.round_off)[0]
         return np.append(share, 1.0 - share.sum()) @ np.array(self.states)
 
 
@@ -103,14 +141,14 @@ def turns_over(amplitudes: FloatArray) -> bool:
     if amplitudes.shape[1] % 2 == 0:
         return False
     left = np.abs(amplitudes[:, half:] + amplitudes[:, : half + 1]).max(initial=0.0)
-    return bool(left <= _ODD * np.abs(amplitudes).max(initial=0.0))
+    return bool(left <= SETTINGS.odd * np.abs(amplitudes).max(initial=0.0))
 
 
 def unstrained(system: System) -> FloatArray:
     """Motions (n, k) of unit mass that strain nothing: of bodies that no support holds."""
     if not is_singular(system.K):
         return np.zeros((system.n, 0))
-    most = BODY
+    most = 12  # of two bodies in space
     motions = rigid_motions(system.K, system.M, most)
     while motions.shape[1] == most < system.n:
         most *= 2
@@ -119,11 +157,20 @@ def unstrained(system: System) -> FloatArray:
 
 
 class Periodic(NamedTuple):
-    """State at the start of a period that ends as it began, but for a rigid displacement."""
+    """State at the start of a period that ends as it began, but for a rigid displacement.
+
+    Attributes
+    ----------
+    state : State
+    drift : ndarray, shape (n,)
+        Rigid displacement in a period, m.
+    unstrained : int
+        Number of motions that strain nothing.
+    """
 
     state: State
-    drift: FloatArray  #: (n,) rigid displacement in a period, m
-    unstrained: int  #: number of motions that strain nothing
+    drift: FloatArray
+    unstrained: int
 
 
 def periodic_state(
@@ -137,8 +184,8 @@ def periodic_state(
 
     From the state at the start of a period ``period`` gives that at its end, the largest energy (J)
     in it, the energy put in and the work of friction (J). ``changes`` takes the change over each,
-    see `CHANGE`. ``parts`` is 2 where ``period`` goes through half of one and changes the state's
-    sign then.
+    see `SteadySettings.change`. ``parts`` is 2 where ``period`` goes through half of one and
+    changes the state's sign then.
 
     Raises
     ------
@@ -155,10 +202,10 @@ def periodic_state(
     began = rigid(start.u)
     x = plain = np.concatenate(start._replace(u=start.u - began))
     least, left = np.inf, np.inf
-    for _ in range(parts * PERIODS):
+    for _ in range(parts * SETTINGS.periods):
         before = State(*np.split(x, ends))
         state, energy, work, friction = period(copied(before))
-        memory = LINEAR_MEMORY if friction <= LINEAR * work else MEMORY
+        memory = SETTINGS.linear_memory if friction <= SETTINGS.linear * work else SETTINGS.memory
         moved = rigid(state.u)
         state = state._replace(u=state.u - moved)
         after = np.concatenate(state)
@@ -166,24 +213,32 @@ def periodic_state(
         size, scale = mixing.add(after, after - x, memory), np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
-        if left <= CHANGE and abs(gained) <= ENERGY * work:
+        if left <= SETTINGS.change and abs(gained) <= SETTINGS.energy * work:
             if parts == 2:  # half a period, its sign changed: back where it began from there
                 began, moved = 0.5 * moved, np.zeros_like(moved)
             return Periodic(state._replace(u=state.u + began), moved, motions.shape[1])
-        if size > GROWTH * least and x is not plain:
+        if size > SETTINGS.growth * least and x is not plain:
             x = plain
             continue
         if size <= least:
             least, plain = size, after
         x = mixing.mixed()
     raise ConvergenceError(
-        f"no steady vibration was found in {PERIODS} periods: the state still changes by "
+        f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes by "
         f"{left:.2g} of its size over the last. Is there damping that every motion feels? Light "
         "damping forgets slowly: give more of it, such as [damping] ratio = 1e-3 or above, or try "
         "rho_infinity below 1; or give cycles in place of until = 'steady' and follow the "
         "transient, which at a ratio z of damping falls to a thousandth in about 1 / z of its own "
         "periods"
     )
+
+
+def note_of(gone: float, changes: list[float]) -> str:
+    """Note for whoever watches the search: periods gone through, and the change over the last."""
+    note = f"{gone:.1f} periods"
+    if changes:
+        note += f", change {changes[-1]:.1e} (steady: {SETTINGS.change:.0e})"
+    return note
 
 
 def copied(state: State) -> State:

@@ -32,14 +32,14 @@ BARS: dict[str, tuple[list[tuple[str, float, int]], dict[str, float]]] = {
 
 def steps_taken(patch: pytest.MonkeyPatch, module: Any) -> list[int]:
     """Steps of each run that a module makes from now on."""
-    taken, real = [], module.integrate
+    taken, real = [], module.integrate_plan
 
     def counted(*arguments: Any, **options: Any) -> Any:
         run = real(*arguments, **options)
         taken.append(run.counters.steps)
         return run
 
-    patch.setattr(module, "integrate", counted)
+    patch.setattr(module, "integrate_plan", counted)
     return taken
 
 

@@ -8,9 +8,9 @@ import pytest
 from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_scene
 
 import skfem_joint as sj
-from skfem_joint.analysis.asked import how_of
+from skfem_joint.analysis.asked import plan_of
 from skfem_joint.analysis.certificate import certify, extrapolated, make_reference
-from skfem_joint.analysis.estimate import Estimate, again
+from skfem_joint.analysis.estimate import Estimate, verification_run
 from skfem_joint.analysis.history import difference, results
 from skfem_joint.scene import Scene
 
@@ -24,7 +24,7 @@ def certified(scene: Scene) -> Estimate:
 
 
 def peak_and_energy(one: Scene) -> tuple[float, float]:
-    run = again(one.system(), how_of(one))
+    run = verification_run(one.system(), plan_of(one))
     return float(run.cycles.peak[-1].max()), float(run.cycles.friction[-1])
 
 
@@ -81,14 +81,14 @@ def test_a_short_full_run_certifies_a_reduced_model_that_runs_alone(monkeypatch)
     results_of_it = sj.run_scene(scene)
     steps = []
 
-    def counted(system, how, *more):
-        steps.append(how["n_steps"])
-        return again(system, how, *more)
+    def counted(system, plan):
+        steps.append(plan.n_steps)
+        return verification_run(system, plan)
 
-    monkeypatch.setattr("skfem_joint.analysis.certificate.again", counted)
+    monkeypatch.setattr("skfem_joint.analysis.certificate.verification_run", counted)
     found = certify(results_of_it, "reduced").estimate
     assert steps == [2 * 50, 2 * 50]
-    full = again(scene.system(), how_of(scene))
+    full = verification_run(scene.system(), plan_of(scene))
     reduced = results_of_it.models["reduced"].run
     true = difference(results(full), results(reduced))["friction_energy"]
     assert found.of("full_run", "friction_energy") == pytest.approx(true, rel=0.01)

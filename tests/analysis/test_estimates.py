@@ -9,17 +9,17 @@ from benchmarks.estimates import judged, report, scenes
 from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis import study as study_module
-from skfem_joint.analysis.asked import how_of
-from skfem_joint.analysis.estimate import again, of_full
+from skfem_joint.analysis.asked import basis_of, options_of, plan_of
+from skfem_joint.analysis.estimate import of_full, verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
-from skfem_joint.analysis.study import Study, options_of, reduction_of, run_scene
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.recording import Save
 
 
 def pulse(**changes: Any) -> dict[str, Any]:
@@ -30,6 +30,10 @@ def pulse(**changes: Any) -> dict[str, Any]:
 def total(scene: Scene, model: str) -> dict[str, float | None]:
     found = run_scene(scene).models[model].estimate
     return {name: found.of("total", name) for name in QUANTITIES}
+
+
+def basis_for(scene: Scene) -> Basis:
+    return basis_of(scene, scene.structure(), scene.system(), options_of(scene))
 
 
 @pytest.fixture
@@ -65,16 +69,16 @@ def test_errors_of_a_basis_are_stated_without_a_full_run(changes):
 
 def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_it():
     scene = lap_joint(bar="short_lap_joint", beta=1e4, time={"cycles": 1, "steps_per_cycle": 50})
-    system, how = scene.system(), how_of(scene)
+    system, plan = scene.system(), plan_of(scene)
     whole = linalg.eigh(system.K.toarray(), system.M.toarray())[1]
     residual = Residual(system)
     for V, lacking in ((whole, False), (whole[:, :10], True)):
-        run = again(system.project(V), how, fields=stride(50, 50))
+        run = verification_run(system.project(V), plan, fields_every=stride(50, 50))
         left = residual.forces(V, run)
         scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
         assert np.abs(V.T @ left).max() < 1e-8 * scale * np.abs(V).max()
         assert (np.abs(left).max() > 1e-3 * scale) == lacking
-        lacks = residual.lacking(V, run, 4, V[:, :0])
+        lacks = residual.missing_modes(V, run, 4, V[:, :0])
         assert lacks.shape == (system.n, 4 * lacking)
         assert np.abs(V.T @ (system.M @ lacks)).max(initial=0.0) < 1e-9
 
@@ -88,15 +92,14 @@ def test_what_few_unknowns_lack_does_not_depend_on_the_basis():
 
 def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
     scene = bar_scene("reduced")
-    study = Study(scene, scene.structure(), scene.system())
-    V = reduction_of(study, options_of(scene))[0].V
-    how = how_of(scene) | {"save": Save()}
-    full, residual = results(again(study.system, how)), Residual(study.system)
+    system, plan, V = scene.system(), plan_of(scene), basis_for(scene).V
+    full, residual = results(verification_run(system, plan)), Residual(system)
+    fields = stride(plan.n_steps, 200)
     errors = []
     for _ in range(3):
-        run = again(study.system.project(V), how, fields=stride(how["n_steps"], 200))
+        run = verification_run(system.project(V), plan, fields_every=fields)
         errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
-        V = np.hstack([V, residual.lacking(V, run, 8, V[:, :0])])
+        V = np.hstack([V, residual.missing_modes(V, run, 8, V[:, :0])])
     assert errors[1] < 0.4 * errors[0]
     assert errors[2] < 0.5 * errors[1]
 
@@ -105,27 +108,26 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
 def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at, monkeypatch):
     """Without a step of all points, where few of them resolve how the model slips."""
     scene = plate_scene("reduced", mesh=plate(100))
-    study = Study(scene, scene.structure(), scene.system())
-    basis, small = reduction_of(study, options_of(scene))
-    how = how_of(scene) | {"save": Save()}
-    every = study.system.project(basis.V)
+    system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
+    small = reduced_system(system, basis, periodic=scene.periodic)
+    every = system.project(basis.V)
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
-    few = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
-    true = difference(results(again(every, how)), results(again(few, how)))
-    sizes, real = [], estimate.integrate
+    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
+    true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
+    sizes, real = [], estimate.integrate_plan
 
-    def counted(system: Any, **options: Any) -> Any:
+    def counted(system: Any, *plan: Any, **options: Any) -> Any:
         sizes.append(system.w.size)
-        return real(system, **options)
+        return real(system, *plan, **options)
 
-    monkeypatch.setattr(estimate, "integrate", counted)
-    monkeypatch.setattr(estimate, "MANY", 0)
-    monkeypatch.setattr(estimate, "MERGED", sets)
-    stated = estimate.of_reduced(study.system, basis, few, how).parts["points"]
+    monkeypatch.setattr(estimate, "integrate_plan", counted)
+    settings = replace(estimate.SETTINGS, many=0, merged=sets)
+    monkeypatch.setattr(estimate, "SETTINGS", settings)
+    stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
     assert (max(sizes) == every.w.size) == looked_at
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
-        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SURE
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SETTINGS.sure
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
@@ -144,10 +146,11 @@ def test_scenes_at_random_state_their_errors(kind, count):
 def test_time_step_of_a_resonant_joint_is_told(steps):
     resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
     scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
-    how, system = how_of(scene), scene.system()
-    run = again(system, how)
-    stated = of_full(system, run, how).of("total", "displacement_rms") or 0.0
-    true = difference(results(again(system, how, 16)), results(run))["displacement_rms"] or 0.0
+    plan, system = plan_of(scene), scene.system()
+    run = verification_run(system, plan)
+    stated = of_full(system, run, plan).of("total", "displacement_rms") or 0.0
+    truth = results(verification_run(system, plan.finer(16)))
+    true = difference(truth, results(run))["displacement_rms"] or 0.0
     assert true > 0.04
     assert 0.5 * true < stated < 2.0 * true
 
@@ -189,7 +192,7 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension):
         time = {"cycles": 2, "steps_per_cycle": 60}
         scene = plate_scene(mesh=plate(6), time=time, accuracy=asked, reduction={"modes": 4})
     study = run_scene(scene)
-    truth = results(again(study.system, how_of(study.scene), 8))
+    truth = results(verification_run(study.system, plan_of(study.scene).finer(8)))
     for model in study.models.values():
         off = difference(truth, results(model.run))
         for name, error in off.items():
@@ -217,7 +220,7 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
 
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
-    monkeypatch.setattr("skfem_joint.analysis.accuracy.ROUNDS", 1)
+    monkeypatch.setattr(accuracy, "SETTINGS", accuracy.AccuracySettings(rounds=1))
     with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
         run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
     assert caught.value.exit_status == 3

@@ -22,11 +22,12 @@ from joint_scenes import (
 )
 
 import skfem_joint as sj
+from skfem_joint.analysis import asked
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.contact_history import contact_history, displacements
 from skfem_joint.analysis.history import Errors, difference, results
-from skfem_joint.analysis.study import Study
+from skfem_joint.analysis.models import Study
 from skfem_joint.analysis.summary import violated
 from skfem_joint.output import report
 from skfem_joint.output.report import summary
@@ -242,10 +243,11 @@ def test_steady_vibration_is_told_apart_from_an_offset_that_depends_on_its_past(
     ],
 )
 def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(changes, words):
-    with pytest.raises(sj.InputError, match=words) as caught:
-        run_bar(bar="coarse", **({"time": {"cycles": 1}} | changes))
-    results = caught.value.results
+    results = run_bar(bar="coarse", **({"time": {"cycles": 1}} | changes))
     assert list(results.models) == ["full"]
+    assert results.failure.model == "reduced"
+    with pytest.raises(sj.InputError, match=words):
+        results.finished()
     assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
 
 
@@ -363,10 +365,12 @@ def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(study_module, "make_basis", stop)
+    monkeypatch.setattr(asked, "make_reduced", stop)
     results = run_bar(time={"cycles": 2})
     assert results.interrupted
     assert list(results.models) == ["full"]
+    with pytest.raises(KeyboardInterrupt):
+        results.finished()
     with pytest.raises(KeyboardInterrupt):
         run_bar("reduced", time={"cycles": 2})
 
@@ -385,7 +389,7 @@ def test_step_that_does_not_converge_names_the_place(scene, words, monkeypatch):
     def fail(*_, **__):
         raise sj.ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
 
-    monkeypatch.setattr(study_module, "integrate", fail)
+    monkeypatch.setattr(study_module, "integrate_plan", fail)
     with pytest.raises(sj.ConvergenceError, match=words) as caught:
         sj.run_scene(scene)
     assert caught.value.exit_status == 3

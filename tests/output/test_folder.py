@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import slip_state
-from skfem_joint.analysis.study import Study
+from skfem_joint.analysis.models import Study
 from skfem_joint.files import safe_name
 from skfem_joint.output import folder, prepare, report, write
 from skfem_joint.output.fields import frames_of
@@ -76,7 +76,7 @@ def test_summary_has_the_keys_that_others_rely_on(study):
 
 
 def test_summary_holds_the_figures_of_the_runs(study):
-    assert report.summary(study)["warnings"] == study.warnings
+    assert report.summary(study)["warnings"] == list(study.warnings)
     for name, summary in report.summary(study)["models"].items():
         run = study.models[name].run
         assert (summary["dofs"], summary["steps"]) == (run.system.n, 120)

@@ -13,7 +13,7 @@ from scipy.integrate import trapezoid
 from stepping_systems import LapJoint, reference_plate, relative_slips, run_of, struts
 
 import skfem_joint as sj
-from skfem_joint.stepping import integrate as driver
+from skfem_joint.stepping import driver
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha

@@ -27,10 +27,10 @@ from stepping_systems import (
 
 import skfem_joint as sj
 from skfem_joint.loads import Amplitude
-from skfem_joint.stepping import integrate as driver
+from skfem_joint.stepping import driver
 from skfem_joint.stepping.checkpoint import Checkpoint
-from skfem_joint.stepping.integrate import HALVINGS
-from skfem_joint.stepping.resolution import check_resolution, longest_step
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.resolution import check_jumps, check_resolution, longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.steppers import CompiledStepper, Failure, Stepper
 from skfem_joint.system import AppliedLoad
@@ -127,7 +127,7 @@ def test_where_chunks_end_changes_no_bit(kind, jumps, monkeypatch):
                                "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
     whole = sj.integrate(system, **options)
     for most in (1, 7):
-        monkeypatch.setattr(driver, "CHUNK_S", 1e-9)
+        monkeypatch.setattr(driver, "SETTINGS", replace(driver.SETTINGS, chunk_s=1e-9))
         monkeypatch.setattr(CompiledStepper, "most_at_once", most)
         assert differing(whole, sj.integrate(system, **options)) == []
 
@@ -155,8 +155,8 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
         checkpoint=Checkpoint(Path("run.npz"), "a", every=10),
     )  # fmt: skip
     assert run.wall_s == pytest.approx(rest * 0.001 + (400 - rest) * slow)
-    assert longest == slow  # between two looks at Ctrl-C
-    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.CHUNK_S + slow
+    assert longest == slow  # between two checks for Ctrl-C
+    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.SETTINGS.chunk_s + slow
     assert [done for _, done in seen][-90:] == list(range(311, 401))
     late = [done for done in saved if done > rest]
     assert set(np.diff(late[:-1])) == {10}
@@ -251,7 +251,7 @@ def test_a_step_that_never_converges_is_an_error_that_says_where(monkeypatch):
     for part in ("step 7 ", "7e-05 s", "12.5 N", "unknown 3"):
         assert part in message
     assert caught.value.exit_status == 3
-    assert min(sizes) == pytest.approx(1e-5 / 2**HALVINGS, rel=1e-6)
+    assert min(sizes) == pytest.approx(1e-5 / 2**driver.SETTINGS.halvings, rel=1e-6)
 
 
 class Broken(Amplitude):
@@ -362,7 +362,9 @@ def test_a_step_that_is_too_long_is_refused_with_the_one_that_does(load, step, m
     assert most is None or longest == pytest.approx(most, rel=1e-9)
     with pytest.raises(sj.InputError, match=f"step of at most {longest:.4g} s"):
         sj.integrate(system, step=step, n_steps=100)
-    check_resolution(system, longest, int(100 * step / longest))
+    plan = Plan(longest, int(100 * step / longest))
+    check_resolution(system, plan)
+    check_jumps(system, plan)
 
 
 @pytest.mark.parametrize("load", [sj.HalfSine(1.0, 1e-3, 0.5), sj.Versine(1.0, 1e-3, 0.5)])
@@ -378,16 +380,16 @@ def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share):
     load = sj.Rectangle(share * float(joint.system.w.sum()), 1.0)
     system = replace(joint, load=load).system
     period = 2.0 * pi * np.sqrt(3.0 / 20.0) * share * joint.length / np.sqrt(E / DENSITY)
-    check_resolution(system, 0.095 * period, 10)
+    check_jumps(system, Plan(0.095 * period, 10))
     with pytest.raises(sj.InputError, match="jump"):
-        check_resolution(system, 0.105 * period, 10)
+        check_jumps(system, Plan(0.105 * period, 10))
 
 
 def test_a_jump_on_what_is_singular_but_for_round_off_sets_off_no_vibration():
     jump = AppliedLoad(np.ones(4), sj.Rectangle(1.0, 1.0), "all")
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
     K = 1e6 * turn[:, 1:] @ turn[:, 1:].T + 1e-12 * np.eye(4)
-    check_resolution(dense_system(K=0.5 * (K + K.T), loads=(jump,)), 0.5, 10)
+    check_jumps(dense_system(K=0.5 * (K + K.T), loads=(jump,)), Plan(0.5, 10))
 
 
 INTERRUPTED = """
@@ -441,13 +443,12 @@ def test_an_interrupt_at_any_instant_ends_a_run_and_not_the_process():
 )
 def test_a_function_of_time_that_the_step_does_not_follow_is_refused(load, follows):
     """50 us a step: 8 steps in a period are 2.5 kHz, and 20 kHz repeat with each step."""
-    check = partial(check_resolution, n_steps=100, steady=True)
-    system = LapJoint(elements=5).system
+    system, plan = LapJoint(elements=5).system, Plan(5e-5, 100)
     system = replace(system, loads=(AppliedLoad(np.eye(system.n)[-1], load, "tip"),))
     if follows:
-        check(system, 5e-5)
+        check_resolution(system, plan)
         return
     with pytest.raises(sj.InputError, match="load on 'tip': a step of 5e-05 s does not") as caught:
-        check(system, 5e-5)
+        check_resolution(system, plan)
     shorter = float(re.search("a step of at most (.*) s", str(caught.value))[1])
-    check_resolution(system, shorter, math.ceil(5e-3 / shorter), steady=True)
+    check_resolution(system, Plan(shorter, math.ceil(5e-3 / shorter)))

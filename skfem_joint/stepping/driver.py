@@ -1,0 +1,318 @@
+"""The driver: it advances a stepper along a run, in chunks, and halves steps that fail.
+
+Where chunks end changes no bit of the result.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.stepping.arrangement import arranged, choose
+from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
+from skfem_joint.stepping.load_steps import LoadSteps
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
+from skfem_joint.stepping.schemes import State
+from skfem_joint.stepping.steady import copied, note_of, periodic_state, turns_over
+from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.system import System
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """Numbers of the driver.
+
+    Attributes
+    ----------
+    halvings : int
+        A step that does not converge is halved at most this often.
+    chunk_s : float
+        A chunk, between two chances to save and to show progress, ends after so much time, s.
+    call_s : float
+        It is handed to the stepper in calls that take about this long, s; Ctrl-C is seen between
+        two of them.
+    growth : int
+        A call has at most so many times the steps of the one before.
+    """
+
+    halvings: int = 8
+    chunk_s: float = 0.5
+    call_s: float = 0.1
+    growth: int = 4
+
+
+SETTINGS = DriverSettings()
+
+
+class Driver:
+    """Advances a stepper along a run whose steps are cut where loads jump or kink.
+
+    A new driver is at the start, with its first row stored.
+
+    Parameters
+    ----------
+    given : System
+    plan : Plan
+    start : tuple of ndarray, shape (n,)
+        Displacement (m) and velocity (m/s).
+    tolerance : float
+        Largest force residual of a step relative to its largest force.
+
+    Attributes
+    ----------
+    done : int
+        Steps that are done.
+    preparation, compilation, elapsed : float
+        Time before the first step, time of compilation in it, and time of the steps, s.
+    """
+
+    def __init__(
+        self,
+        given: System,
+        plan: Plan,
+        start: tuple[FloatArray, FloatArray],
+        tolerance: float,
+    ) -> None:
+        self.given, self.plan, self.to = given, plan, arranged(given)
+        self.system, self.h, self.n_steps, self.done = self.to.system, plan.step, plan.n_steps, 0
+        self.loads = LoadSteps(self.system, self.h, self.n_steps)
+        self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h)
+        u, v = map(self.to.inner, start)
+        self.stepper = choose(self.to, plan.scheme, u, v, tolerance, self.recorder)
+        # Steps in the next call of the stepper.
+        self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
+        watch = Stopwatch()
+        self.restart(0.0)
+        self.stepper.prepare(self.h)
+        (self.preparation, self.compilation), self.elapsed = watch.read(), 0.0
+        self.begin(self.recorder)
+
+    def begin(self, recorder: Recorder) -> None:
+        """Record from the state now on, whose row is stored."""
+        self.recorder = self.stepper.recorder = recorder
+        state = self.stepper.state()
+        recorder.store(0, state)
+        recorder.observe(state.u)
+
+    def run(
+        self,
+        progress: Callable[..., None] | None,
+        checkpoint: Checkpoint | None,
+        identity: str,
+    ) -> bool:
+        """Advance to the end, chunk by chunk; whether that was interrupted.
+
+        ``identity`` is the fingerprint of the run in its ``checkpoint``.
+        """
+        n_steps, cycle_steps = self.n_steps, self.plan.cycle_steps
+        last_saved, mark = self.done, self.mark()
+        try:
+            while self.done < n_steps:
+                end = n_steps
+                if cycle_steps is not None:
+                    end = min(end, (self.done // cycle_steps + 1) * cycle_steps)
+                begin = time.perf_counter()
+                self.advance(end, SETTINGS.chunk_s)
+                self.elapsed += time.perf_counter() - begin
+                if cycle_steps is not None and self.done % cycle_steps == 0:
+                    self.recorder.end_cycle()
+                mark, done = self.mark(), self.done
+                if checkpoint is not None and checkpoint.due(done, last_saved, n_steps):
+                    parts = {"recorder": self.recorder.saved(), "stepper": self.stepper.saved()}
+                    checkpoint.save(parts, identity, done, self.elapsed)
+                    last_saved = done
+                if progress is not None:
+                    progress(done, n_steps)
+        except KeyboardInterrupt:
+            self.take_up(*mark)
+            return True
+        return False
+
+    def check(self, checkpoint: Checkpoint, parts: Mapping[str, Arrays], done: int) -> None:
+        """See that a checkpoint is one of this run after ``done`` steps; InputError if not."""
+        try:
+            if done > self.n_steps:
+                raise ValueError(f"found {done} steps done, must be at most {self.n_steps}")
+            if parts.keys() != {"recorder", "stepper"}:
+                raise ValueError("it holds other parts than a run")
+            cycle_steps = self.plan.cycle_steps
+            cycles = 0 if cycle_steps is None else done // cycle_steps
+            self.recorder.check(parts["recorder"], done, cycles)
+            self.stepper.check(parts["stepper"])
+        except ValueError as error:
+            raise checkpoint.unreadable(str(error)) from error
+
+    def take_up(self, parts: Mapping[str, Arrays], done: int, elapsed: float) -> None:
+        """Go on from a checkpoint, or from a `mark`, wherever a chunk has stopped."""
+        self.done, self.elapsed = done, elapsed
+        self.recorder.restore(parts["recorder"])
+        self.stepper.restore(parts["stepper"])
+
+    def mark(self) -> tuple[dict[str, Arrays], int, float]:
+        """All that the next chunk may change."""
+        parts: dict[str, Arrays] = {"recorder": self.recorder.mark()}
+        parts["stepper"] = self.stepper.saved()
+        return parts, self.done, self.elapsed
+
+    def finish(self, energy: float, interrupted: bool = False) -> Run:
+        """Run of the steps done, in the unknowns of the system that was given.
+
+        ``energy`` is the energy stored at the start, J.
+        """
+        state, to = self.stepper.state(), self.to
+        said = "%d of %d steps in %.3g s, after %.3g s of preparation; %s."
+        counts = ", ".join(
+            f"{n} {name.replace('_', ' ')}" for name, n in self.stepper.counts.items()
+        )
+        _log.info(said, self.done, self.n_steps, self.elapsed, self.preparation, counts)
+        run = self.recorder.finish(
+            energy,
+            state.u,
+            state.v,
+            steps=self.done,
+            wall_s=self.elapsed,
+            preparation_s=self.preparation,
+            compilation_s=self.compilation,
+            interrupted=interrupted,
+            counts=self.stepper.counts,
+        )
+        final = to.outer(run.final[0]), to.outer(run.final[1])
+        return replace(run, system=self.given, u=to.outer(run.u), v=to.outer(run.v), final=final)
+
+    def restart(self, t: float) -> None:
+        """Make the acceleration consistent with the loads just after ``t``."""
+        if not self.stepper.restart(self.loads.at(t)[:, 0]):
+            unknown = self.to.outer_number(self.stepper.failure.unknown)
+            raise InputError(
+                f"no consistent acceleration found at t = {t:.6g} s near unknown {unknown}; let "
+                "the load rise in a ramp"
+            )
+
+    def advance(self, end: int, seconds: float = math.inf) -> None:
+        """Advance to the end of step ``end - 1``, or until so much time has passed."""
+        h, now = self.h, time.perf_counter()
+        stop = now + seconds
+        while self.done < end and now < stop:
+            first, begin = self.done, now
+            cut = self.loads.next_cut(first)
+            if cut == first:
+                ends = self.loads.parts(first)
+                for a, b in pairwise(ends):
+                    self._part(first, a, b, b == ends[-1], 0)
+                self.done += 1
+            else:
+                last = min(end, first + self.at_once, self.loads.end_of_block(first))
+                last = last if cut is None else min(last, cut)
+                amplitudes = self.loads.of_steps(first, last)
+                self.done += self.stepper.advance(h, amplitudes, first, True)
+                if self.done < last:
+                    self._halves(self.done, h * self.done, h * (self.done + 1), True, 1)
+                    self.done += 1
+            now = time.perf_counter()
+            fitting = SETTINGS.call_s * (self.done - first) / max(now - begin, 1e-9)
+            most = min(SETTINGS.growth * self.at_once, self.stepper.most_at_once)
+            self.at_once = max(1, min(int(fitting), most))
+
+    def _part(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        """One step from ``a`` to ``b`` inside step ``index``, in halves if it does not converge.
+
+        ``last`` is whether step ``index`` ends with it, so that rows may be stored.
+        """
+        whole = abs((b - a) / self.h - 1.0) < 1e-9
+        amplitudes = self.loads.at(a, b)
+        if self.stepper.advance(self.h if whole else b - a, amplitudes, index, last) == 0:
+            self._halves(index, a, b, last, depth + 1)
+        if b in self.loads.jumps and b < self.h * self.n_steps:
+            self.restart(b)
+
+    def _halves(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
+        """The same in two parts, of which each may be halved again."""
+        if depth > SETTINGS.halvings:
+            failure = self.stepper.failure
+            unknown = self.to.outer_number(failure.unknown)
+            raise ConvergenceError(
+                f"step {index} at t = {a:.6g} s did not converge, even with a step of "
+                f"{b - a:.3g} s: force residual {failure.residual:.3g} N, largest at unknown "
+                f"{unknown}. Nothing was returned. Try more steps per cycle, a smaller "
+                "beta, or rho_infinity below 1.",
+                unknown,
+            )
+        self.recorder.halved_steps += depth == 1
+        middle = 0.5 * (a + b)
+        self._part(index, a, middle, False, depth)
+        self._part(index, middle, b, last, depth)
+
+
+def steady_run(driver: Driver, progress: Callable[..., None] | None) -> Run:
+    """Run of the period at which vibration has become steady, by a driver at its start."""
+    plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
+    odd = turns_over(system.load_amplitudes(driver.h * np.arange(driver.n_steps + 1.0)))
+    parts = 2 if odd else 1  # of a period
+    changes: list[float] = []
+
+    def show() -> None:
+        if progress is not None:
+            gone = len(changes) / parts + driver.done / driver.n_steps
+            progress(int(gone), 0, note_of(gone, changes))
+
+    def half_or_whole(start: State) -> tuple[State, float, float, float]:
+        """Go through one period, or half of one whose other half is its mirror image."""
+        energy = _through(driver, start, Save(points=False), parts, show)
+        end, recorder = stepper.now, driver.recorder
+        work = float(np.abs(recorder.input_work).sum())
+        end = State(*(-part for part in end)) if odd else end
+        return end, energy, work, float(recorder.friction_work.sum())
+
+    steady = periodic_state(system, stepper.now, half_or_whole, changes, parts)
+    start, periods = copied(steady.state), -(-len(changes) // parts)
+    _through(driver, copied(start), Save(), 1, show)
+    drift = system.P @ steady.drift
+    ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
+    vibration = driver.recorder.stored.point_u - ahead
+    high, low = vibration.max(axis=0), vibration.min(axis=0)
+    if plan.save != Save():
+        _through(driver, copied(start), plan.save, 1, show)
+        periods += 1
+    if plan.cycle_steps is not None:
+        driver.recorder.end_cycle()
+    driver.elapsed = time.perf_counter() - begin
+    run = driver.finish(system.stored_energy(*start[:2]))
+    counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
+    vibrates = Steady(
+        periods=periods,
+        change=changes[-1],
+        amplitude=0.5 * (high - low),
+        offset=0.5 * (high + low),
+        drift=drift,
+        unstrained=steady.unstrained,
+    )
+    return replace(run, steady=vibrates, counters=counters)
+
+
+def _through(
+    driver: Driver, start: State, save: Save, parts: int, show: Callable[[], None]
+) -> float:
+    """Go through a period, or one of two ``parts`` of it, from ``start``.
+
+    Returns the largest energy at its quarters, J.
+    """
+    stepper, steps, energy = driver.stepper, driver.n_steps // parts, 0.0
+    driver.done, stepper.now = 0, start
+    driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
+    for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
+        while driver.done < end:
+            driver.advance(end, SETTINGS.chunk_s)
+            show()
+        energy = max(energy, driver.system.stored_energy(*stepper.now[:2]))
+    return energy
