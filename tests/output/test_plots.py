@@ -84,18 +84,18 @@ def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(fig
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
-def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, reference):
+def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, proper):
     for line, run in zip(figures["histories"].axes[0].get_lines(), runs.values(), strict=True):
         np.testing.assert_allclose(line.get_xdata(), 1e3 * run.times)
         np.testing.assert_allclose(line.get_ydata(), 1e6 * run.point("free_end"))
     lines = [one for one in figures["modes"].axes[0].get_lines() if one.get_label()[0] != "_"]
     shapes = np.array([line.get_ydata() for line in lines])
     assert shapes.max(axis=1) == pytest.approx(np.ones(5))
-    overlaps = np.einsum("ki,ik->k", shapes, reference.modes[:, :5])
+    overlaps = np.einsum("ki,ik->k", shapes, proper.modes[:, :5])
     assert np.abs(overlaps) == pytest.approx(np.linalg.norm(shapes, axis=1))
     left, right = figures["values"].axes
     heights = [bar.get_height() for bar in left.patches]
-    np.testing.assert_allclose(heights, reference.proper.proper_values[: len(heights)])
+    np.testing.assert_allclose(heights, proper.proper_values[: len(heights)])
     np.testing.assert_allclose(right.get_lines()[0].get_ydata(), np.cumsum(heights))
 
 
