@@ -58,7 +58,7 @@ def reduce(
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has. It is good for its loads
+        Its ``expand`` gives the displacement of the full structure. It is good for its loads
         as they are: `response`, `backbone` and `ring_down`, which load it otherwise, refuse it.
 
     Raises

@@ -48,7 +48,7 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has.
+        Its ``expand`` gives the displacement of the full structure.
 
     Raises
     ------
@@ -66,8 +66,8 @@ def condensed_basis(
     """Constraint modes, in the order of the slip rows, then fixed-interface modes and responses.
 
     The basis is not orthonormal: its first coordinates are the slips. Its history is empty.
-    Parameters and errors are those of `condense`; a frequency ``highest`` (Hz) takes the place of
-    the loads' highest one.
+    Parameters and errors are those of `condense`; ``highest`` (Hz) takes the place of the highest
+    frequency of the loads.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
@@ -108,7 +108,7 @@ def condensed_basis(
 
 
 def _highest(system: System) -> float | None:
-    """Highest frequency of the loads, Hz; None where that of one load is not known."""
+    """Highest frequency of the loads, Hz; None if it is not known for all loads."""
     known = [load.amplitude.highest_frequency for load in system.loads]
     return max((f for f in known if f is not None), default=0.0) if None not in known else None
 

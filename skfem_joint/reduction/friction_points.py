@@ -81,7 +81,7 @@ def merged_points(system: System, velocities: FloatArray, points: IntArray, coun
     """System with contact points that slip alike merged into at most ``count``.
 
     Points of different joints, numbers of slip directions or values of beta are not merged: at
-    least one is left of each kind. Points go to each kind in proportion to its friction power.
+    least one point of each kind is left. Kinds get points in proportion to their friction power.
 
     Parameters
     ----------

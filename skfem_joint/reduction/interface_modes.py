@@ -57,7 +57,7 @@ class InterfaceSettings:
     candidates : int
         Lowest modes of which `participating` chooses.
     least_participating : float
-        Share of the largest part that one of these must have: the lowest modes of a plate bend it,
+        Least share of a candidate, over the largest: the lowest modes of a plate bend it,
         which a pull does not excite.
     times_fastest : float
         `participating` takes modes up to this many times the loads' highest frequency.

@@ -7,7 +7,7 @@ balance:
 
 The response to R, without what V spans already, is what the basis is missing. Its proper orthogonal
 modes in the norm of strain energy are the missing modes, the most important ones first. So a
-reduced model shows what it misses without a run of the full one.
+reduced model shows what it misses without a run of the full model.
 
 Half of the modes come from the response to R of a structure in which friction holds points as a
 Newton step does: springs of the slope of the law where points creep, none where the force would
@@ -49,7 +49,7 @@ class ResidualSettings:
     instants : int
         Instants of a run at which its residual is computed.
     sets : int
-        Sets of instants at which friction holds points alike: one matrix is factorised for each.
+        Sets of instants at which friction holds points alike: a matrix is factorised for each.
     rate : float
         Rate at which the springs of friction answer, over the rate of the instants.
     least_spring : float
@@ -138,7 +138,7 @@ class Residual:
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Residual R (N) of a run at its stored fields, (n, frames).
 
-        The run is one of ``system.project(V)``, maybe with a law or friction points of its own.
+        The run is that of ``system.project(V)``, maybe with a law or friction points of its own.
         """
         system = self.system
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)

@@ -1,6 +1,6 @@
 """Where a basis comes from: the static slip path, a run of the full model, or slips beside modes.
 
-Joint modes are proper orthogonal modes of one of these. Beside them stand static responses to the
+Joint modes are proper orthogonal modes of its snapshots. Beside them stand static responses to the
 loads, fixed-interface modes, and rigid motions that friction alone holds and does not hold. (The
 paper's scaled modes have a folder of their own, `skfem_joint.reduction.scaled`.)
 """
@@ -52,8 +52,8 @@ def make_basis(
     plan : Plan
         Steps of the run to come.
     enriched : bool
-        Whether the basis gets more vectors before it is used: then one that misses too much is not
-        refused.
+        Whether the basis gets more vectors before it is used: then it is not refused if it misses
+        too much.
     path : QuasiStatic, optional
         A quasi-static path of the system, whose factors are used.
 

@@ -118,7 +118,7 @@ class StaticPath:
     loads : Excitation
         Loads that act.
     stiffness : Uncondensed, optional
-        Stiffness with its Schur complement, if the path had one.
+        Stiffness with its Schur complement, if the path had it.
     blind : float
         Share of what slips on the last path, by friction limits, that stuck on those before.
     work : mapping of str to int
@@ -181,11 +181,6 @@ def slip_path(
     rise = np.array([loads.rise_time])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
-    if not np.any(snapshots[0]):
-        raise InputError(
-            "reduction: nothing moves under the loads, which friction holds where they act; load "
-            "more, or run 'full' alone"
-        )
     slipping, steps, blind = _slipping(system, snapshots[0])[0], 0, 1.0
     interface, share = interface_modes.driven(system, response, loads, path=path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
@@ -228,16 +223,27 @@ def slip_path(
 def _first(
     system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
 ) -> FloatArray:
-    """Snapshots (s, n) of the path under the loads with the inertia of their static response."""
+    """Snapshots (s, n) of the path under the loads with the inertia of their static response.
+
+    InputError if nothing moves.
+    """
     inertia, beyond = system.M @ response, SETTINGS.first_beyond
     if len(loads.amplitudes) == 1 and (loads.is_one_harmonic or loads.period is None):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
         force = loads.vectors[:, 0] + square * inertia[:, 0]
-        return path.follow(levels * force, loads.rise_time * levels[:, 0])
-    whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
-    times = _levels(SETTINGS.period_levels, whole)[:, 0]
-    return _with_increments(path.follow(beyond * loads.forces(times, inertia), times))
+        snapshots = path.follow(levels * force, loads.rise_time * levels[:, 0])
+    else:
+        whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
+        times = _levels(SETTINGS.period_levels, whole)[:, 0]
+        states = path.follow(beyond * loads.forces(times, inertia), times)
+        snapshots = _with_increments(states)
+    if not np.any(snapshots):
+        raise InputError(
+            "reduction: nothing moves under the loads, which friction holds where they act; load "
+            "more, or run 'full' alone"
+        )
+    return snapshots
 
 
 def _second(
@@ -323,7 +329,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
 
 @dataclass(frozen=True)
 class _Driving:
-    """Forces on the full system in a run of a reduced one: loads less inertia and damping, N.
+    """Forces on the full system in a run of a reduced model: loads less inertia and damping, N.
 
     Friction is what the quasi-static path adds to them.
 
@@ -332,7 +338,7 @@ class _Driving:
     system : System
         The full system.
     V : ndarray, shape (n, j)
-        Basis of the reduced one.
+        Basis of the reduced model.
     run : Run
         Its run, with all fields.
     """

@@ -42,7 +42,7 @@ class ActiveLengthEstimate:
     factors : tuple of float
         Iterates of A_a.
     frequency_ratio : float
-        Frequency of the load over the natural one at the last iterate.
+        Frequency of the load over the natural frequency at the last iterate.
     converged : bool
         Whether the iteration converged; near and above resonance it does not.
     """

@@ -146,7 +146,8 @@ def zone_lengths(
     Raises
     ------
     InputError
-        If Eqs. (17)-(20) cannot give a length, or a length is not one that the joint has.
+        If Eqs. (17)-(20) cannot give a length, or a length is not positive or longer than the
+        joint.
     """
     lengths: list[float] = []
     notes: list[str] = []
