@@ -45,9 +45,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.active_region import ActiveRegion as ActiveRegion
     from skfem_joint.analysis.active_region import active_region as active_region
     from skfem_joint.analysis.backbone import Backbone as Backbone
-    from skfem_joint.analysis.backbone import RingDown as RingDown
     from skfem_joint.analysis.backbone import backbone as backbone
-    from skfem_joint.analysis.backbone import ring_down as ring_down
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
     from skfem_joint.analysis.models import Model as Model
@@ -57,6 +55,8 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.response import Curve as Curve
     from skfem_joint.analysis.response import SteadyPoint as SteadyPoint
     from skfem_joint.analysis.response import response as response
+    from skfem_joint.analysis.ring_down import RingDown as RingDown
+    from skfem_joint.analysis.ring_down import ring_down as ring_down
     from skfem_joint.analysis.rows import Rows as Rows
     from skfem_joint.analysis.stress import StressHistory as StressHistory
     from skfem_joint.analysis.stress import stress_history as stress_history
@@ -119,11 +119,12 @@ _SHAPES = "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table
 _PARTS = "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact point_friction"
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
-    "analysis.backbone": "Backbone RingDown backbone ring_down",
+    "analysis.backbone": "Backbone backbone",
     "analysis.history": "Errors compare",
     "analysis.models": "Model Study",
     "analysis.natural_modes": "NaturalModes natural_modes",
     "analysis.response": "Curve SteadyPoint response",
+    "analysis.ring_down": "RingDown ring_down",
     "analysis.rows": "Rows",
     "analysis.stress": "StressHistory stress_history",
     "analysis.study": "run_scene",

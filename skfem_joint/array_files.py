@@ -1,8 +1,8 @@
 """Arrays from .npz, MatrixMarket .mtx, MATLAB .mat and .csv files that may be damaged or hostile.
 
-What a file says of the sizes of its arrays is compared with the bytes that it has before memory is
-taken for them. Indices of sparse matrices are compared with their shape before compiled code
-follows them, which would read and write anywhere. Nothing that can run code is loaded.
+Before memory is taken for an array, the size that the file states is compared with the bytes that
+it has. Indices of a sparse matrix are compared with its shape before compiled code uses them, which
+would read and write anywhere. Nothing that can run code is loaded.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import zipfile
 import zlib
 from array import array
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -30,23 +31,30 @@ from skfem_joint.files import LARGEST, LARGEST_TABLE, UNFINISHED_LINE, read_whol
 
 _log = logging.getLogger(__name__)
 
-#: Bytes to which a compressed file may unpack, if the file itself has not more.
-MOST_UNPACKED = 2**28
-#: Rows or columns that a sparse matrix may say it has, if its file has fewer bytes.
-MOST_ROWS = 10**6
-#: What readers of zip files, arrays and matrices raise for files that are damaged or of another
-#: kind.
+
+@dataclass(frozen=True)
+class FileLimits:
+    """Largest arrays that files may hold.
+
+    Attributes
+    ----------
+    unpacked : int
+        Bytes to which a compressed file may unpack, if the file itself has not more.
+    rows : int
+        Rows or columns that a sparse matrix may state, if its file has fewer bytes.
+    """
+
+    unpacked: int = 2**28
+    rows: int = 10**6
+
+
+LIMITS = FileLimits()
+#: Errors that readers of zip files, arrays and matrices raise for damaged and other files.
 DAMAGE = (
     *(ValueError, TypeError, LookupError, AttributeError, OSError, EOFError, ArithmeticError),
     *(RuntimeError, MemoryError, SyntaxError, zipfile.BadZipFile, zlib.error, struct.error),
 )
-_WITH_VARIABLE = re.compile(r"(.+\.(?:mat|npz)):(\w+)", re.IGNORECASE)
-_NUMBERS_OF_MATLAB = ("sparse", "double", "single", *(f"int{k}" for k in (8, 16, 32, 64)))
-_NUMBERS_OF_MATLAB += tuple(f"uint{k}" for k in (8, 16, 32, 64))
-_WHOLE_NUMBER = rb"[+-]?\d+"
-_NUMBER = rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|(?i:nan|inf))"
-_COMPRESSED = 15  # kind of an element of a MATLAB file
-_HEADER = 128  # bytes of a MATLAB file
+_MATLAB_HEADER = 128  # bytes
 
 
 class _NotRealError(ValueError):
@@ -54,11 +62,21 @@ class _NotRealError(ValueError):
 
 
 class _Stored(NamedTuple):
-    """What a file holds: the names of its arrays, and how to read one of them."""
+    """Content of a file.
 
-    names: tuple[str, ...]  #: none: one matrix without a name
+    Attributes
+    ----------
+    names : tuple of str
+        Names of its arrays; empty if it holds a single matrix without a name.
+    read : callable
+        Reads the array of a name.
+    size : int
+        Bytes, unpacked.
+    """
+
+    names: tuple[str, ...]
     read: Callable[[str], Any]
-    size: int  #: bytes, unpacked
+    size: int
 
 
 def read_array(folder: Path, name: str) -> Any:
@@ -67,22 +85,23 @@ def read_array(folder: Path, name: str) -> Any:
     Parameters
     ----------
     folder : Path
-        That the file's name is relative to.
+        Folder to which the name of the file is relative.
     name : str
-        Name of the file, whose ending tells its kind; ``"model.mat:K"`` names a variable.
+        Name of the file. Its ending states its kind; ``"model.mat:K"`` names a variable.
 
     Returns
     -------
     ndarray or csr_array
-        Of doubles, whatever precision the file has; indices of a sparse one are in range.
+        Doubles, whatever the precision of the file; indices of a sparse array are in range.
 
     Raises
     ------
     InputError
-        A file that cannot be read or is none of these, is damaged, has no such variable, or values
-        that are not real numbers.
+        If the file cannot be read, is of another kind, is damaged, or has no such variable, and if
+        its values are not real numbers.
     """
-    file, variable = match.groups() if (match := _WITH_VARIABLE.fullmatch(name)) else (name, None)
+    named = re.fullmatch(r"(.+\.(?:mat|npz)):(\w+)", name, re.IGNORECASE)
+    file, variable = named.groups() if named else (name, None)
     path = folder / file
     kind = path.suffix.lower()
     if kind not in _READERS:
@@ -98,19 +117,19 @@ def read_array(folder: Path, name: str) -> Any:
             for harmless in (DeprecationWarning, PendingDeprecationWarning, FutureWarning):
                 warnings.simplefilter("ignore", harmless)
             stored = _READERS[kind](content)
-            found = stored.read(_chosen(stored.names, variable, path, file))
-            return _doubles(found, stored.size)
+            array = stored.read(_chosen(stored.names, variable, path, file))
+            return _doubles(array, stored.size)
     except _NotRealError as error:
         raise InputError(f"{path}: {error}") from error
     except (*DAMAGE, Warning) as error:
-        later = content[:_HEADER].startswith(b"MATLAB 7.3")
+        later = content[:_MATLAB_HEADER].startswith(b"MATLAB 7.3")
         cure = "; of version 7.3: save it with -v7" if later else ""
         reason = str(error) or type(error).__name__
         raise InputError(f"{path}: is damaged, or no such file: {reason}{cure}") from error
 
 
 def _chosen(names: tuple[str, ...], variable: str | None, path: Path, file: str) -> str:
-    """Name of the array to be read; InputError if the file has none or several that fit."""
+    """Name of the array to be read; InputError if none or several of the file's names fit."""
     if not names and path.suffix.lower() in (".npz", ".mat") and variable is not None:
         raise InputError(f"{path}: holds one sparse matrix without a name; leave ':{variable}' out")
     if not names or (variable is None and len(names) == 1):
@@ -122,22 +141,22 @@ def _chosen(names: tuple[str, ...], variable: str | None, path: Path, file: str)
     return variable
 
 
-def _doubles(found: Any, size: int) -> Any:
-    """Array of doubles, or sparse rows of them, from what a file of so many bytes holds."""
-    if not isinstance(found, np.ndarray):
-        if not sparse.issparse(found):
+def _doubles(stored: Any, size: int) -> Any:
+    """Array or sparse rows of doubles, from an array in a file of ``size`` bytes."""
+    if not isinstance(stored, np.ndarray):
+        if not sparse.issparse(stored):
             raise ValueError("it holds no array of numbers")
-        _check_sparse(found, size)
-        rows = sparse.csr_array(found)
+        _check_sparse(stored, size)
+        rows = sparse.csr_array(stored)
         _check_numbers(rows.dtype)
         return rows.astype(float)
-    _check_numbers(found.dtype)
-    return found.astype(float)
+    _check_numbers(stored.dtype)
+    return stored.astype(float)
 
 
 def _check_sparse(A: Any, size: int) -> None:
-    """Refuse a sparse matrix whose shape needs more than ``size`` bytes, or indices out of it."""
-    if max(A.shape) > max(MOST_ROWS, size):
+    """Refuse a sparse matrix whose shape needs more than ``size`` bytes, or wrong indices."""
+    if max(A.shape) > max(LIMITS.rows, size):
         raise ValueError(f"it says that its shape is {A.shape}, for which {size} bytes are too few")
     check_indices(A)
 
@@ -148,13 +167,13 @@ def _check_numbers(dtype: np.dtype[Any]) -> None:
 
 
 def check_indices(A: Any) -> None:
-    """Refuse a sparse matrix whose indices are not in its shape; ValueError.
+    """Refuse a sparse matrix with indices outside its shape, by a ValueError.
 
-    scipy does so by itself for single entries (COO), but follows those of rows, columns, blocks and
-    diagonals.
+    scipy checks the indices of single entries (COO) by itself, but not those of rows, columns,
+    blocks and diagonals.
     """
     if A.format in ("csr", "csc", "bsr"):
-        # scipy does not look further where the last of these is negative.
+        # scipy checks no further where the last of these is negative.
         if np.any(A.indptr[1:] < A.indptr[:-1]):
             raise ValueError("indptr must be a non-decreasing sequence")
         A.check_format(full_check=True)
@@ -174,7 +193,7 @@ def npz_arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     Raises
     ------
     ValueError, zipfile.BadZipFile and others of `DAMAGE`
-        For what is damaged, needs more memory than it has bytes, or would run code.
+        If the file is damaged, needs more memory than its bytes, or would run code.
     """
     names, read, _ = _npz_members(file)
     return {name: read(name) for name in names}
@@ -192,7 +211,7 @@ def _npz_members(file: BinaryIO) -> _Stored:
 
 
 def _check_unpacked(size: int, packed: int) -> None:
-    most = max(MOST_UNPACKED, packed)
+    most = max(LIMITS.unpacked, packed)
     if size > most:
         raise ValueError(
             f"it unpacks to {size} bytes, must be at most {most}; save it without compression if "
@@ -201,7 +220,7 @@ def _check_unpacked(size: int, packed: int) -> None:
 
 
 def _npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """One array of an .npz file, whose size must be what its header says."""
+    """Array of a member of an .npz file, whose size must be that of its header."""
     name = member.filename
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{name} is packed in a way that numpy does not write")
@@ -244,13 +263,13 @@ def sparse_parts(A: Any) -> dict[str, NDArray[Any]]:
 
 
 def sparse_array(part: Callable[[str], NDArray[Any]], size: int) -> Any:
-    """Sparse matrix from the arrays of `sparse_parts`, in a file of so many bytes.
+    """Sparse matrix from the arrays of `sparse_parts`, in a file of ``size`` bytes.
 
     Raises
     ------
     ValueError and others of `DAMAGE`
-        For what is damaged, no matrix, needs more memory than the bytes tell, or has indices that
-        are not in its shape.
+        If the arrays are damaged or make no matrix, if the shape needs more memory than the file
+        has bytes, and if indices are outside the shape.
     """
     A = _sparse(part)
     _check_sparse(A, size)
@@ -301,7 +320,8 @@ def _mtx(content: bytes) -> _Stored:
         raise ValueError(UNFINISHED_LINE)
     # scipy passes over what follows a number, such as the decimals after a comma.
     places = rb"\d+[ \t]+\d+[ \t]+" if form == "coordinate" else b""
-    number = _WHOLE_NUMBER if "integer" in field else _NUMBER
+    number = rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|(?i:nan|inf))"
+    number = rb"[+-]?\d+" if "integer" in field else number
     right = rb"[ \t]*(?:" + places + number + rb"[ \t]*)?\r?$|%"
     sizes = re.search(rb"^[ \t]*\d[\d \t\r]*\n", content, re.M)
     start = sizes.end() if sizes else 0
@@ -319,7 +339,7 @@ def _mat(content: bytes) -> _Stored:
 
     def read(name: str) -> Any:
         shape, kind = listed[name]
-        if kind not in _NUMBERS_OF_MATLAB:
+        if kind not in ("sparse", "double", "single") and not re.fullmatch(r"u?int\d+", kind):
             raise _NotRealError(f"found {kind} values in {name!r}, must be real numbers")
         if kind != "sparse" and math.prod(shape) > len(whole):
             raise ValueError(
@@ -332,11 +352,11 @@ def _mat(content: bytes) -> _Stored:
 
     whole = _unpacked(content)
     try:
-        found = whosmat(io.BytesIO(whole))
+        variables = whosmat(io.BytesIO(whole))
     except MatReadError as error:
         raise ValueError(str(error)) from error
-    listed = {name: (shape, kind) for name, shape, kind in found if not name.startswith("__")}
-    if len({name for name, _, _ in found}) < len(found):
+    listed = {name: (shape, kind) for name, shape, kind in variables if not name.startswith("__")}
+    if len({name for name, _, _ in variables}) < len(variables):
         raise ValueError("two of its variables have the same name")
     if not listed:
         raise ValueError("it holds no variables")
@@ -345,17 +365,17 @@ def _mat(content: bytes) -> _Stored:
 
 def _unpacked(content: bytes) -> bytes:
     """A MATLAB file of version 5 whose compressed variables are unpacked; others as they are."""
-    order = {b"IM": "<", b"MI": ">"}.get(content[126:_HEADER])
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:_MATLAB_HEADER])
     if order is None or 0 in content[:4]:  # of version 4, which has no compression
         return content
-    parts, at, size = [content[:_HEADER]], _HEADER, _HEADER
+    parts, at, size = [content[:_MATLAB_HEADER]], _MATLAB_HEADER, _MATLAB_HEADER
     while at < len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         end = at + 8 + length
         if end > len(content):
             raise ValueError("it is cut: a variable announces more bytes than there are")
-        if kind == _COMPRESSED:
-            unpacker, most = zlib.decompressobj(), max(MOST_UNPACKED, len(content)) - size
+        if kind == 15:  # compressed
+            unpacker, most = zlib.decompressobj(), max(LIMITS.unpacked, len(content)) - size
             part = unpacker.decompress(content[at + 8 : end], most + 1)
             _check_unpacked(size + len(part), len(content))
             if not unpacker.eof:
@@ -368,7 +388,7 @@ def _unpacked(content: bytes) -> bytes:
 
 
 def _csv(content: bytes) -> _Stored:
-    """Rows of numbers, NaN for nothing; a header and what follows a ``#`` are passed over."""
+    """Rows of numbers, NaN for empty cells; a header and comments after ``#`` are left out."""
     values, columns = array("d"), 0
     lines = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig")
     for number, line in enumerate(lines, start=1):
@@ -386,8 +406,8 @@ def _csv(content: bytes) -> _Stored:
             raise ValueError(f"line {number}: found {len(row)} columns, must be {columns}")
         columns = len(row)
         values.extend(row)
-    found: FloatArray = np.frombuffer(values).reshape(-1, columns) if values else np.zeros(0)
-    return _Stored((), lambda _: found, len(content))
+    table: FloatArray = np.frombuffer(values).reshape(-1, columns) if values else np.zeros(0)
+    return _Stored((), lambda _: table, len(content))
 
 
 _READERS: Mapping[str, Callable[[bytes], _Stored]] = {

@@ -393,7 +393,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
 
 
 def _backbone(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import BACKBONE_ROWS, scene_backbone
+    from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
@@ -402,7 +402,7 @@ def _backbone(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             found = scene_backbone(scene, progress, rows)
-        found.warnings += notes
+        found = replace(found, warnings=(*found.warnings, *notes))
         files = damping.write_backbone(options.out, found)
     for model in found.models:
         for curve in model.curves:
@@ -422,7 +422,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    from skfem_joint.analysis.scene_vibration import RESPONSE_ROWS, scene_response
+    from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
@@ -431,7 +431,7 @@ def _response(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             found = scene_response(scene, executor, progress, rows)
-        found.warnings += notes
+        found = replace(found, warnings=(*found.warnings, *notes))
         files = damping.write_response(options.out, found)
     for model in found.models:
         for curve in model.curves:

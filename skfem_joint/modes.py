@@ -1,8 +1,9 @@
-"""Natural modes, and damping that is given by the ratio of the critical one at two frequencies."""
+"""Natural modes of given matrices, and Rayleigh damping from a ratio of the critical damping."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -11,19 +12,34 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised, pivots
+from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude
 from skfem_joint.values import Kind, problems
 
-#: Modes that are looked at for three that strain, and the share of the mean square frequency that
-#: those have at least.
-LOOKED_AT, _RIGID = 12, 1e-12
-#: Ratios of damping that are allowed.
-RATIO = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
-#: Pivots below this share of the largest are zero.
-_SINGULAR = 1e-11
-#: Frequencies that differ by less than this share are the same.
-_SAME = 0.1
+
+@dataclass(frozen=True)
+class ModeSettings:
+    """Numbers of searches for natural modes.
+
+    Attributes
+    ----------
+    searched : int
+        Lowest modes that are computed where the first three that strain are wanted: a body that
+        floats has up to six rigid motions.
+    singular : float
+        Pivots below this share of the largest are zero.
+    same : float
+        Frequencies that differ by less than this share are the same.
+    """
+
+    searched: int = 12
+    singular: float = 1e-11
+    same: float = 0.1
+
+
+SETTINGS = ModeSettings()
 
 
 def eigenmodes(
@@ -35,8 +51,21 @@ def eigenmodes(
 ) -> tuple[FloatArray, FloatArray]:
     """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices.
 
-    ``solve`` is a solver of K x = b, if there is one already. The ``tolerance`` is that of modes,
-    relative; round-off if it is zero.
+    Parameters
+    ----------
+    K, M : sparse array, shape (n, n)
+        Stiffness and mass, positive definite both.
+    count : int
+        Number of modes; fewer where the matrices are smaller.
+    solve : callable, optional
+        Solver of K x = b, if it exists already.
+    tolerance : float
+        Relative accuracy of the modes; round-off if it is zero.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (k,)
+    modes : ndarray, shape (n, k)
     """
     n = K.shape[0]
     if n < 20 or count >= n - 1:
@@ -44,17 +73,19 @@ def eigenmodes(
     else:
         K, M = sparse.csc_array(K), sparse.csc_array(M)
         inverse = LinearOperator((n, n), matvec=solve or factorised(K), dtype=float)
-        start = np.random.default_rng(1).normal(size=n)  # an even one misses modes of equal bodies
+        # A start with the same value everywhere would miss modes of equal bodies.
+        start = np.random.default_rng(1).normal(size=n)
         values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse, tol=tolerance)
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
 
 
 def straining_modes(
-    K: Matrix, M: Matrix, held: IntArray, count: int = LOOKED_AT
+    K: Matrix, M: Matrix, held: IntArray, count: int = SETTINGS.searched
 ) -> tuple[FloatArray, FloatArray]:
-    """Of the ``count`` lowest modes those that are no rigid motions: frequencies (Hz), (n, k).
+    """Frequencies (Hz), (k,), and modes, (n, k), of those of the lowest modes that strain the body.
 
-    The unknowns ``held`` do not move; none is left where they are all.
+    The unknowns ``held`` do not move. Rigid motions among the ``count`` lowest modes are left out.
+    If all unknowns are held there are no modes.
     """
     free = np.setdiff1d(np.arange(K.shape[0]), held)
     if not free.size:
@@ -68,7 +99,7 @@ def straining_modes(
 
 
 def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
-    """Motions (n, k) that strain nothing, at ``most`` so many of them, of unit mass."""
+    """Rigid motions (n, k) of unit mass, no more than ``most`` of them."""
     frequency, modes = lowest_modes(sparse.csr_array(K), sparse.csr_array(M), most)
     return modes[:, frequency == 0.0]
 
@@ -76,28 +107,29 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
 def is_singular(K: Matrix) -> bool:
     """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
     try:
-        found = pivots(K)
+        each = pivots(K)
     except RuntimeError:  # exactly singular
         return True
-    return bool(np.min(found) <= _SINGULAR * np.max(found))
+    return bool(np.min(each) <= SETTINGS.singular * np.max(each))
 
 
 def lowest_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
     """Lowest natural frequencies (Hz), zero of rigid motions, and mass-orthonormal modes.
 
-    Unlike `eigenmodes` it takes a singular stiffness: a small share of the mass is added to it, and
-    taken off the squares of the frequencies again.
+    The stiffness may be singular, unlike that of `eigenmodes`: a small multiple of the mass is
+    added to it, and subtracted from the squares of the frequencies again.
     """
-    small = _RIGID * float(K.diagonal().sum() / M.diagonal().sum())
-    frequency, modes = eigenmodes(K + small * M, M, count)
-    shifted = (2.0 * np.pi * frequency) ** 2
-    squares = np.where(shifted > 2.0 * small, shifted - small, 0.0)
+    shift = shifts.SETTINGS.least * mean_square_frequency(K, M)
+    frequency, modes = eigenmodes(K + shift * M, M, count)
+    squares = (2.0 * np.pi * frequency) ** 2
+    squares = np.where(squares > 2.0 * shift, squares - shift, 0.0)
     return np.sqrt(squares) / (2.0 * np.pi), modes
 
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
-    """What is wrong with a damping ratio beside other ways to give damping, by their names."""
-    yield from problems("damping.ratio", ratio, RATIO)
+    """What is wrong with a damping ratio; ``others`` are other ways to give damping, by name."""
+    allowed = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
+    yield from problems("damping.ratio", ratio, allowed)
     if given := [name for name, value in others.items() if value]:
         yield (
             f"damping.ratio: found beside {' and '.join(given)}, must be given alone: it makes "
@@ -108,11 +140,18 @@ def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
 def rayleigh(
     K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude], ratio: float
 ) -> tuple[float, float, str]:
-    """Factors of M (1/s) and of K (s) of a damping with the ratio, and a sentence that says so.
+    """Rayleigh damping C = a M + b K that has a given ratio at two frequencies.
 
-    It is exact at the first natural frequency with the unknowns ``stuck`` held (none, where that
-    leaves nothing), and at the highest frequency of the harmonic ``loads``, or at the third natural
-    frequency where there is none or it is about the first.
+    The first is the lowest natural frequency with the unknowns ``stuck`` held (or with none held,
+    if all unknowns are stuck). The second is the highest frequency of the harmonic ``loads``; it is
+    the third natural frequency if no load is harmonic, or if that frequency is about the first.
+
+    Returns
+    -------
+    a, b : float
+        Factors of M, 1/s, and of K, s.
+    note : str
+        Sentence about the frequencies and the damping between and beyond them.
 
     Raises
     ------
@@ -126,10 +165,10 @@ def rayleigh(
             "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
             "damping's factors of the mass and of the stiffness matrix"
         )
-    harmonics = [one.frequency for amplitude in loads for one in amplitude.harmonics]
+    harmonics = [h.frequency for amplitude in loads for h in amplitude.harmonics]
     first, second = own[0], max(harmonics, default=own[0])
     which = "the loads' highest"
-    if abs(second - first) <= _SAME * first:
+    if abs(second - first) <= SETTINGS.same * first:
         second, which = own[:3][-1], "a natural one"
     omega = 2.0 * np.pi * np.array([first, second])
     mass, stiffness = 2.0 * ratio * np.array([omega.prod(), 1.0]) / omega.sum()

@@ -1,4 +1,4 @@
-"""How far a command has come: a bar on a terminal, elsewhere a line now and then."""
+"""Progress of a command: a bar on a terminal, elsewhere a line from time to time."""
 
 from __future__ import annotations
 
@@ -15,57 +15,85 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-#: Called with what is done, steps done, steps in all (0: not known), and a note that tells more.
+#: Called with the name of a task, the steps done, the steps in all (0: not known), and a note.
 Progress = Callable[..., None]
 
-#: A line comes after so many seconds, and after such a share of all the time that has passed.
-LINE_S, LINE_SHARE = 10.0, 0.1
-#: The time that remains goes by the pace of so many last seconds.
-PACE_S = 120.0
+
+@dataclass(frozen=True)
+class ProgressSettings:
+    """When progress is printed in lines.
+
+    Attributes
+    ----------
+    interval, share : float
+        A line comes after this time, s, and after this share of the time since the start.
+    pace : float
+        The remaining time is estimated from the pace of the last seconds, so many.
+    """
+
+    interval: float = 10.0
+    share: float = 0.1
+    pace: float = 120.0
+
+
+SETTINGS = ProgressSettings()
 
 
 def silent(*_: Any) -> None:
-    """Progress that nobody asked for."""
+    """Progress that is not shown."""
 
 
 @dataclass
 class Tally:
-    """What is done of what is asked for, as far as that is known; ``tell`` is called with both."""
+    """Count of finished items.
 
-    tell: Progress = silent
+    Attributes
+    ----------
+    report : callable
+        Called with ``done`` and ``asked``, and a note if there is one.
+    asked : int
+        Items in all, as far as they are known.
+    done : int
+        Finished items.
+    """
+
+    report: Progress = silent
     asked: int = 0
     done: int = 0
 
     def add(self, count: int = 1) -> None:
-        """Count so many more that are done."""
+        """Count more finished items."""
         self.done += count
         self.asked = max(self.asked, self.done)
-        self.tell(self.done, self.asked)
+        self.report(self.done, self.asked)
 
-    def within(self, *found: Any) -> None:
-        """Tell the note that comes last of what one that is not done yet tells."""
-        self.tell(self.done, self.asked, found[-1])
+    def within(self, *reported: Any) -> None:
+        """Forward the status note of an unfinished item: the last value that it reports."""
+        self.report(self.done, self.asked, reported[-1])
 
 
 @contextmanager
 def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]:
-    """Progress on the error stream, if not ``quiet``; ``lines`` even where that is a terminal."""
+    """Progress on the error stream.
+
+    It is a bar on a terminal, and lines elsewhere or if ``lines`` is true; nothing if ``quiet``.
+    """
     from rich.console import Console
     from rich.progress import Progress as Bar
 
     console = Console(file=unfiltered(sys.stderr))
-    bar = Bar(console=console, transient=True, speed_estimate_period=PACE_S)
+    bar = Bar(console=console, transient=True, speed_estimate_period=SETTINGS.pace)
     if quiet:
         yield silent
     elif lines or not sys.stderr.isatty():
-        yield told(bar, lambda line: print(line, file=sys.stderr, flush=True))
+        yield shown_on(bar, lambda line: print(line, file=sys.stderr, flush=True))
     else:
         with bar:
-            yield told(bar)
+            yield shown_on(bar)
 
 
-def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
-    """What tells a bar of progress and, if there is ``say``, that of it in lines."""
+def shown_on(bar: Bar, print_line: Callable[[str], None] | None = None) -> Progress:
+    """Progress that moves a bar and, with ``print_line``, prints a line from time to time."""
     from rich.markup import escape
 
     tasks: dict[str, TaskID] = {}
@@ -75,17 +103,18 @@ def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
         nonlocal last
         if label not in tasks:
             tasks[label] = bar.add_task("", total=None)
-        (task,) = (one for one in bar.tasks if one.id == tasks[label])
+        (task,) = (known for known in bar.tasks if known.id == tasks[label])
         if done < task.completed:  # another run of the same name
             bar.reset(task.id)
         shown = f"{label}: {note}" if note else label
         description = escape(printable(shown))  # names of a scene are shown as they are
         bar.update(task.id, completed=done, total=total or None, description=description)
         now = bar.get_time()
-        if say is not None and now - last >= max(LINE_S, LINE_SHARE * (now - begin)):
+        wait = max(SETTINGS.interval, SETTINGS.share * (now - begin))
+        if print_line is not None and now - last >= wait:
             last, left = now, task.time_remaining
             rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
             counted = f"{done} of {total}" if total else ""
-            say(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
+            print_line(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
 
     return progress

@@ -21,6 +21,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real, slip_norms
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.linalg.factors import pivots
+from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
 from skfem_joint.slips import SlipRows
@@ -222,8 +223,8 @@ class System:
 
     @property
     def mean_square_frequency(self) -> float:
-        """Trace of the stiffness over trace of the mass, 1/s²: a scale for small shifts of K."""
-        return float(self.K.diagonal().sum() / self.M.diagonal().sum())
+        """Trace of the stiffness over trace of the mass, 1/s2: a scale for small shifts of K."""
+        return mean_square_frequency(self.K, self.M)
 
     @property
     def is_dense(self) -> bool:
@@ -521,14 +522,13 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
 def _check_definite(system: System, damped: bool) -> None:
     """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
-    The stiffness is shifted by 1e-9 of its size, so that it may be singular. The damping is checked
-    only if it is ``damped`` by a matrix of its own.
+    The stiffness is shifted a little by the mass, so that it may be singular. The damping is
+    checked only if it is ``damped`` by a matrix of its own.
     """
-    mass = float(system.M.diagonal().sum())
-    small = 1e-9 * float(abs(system.K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
+    K = shifted(system.K, system.M)
     checks: Sequence[tuple[str, Matrix, str]] = (
         ("M", system.M, "is not positive definite: does every unknown have mass?"),
-        ("K", system.K + small * system.M, "is indefinite: is a sign wrong, or a prestress large?"),
+        ("K", K, "is indefinite: is a sign wrong, or a prestress large?"),
     )
     problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
     if damped and not _takes_energy(system.C):

@@ -17,7 +17,7 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np
 
 import skfem_joint as sj
-from skfem_joint.reduction.reference import FORCE, FREQUENCY, lap_joint
+from skfem_joint.reduction.scaled.reference import FORCE, FREQUENCY, lap_joint
 
 STEPS = 100  # per period
 #: Elements, steps and repeats.

@@ -28,8 +28,8 @@ from benchmarks import EXAMPLES, head, row
 from benchmarks.plates import CYCLES, FREQUENCY, STEPS, system_of
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.history import compare
-from skfem_joint.reduction.basis import static_basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.sources import static_basis
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.plan import Plan
 

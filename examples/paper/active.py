@@ -11,7 +11,7 @@ from paper.page import percent, printed
 from paper.structure import resonances
 from scipy.optimize import minimize_scalar
 
-from skfem_joint.reduction.active_length import (
+from skfem_joint.reduction.scaled.estimated_length import (
     DAMPING_RATIO,
     amplification,
     estimate,

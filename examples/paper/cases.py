@@ -13,11 +13,14 @@ from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.models import Model
+from skfem_joint.analysis.reduced_models import make_reduced
 from skfem_joint.reduction.active_length import THRESHOLD, measured
-from skfem_joint.reduction.basis import make_basis, own_basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
-from skfem_joint.reduction.zones import active_zones, estimate_active_length
+from skfem_joint.reduction.scaled.basis import ScaledBasis
+from skfem_joint.reduction.scaled.estimated_length import estimate_active_length
+from skfem_joint.reduction.scaled.zones import active_zones
+from skfem_joint.reduction.sources import own_basis
 from skfem_joint.scene import scene_from
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -161,7 +164,8 @@ def _own(its):
     peak, x = training.slip_peak[patch.points], its.structure().nodes[patch.nodes, 0]
     moving = peak > THRESHOLD * peak.max()
     basis = own_basis(system, training, modes, inner_product="euclidean")
-    return replace(basis, V=V, stretches=((patch.points[moving], x[moving]),))
+    lines = ((patch.points[moving], x[moving]),)
+    return ScaledBasis(V, modes, basis.proper, basis.history, lines=lines)
 
 
 def _reduced(its):
@@ -171,7 +175,7 @@ def _reduced(its):
     if options.reference == "self":
         basis = _own(its)
     else:
-        basis = make_basis(its.structure(), system, options, plan, enriched=True)
+        basis = make_reduced(its.structure(), system, options, plan, enriched=True)
     small = reduced_system(system, basis, periodic=its.periodic, **options.friction)
     return Model("reduced", integrate_plan(small, plan), 0.0, basis.active_length, basis=basis)
 

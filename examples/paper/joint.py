@@ -11,8 +11,8 @@ from paper.page import percent
 
 from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.minimise.law import force as friction_force
-from skfem_joint.reduction import reference as package
 from skfem_joint.reduction.pod import proper_decomposition
+from skfem_joint.reduction.scaled import reference as package
 
 REFERENCE, WEAK = CASES["reference"], CASES["weak"]
 LESSER = replace(REFERENCE, force=0.7 * REFERENCE.force)

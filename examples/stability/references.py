@@ -8,9 +8,10 @@ from benchmarks.explicit import runge_kutta
 from paper.pseudo_static import loop, peak_displacement
 from scipy.linalg import expm
 
-from skfem_joint.reduction.basis import own_basis
-from skfem_joint.reduction.friction_points import gauss_points, merged_points
+from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
+from skfem_joint.reduction.scaled.gauss import gauss_points
+from skfem_joint.reduction.sources import own_basis
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -39,7 +40,7 @@ def modelled(case):
         reduced, most = system.project(basis.V), POINTS_PER_MODE * case.modes
         if case.model == "reduced":
             return reduced
-        return merged_points(reduced, basis.velocities, basis.active, most)
+        return merged_points(reduced, basis.history.velocities, basis.history.active, most)
     V = proper_decomposition(snapshot_matrix(training.u, training.v, "both")).modes[:, : case.modes]
     V = V * np.logspace(-0.5 * case.mode_scales, 0.5 * case.mode_scales, V.shape[1])
     if case.dependent:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import ceil, log2
 from typing import Any
@@ -19,11 +19,10 @@ import numpy as np
 
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.asked import basis_of, options_of, plan_of
-from skfem_joint.analysis.estimate import Estimate, MissingModes
+from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -210,7 +209,7 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
         least = min(SETTINGS.worthwhile, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and stands.missing is not None:
-            basis = _enriched(system, basis, stands.missing)
+            basis = basis.enriched(system, stands.missing.V, stands.missing.velocities)
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
@@ -227,12 +226,6 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
         f"with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of it from "
         f"its {worst}. Ask for less, or run 'full' alone"
     )
-
-
-def _enriched(system: System, basis: Basis, missing: MissingModes) -> Basis:
-    """Basis with the modes that it misses; all points of the joints may slip in it."""
-    points = np.flatnonzero(system.w > 0.0)
-    return replace(basis, V=missing.V, velocities=missing.velocities, active=points, stretches=None)
 
 
 def _halvings(ratio: float) -> int:

@@ -8,8 +8,7 @@ from skfem_joint.analysis.contact_history import contact_system, slip_peak_of
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.active_length import active_fractions, slips
-from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.reduction.active_length import active_fractions, measured_lengths, slips
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System

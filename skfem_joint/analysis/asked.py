@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from skfem_joint.reduction.basis import Basis, Options, make_basis
+from skfem_joint.analysis.reduced_models import make_reduced
+from skfem_joint.reduction.basis import Basis, Options
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
 from skfem_joint.stepping.plan import Plan
@@ -63,12 +64,12 @@ def basis_of(
     """Basis of a structure for the run that a scene asks for.
 
     ``rest`` may have factors of the system; errors, and a basis that is to be ``enriched`` before
-    it is used, as in `make_basis`.
+    it is used, as in `make_reduced`.
     """
     plan = plan_of(scene)
     if plan.until == "steady":
         plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
-    return make_basis(structure, system, options, plan, enriched=enriched, path=rest)
+    return make_reduced(structure, system, options, plan, enriched=enriched, path=rest)
 
 
 def origin_of(scene: Scene) -> str:

@@ -1,104 +1,167 @@
-"""Frequency and damping of a mode against its amplitude, by quasi-static modal analysis.
+"""Natural frequency and damping ratio of a mode over its amplitude: its backbone curve.
 
-A structure is loaded slowly by the inertia of a mode with the contact stuck, M phi alpha, where
-phi^T M phi = 1 (H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib. 332, 2013; R. M. Lacayo
-and M. S. Allen, Mech. Syst. Signal Process. 118, 2019). With the modal amplitude q = phi^T M u of
-what that moves
+The method is quasi-static modal analysis (H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib.
+332, 2013; R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118, 2019). With phi a mode of
+the structure whose contact sticks, phi^T M phi = 1, the structure is loaded slowly by the mode's
+inertia, M phi alpha, at rising levels alpha. The displacement u of each level gives the modal
+amplitude q = phi^T M u, and
 
     omega = sqrt(alpha / q),        zeta = D / (2 pi alpha q) + phi^T C phi / (2 omega),
 
-where D is the work of friction in a cycle, with exact Coulomb friction. Where slip keeps its
-direction Masing's rule holds, unloading is the loading path doubled, and D = 4 sum w |slip|: no
-quadrature over levels. Three levels are gone round to check that, and what they differ by is put
-right between them. Where slip turns far, each level is gone round.
+where D is the work of friction in a cycle of that amplitude, with exact Coulomb friction.
 
-A law of finite steepness lets joints creep that Coulomb's law holds, and damps small vibration much
-more. At three levels a cycle is gone through again with the system's own law, in the time that it
-takes at the curve's frequency; in small steps, which is some percent below the exact work. That
-tells the damping by the own law beside Coulomb's, and a sentence says where they differ.
+Where slip keeps its direction Masing's rule holds: the unloading path is the loading path doubled,
+so that D = 4 sum w |slip| without following any cycle. Cycles are followed at three levels to check
+the rule; the ratio of the two works, interpolated over the level, corrects the curve. Where slip
+turns far the rule fails, and a cycle is followed at each level.
 
-It takes the mode's shape not to change and other modes not to answer: where a higher frequency lies
-near an odd multiple of the mode's, friction excites it and the true damping is larger. A ring-down,
-the free vibration of the mode, has all that: it is measured to compare with the curve.
+The method takes for granted that the mode keeps its shape and that other modes do not respond.
+Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
+true damping is larger: notes say so. A ring-down (:mod:`skfem_joint.analysis.ring_down`), which is
+free of these assumptions, can be compared with the curve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import butter, find_peaks, sosfiltfilt
 
+from skfem_joint.analysis.gross_slip import (
+    gross_slip_level,
+    is_gross,
+    sticking_share,
+    still_share,
+)
+from skfem_joint.analysis.own_law_damping import own_law_damping
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.minimise.law import force as friction_force
+from skfem_joint.analysis.saved_path import SavedPath
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.errors import InputError
 from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
-from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.zones import motions_without_slip
+from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.quasi_static import SETTINGS as QUASI_STATIC
-from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.recording import Save
-from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
-from skfem_joint.values import COUNT, POSITIVE, at_least, check, check_each
+from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
-#: Level of the lowest point of a curve over that of the highest one.
-LOWEST = 0.05
-#: Increments of each half of a loop, and levels that are gone round to check.
-INCREMENTS, CHECKED = 4, 3
-#: Increments of each half of a cycle under the system's own law, and what its damping exceeds
-#: Coulomb's by, as a share of it, from which on that is told.
-OWN_INCREMENTS, DIFFERS = 16, 0.1
-#: Cycles at the end of a ring-down that are left out.
-ENDS = 2
-#: Slip that is added up along a path over that at its end, from which on its direction turns far.
-TURNED = 1.05
-#: Largest force residual of a level, relative; slip below this share of the largest is none.
-TOLERANCE, NONE = 1e-6, 1e-9
-#: Distance of a frequency from an odd multiple, relative, that is near; and multiples looked at.
-NEAR, MULTIPLES = 0.07, (3, 5, 7)
-#: Fewest points that must slip for friction to be resolved.
-FEWEST = 5
-#: A joint slips as a whole where so much of its friction limit does. That is tried just above the
-#: level at which the forces on the stuck joint add up to its limit, and in so many steps upwards.
-WHOLE, WITHIN, RAISED, TRIALS = 0.99, 0.01, 1.3, 20
+
+@dataclass(frozen=True)
+class BackboneSettings:
+    """Numbers of backbone curves.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest force residual of a level, relative to its force.
+    lowest : float
+        Lowest level of a curve over its highest.
+    increments : int
+        Increments of each half of a cycle that is followed.
+    checked : int
+        Levels at which cycles are followed to check Masing's rule.
+    turned : float
+        Masing's rule is given up where the slip added up along the path is more than this times
+        the slip at its end.
+    rigid : float
+        A mode moves the structure as a rigid body where its square frequency is below this share
+        of the mean one.
+    fewest : int
+        Slipping points below which the damping is rough, so that a note says so.
+    multiples : tuple of int
+        Multiples of the mode's frequency near which higher modes are excited.
+    near : float
+        Relative distance from a multiple that is near.
+    higher_modes : int
+        Modes beyond the highest one asked for whose frequencies are compared with the multiples.
+    """
+
+    tolerance: float = 1e-6
+    lowest: float = 0.05
+    increments: int = 4
+    checked: int = 3
+    turned: float = 1.05
+    rigid: float = 1e-9
+    fewest: int = 5
+    multiples: tuple[int, ...] = (3, 5, 7)
+    near: float = 0.07
+    higher_modes: int = 10
+
+
+SETTINGS = BackboneSettings()
 
 
 @dataclass(frozen=True)
 class Backbone:
-    """Frequency and damping of one mode; the arrays have an entry for each level, rising."""
+    """Frequency and damping of one mode over its amplitude, at rising levels.
 
-    mode: int  #: number, from 1
-    shape: FloatArray  #: (n,) mode with the contact stuck, of unit mass
-    stuck_frequency: float  #: Hz
-    slips_at: float  #: level alpha at which the first joint slips as a whole, m/s²
-    level: FloatArray  #: alpha, acceleration of the mode that loads the structure, m/s² kg^1/2
-    amplitude: FloatArray  #: q, modal, m kg^1/2
-    frequency: FloatArray  #: Hz
-    friction_damping: FloatArray  #: damping ratio by friction, Coulomb's
-    #: The same by the system's own law, which differs where its steepness is finite; nan: unknown.
+    Attributes
+    ----------
+    mode : int
+        Number of the mode, from 1.
+    shape : ndarray, shape (n,)
+        Mode with the contact stuck, of unit modal mass, kg^(-1/2).
+    stuck_frequency : float
+        Its frequency, Hz.
+    slips_at : float
+        Level at which the first joint slips as a whole, m/s² kg^1/2.
+    level : ndarray, shape (levels,)
+        Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
+    amplitude : ndarray, shape (levels,)
+        Modal amplitude q, m kg^1/2.
+    frequency : ndarray, shape (levels,)
+        Hz.
+    friction_damping : ndarray, shape (levels,)
+        Damping ratio by friction, under Coulomb's law.
+    own_law_damping : ndarray, shape (levels,)
+        The same under the system's own law, which differs where its steepness is finite; nan where
+        that is not known.
+    viscous_damping : ndarray, shape (levels,)
+        Damping ratio by C.
+    displacement : ndarray, shape (levels, points)
+        Of the named points, m.
+    states : ndarray, shape (levels, n)
+        Displacement u, m.
+    loops : ndarray, shape (increments, n)
+        Increments of displacement along the half cycles that were followed, m.
+    slip : ndarray, shape (levels, m)
+        Of each contact point, m.
+    share : ndarray, shape (levels,)
+        Share of the friction limits whose points slip.
+    state : tuple of str
+        At each level "stick", "partial", or "gross", where a joint slips as a whole.
+    masing_error : float or None
+        Largest relative error of the work by Masing's rule, before its correction; None where a
+        cycle was followed at each level.
+    warnings : tuple of str
+        What to beware of.
+    """
+
+    mode: int
+    shape: FloatArray
+    stuck_frequency: float
+    slips_at: float
+    level: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    friction_damping: FloatArray
     own_law_damping: FloatArray
-    viscous_damping: FloatArray  #: damping ratio by C
-    displacement: FloatArray  #: (levels, points) of the named points, m
-    states: FloatArray  #: (levels, n), m
-    loops: FloatArray  #: (increments, n) of the loops gone round, m
-    slip: FloatArray  #: (levels, m) of each contact point, m
-    share: FloatArray  #: of the friction limits that slips
-    state: tuple[str, ...]  #: "stick", "partial", or "gross": a joint slips as a whole
-    masing_error: float | None  #: of D by Masing's rule, put right; None: each level is gone round
+    viscous_damping: FloatArray
+    displacement: FloatArray
+    states: FloatArray
+    loops: FloatArray
+    slip: FloatArray
+    share: FloatArray
+    state: tuple[str, ...]
+    masing_error: float | None
     warnings: tuple[str, ...]
 
     @property
     def damping_ratio(self) -> FloatArray:
-        """Damping ratio of friction, Coulomb's, and viscous forces."""
+        """Damping ratio of friction, under Coulomb's law, and viscous forces."""
         return self.friction_damping + self.viscous_damping
 
 
@@ -128,26 +191,33 @@ def backbone(
     progress: Progress = silent,
     rows: Rows | None = None,
 ) -> list[Backbone]:
-    """Frequency and damping against amplitude of some modes.
+    """Natural frequency and damping ratio of some modes over their amplitude.
 
     Parameters
     ----------
     system : System
-        Full or condensed; its friction acts as Coulomb's, its loads do not. What a law of finite
-        steepness damps instead stands in ``own_law_damping``.
+        Full or condensed. Its friction acts as Coulomb's, its loads do not act. The damping under
+        a law of finite steepness is in ``own_law_damping``.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
     levels : int
         Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty.
     up_to : float
-        The highest, as a share of the level at which the first joint slips as a whole.
+        The highest level, as a share of that at which the first joint slips as a whole.
     slips_at : float, optional
-        That level, m/s² kg^1/2, as in the `Backbone` of the full model; found if not given.
+        Level at which the first joint slips as a whole, m/s² kg^1/2, such as that of the full
+        model's `Backbone`; computed if not given.
     progress : callable, optional
-        Called with (levels done, levels in all as far as they are known), loops' included.
+        Called with (levels done, levels in all as far as they are known), increments of cycles
+        included.
     rows : Rows, optional
-        Where levels are kept as they are found, and taken up again.
+        Where levels are kept as they finish, and taken up again.
+
+    Returns
+    -------
+    list of Backbone
+        In the order of ``modes``.
 
     Raises
     ------
@@ -156,7 +226,7 @@ def backbone(
         whole at the first level, friction alone holds the structure and cannot at the last, or the
         system is a reduced model made for its own loads.
     ConvergenceError
-        If a level is not found.
+        If a level does not converge.
     """
     system.check_any_load("backbone")
     check_each("backbone: modes", modes, COUNT)
@@ -166,391 +236,214 @@ def backbone(
         check("backbone: slips_at", slips_at, POSITIVE)
     to = arranged(system)
     numbers = np.asarray(modes, dtype=int)
-    known = len(modes) * (levels + INCREMENTS * min(CHECKED, levels))
-    path = _Path(to.system, Tally(progress, known), rows or Rows())
-    frequency, shapes = stuck_modes(to.system, int(numbers.max()) + 10)
-    if numbers.max() > frequency.size:
+    tally = Tally(progress, len(modes) * levels_of_a_curve(levels))
+    path = SavedPath(to.system, SETTINGS.tolerance, tally, rows or Rows())
+    frequencies, shapes = stuck_modes(to.system, int(numbers.max()) + SETTINGS.higher_modes)
+    if numbers.max() > frequencies.size:
         raise InputError(
-            f"backbone: found mode {numbers.max()}, there are {frequency.size} with the contact "
+            f"backbone: found mode {numbers.max()}, there are {frequencies.size} with the contact "
             "stuck"
         )
-    shares = np.geomspace(LOWEST, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
-    return [
-        _curve(to, path, k, frequency, shapes[:, k - 1], shares, slips_at) for k in numbers.tolist()
-    ]
+    shares = np.geomspace(SETTINGS.lowest, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
+    curves = []
+    for k in numbers.tolist():
+        mode = _Mode(k, shapes[:, k - 1], frequencies, to.system.M @ shapes[:, k - 1])
+        curves.append(_curve(to, path, mode, shares, slips_at))
+    return curves
 
 
-class _Path(QuasiStatic):
-    """Quasi-static response whose levels are rows: each depends on its start alone, to the bit."""
+def levels_of_a_curve(levels: int) -> int:
+    """Quasi-static levels of a curve with so many points, increments of its cycles included.
 
-    def __init__(self, system: System, tally: Tally, rows: Rows) -> None:
-        super().__init__(system, TOLERANCE, tally)
-        self.rows, self.of = rows, rows.mark("level", system, TOLERANCE)
+    As far as it is known before slip turns.
+    """
+    return levels + SETTINGS.increments * min(SETTINGS.checked, levels)
 
-    def follow(
-        self,
-        forces: FloatArray,
-        times: FloatArray | None = None,
-        held: float = QUASI_STATIC.held,
-        start: tuple[FloatArray, FloatArray] | None = None,
-    ) -> FloatArray:
-        """As `QuasiStatic.follow`; level by level, each a row, where times do not matter."""
-        if times is not None:
-            self.forget()
-            states = super().follow(forces, times, held, start)
-            self.forget()
-            return states
-        levels = []
-        u, before = np.zeros((2, forces.shape[1])) if start is None else start
-        for force in forces:
-            u = self._level(force, held, u, before)
-            levels.append(u)
-            before = force
-        return np.array(levels)
 
-    def _level(
-        self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
-    ) -> FloatArray:
-        """Displacement under a force from ``u`` under the force ``before``."""
-        mark, done = self.rows.mark(self.of, force, held, u, before, self.last), self.tally.done
+@dataclass(frozen=True)
+class _Mode:
+    """A mode with the contact stuck.
 
-        def computed() -> tuple[FloatArray, FloatArray]:
-            self.forget(self.last)
-            state = super(_Path, self).follow(force[np.newaxis], held=held, start=(u, before))[0]
-            return state, self.last
+    Attributes
+    ----------
+    number : int
+        From 1.
+    shape : ndarray, shape (n,)
+        Of unit modal mass, kg^(-1/2), in the unknowns of the path.
+    frequencies : ndarray
+        Of this mode, those below and some of those above, Hz.
+    force : ndarray, shape (n,)
+        Inertia M phi, the load of level 1, N.
+    """
 
-        state, self.last = self.rows.row(mark, computed)
-        if self.tally.done == done:  # it was taken up
-            self.tally.add()
-        return state
+    number: int
+    shape: FloatArray
+    frequencies: FloatArray
+    force: FloatArray
 
-    def limit(self, force: FloatArray) -> float:
-        """As `QuasiStatic.limit`; nothing is remembered of it, nor of what was before."""
-        self.forget()
-        limit = super().limit
-        found = self.rows.row(self.rows.mark(self.of, "limit", force), lambda: limit(force))
-        self.forget()
-        return found
+    @property
+    def frequency(self) -> float:
+        """Frequency with the contact stuck, Hz."""
+        return float(self.frequencies[self.number - 1])
 
 
 def _curve(
-    to: Arranged,
-    path: _Path,
-    number: int,
-    frequencies: FloatArray,
-    shape: FloatArray,
-    shares: FloatArray,
-    slips_at: float | None,
+    to: Arranged, path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None
 ) -> Backbone:
-    system, stuck = to.system, float(frequencies[number - 1])
-    if (2.0 * np.pi * stuck) ** 2 < 1e-9 * system.mean_square_frequency:
-        raise InputError(
-            f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
-            "a higher mode"
-        )
-    force = system.M @ shape
-    limit = path.limit(force)
-    if slips_at is None:
-        static, before = shape / (2.0 * np.pi * stuck) ** 2, path.rows.done
-        slips_at = min(limit, first_slip(path, force, static, np.isinf(limit)))
-        if np.isinf(slips_at):
-            raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
-        path.rows.asked += path.rows.done - before  # nobody knew how many it takes
+    """Backbone of a mode at some shares of the level at which the first joint slips as a whole."""
+    system = to.system
+    slips_at = _check_levels(path, mode, shares, slips_at)
     level = shares * slips_at
-    if level[-1] >= limit:
-        raise InputError(
-            f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
-            f"mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
-        )
-    states = path.follow(np.outer(level, force), held=np.inf)
-    rows = (system.B @ states.T).T
-    slip = system.slip_norm(rows)
-    travelled = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
-    work = 4.0 * slip @ system.w
-    masing = bool(np.all(travelled @ system.w <= TURNED * (slip @ system.w)))
-    count = CHECKED if masing else level.size
-    around = np.unique(np.linspace(0, level.size - 1, count).round().astype(int))
-    around = around[work[around] > 0.0]
-    more = INCREMENTS * (around.size - min(CHECKED, level.size))
-    path.tally.asked += more
-    path.rows.asked += more
-    parts = [_loop(path, level[k] * force, states[k]) for k in around]
-    loops = np.reshape(parts, (-1, system.n))
-    rubbed = system.slip_norm((system.B @ loops.T).T) @ system.w
-    ratio = 2.0 * rubbed.reshape(-1, INCREMENTS).sum(axis=1) / work[around]
-    if around.size:  # between them
-        work *= np.interp(np.log(level), np.log(level[around]), ratio)
-    q = states @ force
+    states = path.follow(np.outer(level, mode.force), held=np.inf)
+    work, loops, masing_error = _friction_work(path, level, mode.force, states)
+    q = states @ mode.force
     omega = np.sqrt(level / q)
-    slipping = slip > _none(path) * slip.max()
-    joints = system.joint_points
-    stuck_share = [[_sticking(path, one, points) for points in joints] for one in slip]
-    gross = np.min(stuck_share, axis=1) <= 1.0 - WHOLE
-    if gross[0]:
-        raise InputError(
-            f"backbone: mode {number}: a joint slips as a whole at the first level already, "
-            f"{shares[0]:.3g} of that at which the first one does; set up_to below 1"
-        )
+    frequency = omega / (2.0 * np.pi)
     friction_damping = work / (2.0 * np.pi * level * q)
-    own_law_damping, told = _by_own_law(path, number, level, force, states, friction_damping)
-    state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
+    slip = system.slip_norm((system.B @ states.T).T)
+    slipping = slip > still_share(path) * slip.max()
+    state = _stick_or_slip(path, mode, shares, slip, slipping)
+    own_damping, own_notes = own_law_damping(
+        path, mode.number, level, mode.force, states, friction_damping, _spread(level.size)
+    )
     return Backbone(
-        mode=number,
-        shape=to.outer(shape),
-        stuck_frequency=stuck,
+        mode=mode.number,
+        shape=to.outer(mode.shape),
+        stuck_frequency=mode.frequency,
         slips_at=slips_at,
         level=level,
         amplitude=q,
-        frequency=omega / (2.0 * np.pi),
+        frequency=frequency,
         friction_damping=friction_damping,
-        own_law_damping=own_law_damping,
-        viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
+        own_law_damping=own_damping,
+        viscous_damping=float(mode.shape @ (system.C @ mode.shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
         states=to.outer(states),
         loops=to.outer(loops),
         slip=slip,
         share=slipping @ system.w / system.w.sum(),
-        state=tuple(state.tolist()),
-        masing_error=float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None,
-        warnings=(*_doubts(number, frequencies, omega / (2.0 * np.pi), slipping), *told),
+        state=state,
+        masing_error=masing_error,
+        warnings=(*_few_points(mode, slipping), *_excited_modes(mode, frequency), *own_notes),
     )
 
 
-def _loop(path: QuasiStatic, force: FloatArray, state: FloatArray) -> FloatArray:
-    """Increments (INCREMENTS, n), m, from a state to its mirror image: half of a cycle."""
-    turn = np.linspace(1.0, -1.0, INCREMENTS + 1)[1:]
+def _check_levels(
+    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None
+) -> float:
+    """Level at which the first joint slips as a whole; computed if not given.
+
+    InputError if the mode is a rigid motion or loads no joint, or friction cannot hold the highest
+    of the levels, which are ``shares`` of it.
+    """
+    number, omega = mode.number, 2.0 * np.pi * mode.frequency
+    if omega**2 < SETTINGS.rigid * path.to.system.mean_square_frequency:
+        raise InputError(
+            f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
+            "a higher mode"
+        )
+    limit = path.limit(mode.force)
+    if slips_at is None:
+        counted = path.rows.done
+        supported = bool(np.isinf(limit))
+        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, supported)
+        slips_at = min(limit, slips_at)
+        if np.isinf(slips_at):
+            raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
+        path.rows.asked += path.rows.done - counted  # how many it takes is known only now
+    if shares[-1] * slips_at >= limit:
+        raise InputError(
+            f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
+            f"mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
+        )
+    return slips_at
+
+
+def _friction_work(
+    path: SavedPath, level: FloatArray, force: FloatArray, states: FloatArray
+) -> tuple[FloatArray, FloatArray, float | None]:
+    """Work of friction in a cycle at each level, (levels,), J.
+
+    Returns also the increments (k, n), m, of the half cycles that were followed, and the largest
+    relative error of Masing's rule; None where it was not used.
+    """
+    system = path.to.system
+    rows = (system.B @ states.T).T
+    slip = system.slip_norm(rows)
+    work = 4.0 * slip @ system.w
+    along_the_path = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
+    masing = bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
+    followed = _spread(level.size) if masing else np.arange(level.size)
+    followed = followed[work[followed] > 0.0]
+    more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
+    path.tally.asked += more
+    path.rows.asked += more
+    parts = [_half_cycle(path, level[k] * force, states[k]) for k in followed]
+    increments = np.reshape(parts, (-1, system.n))
+    dissipated = system.slip_norm((system.B @ increments.T).T) @ system.w
+    cycle = 2.0 * dissipated.reshape(-1, SETTINGS.increments).sum(axis=1)
+    ratio = cycle / work[followed]
+    if followed.size:
+        work *= np.interp(np.log(level), np.log(level[followed]), ratio)
+    error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
+    return work, increments, error
+
+
+def _spread(levels: int) -> IntArray:
+    """Numbers of the levels at which cycles are followed, evenly spread with both ends."""
+    return np.unique(np.linspace(0, levels - 1, SETTINGS.checked).round().astype(np.intp))
+
+
+def _half_cycle(path: SavedPath, force: FloatArray, state: FloatArray) -> FloatArray:
+    """Increments of displacement (increments, n), m, from a state to its mirror image."""
+    turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
     states = path.follow(np.outer(turn, force), held=np.inf, start=(state, force))
     return np.diff(np.vstack([state, states]), axis=0)
 
 
-def _own_law(
-    path: _Path, level: FloatArray, force: FloatArray, states: FloatArray, omega: FloatArray
-) -> tuple[IntArray, FloatArray] | None:
-    """Some of the levels, and the damping ratio of friction there by the system's own law.
+def _stick_or_slip(
+    path: SavedPath, mode: _Mode, shares: FloatArray, slip: FloatArray, slipping: BoolArray
+) -> tuple[str, ...]:
+    """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
-    None where that is Coulomb's. From the state at the level's peak a cycle is gone through, of
-    which the second half counts, as the first one forgets where it began.
+    InputError if a joint slips as a whole at the first level.
     """
-    system, n = path.to.system, OWN_INCREMENTS
-    beta = system.beta[:, np.newaxis]
-    if np.isinf(beta[system.w > 0.0]).all():
-        return None
-    at = np.unique(np.linspace(0, level.size - 1, CHECKED).round().astype(int))
-    path.tally.asked += 2 * n * at.size
-    path.rows.asked += at.size
-    turn = np.pi * np.arange(1, 2 * n + 1) / n
-
-    def damping(k: int) -> float:
-        """Damping ratio at one level."""
-        top, start = level[k] * force, (states[k], level[k] * force)
-        course = path.follow(np.outer(np.cos(turn), top), turn / omega[k], np.inf, start)
-        half = course[n - 1 :]
-        slip = system.slip_norm((system.B @ np.diff(half, axis=0).T).T).T
-        limits = friction_force(slip * (n * omega[k] / np.pi), beta) * system.w[:, np.newaxis]
-        q = 0.5 * float(np.ptp(half @ force))
-        return float(2.0 * np.vdot(limits, slip) / (2.0 * np.pi * level[k] * q))
-
-    marks = [path.rows.mark(path.of, "own law", level[k], force, states[k], omega[k]) for k in at]
-    return at, np.array(
-        [path.rows.row(mark, partial(damping, k)) for mark, k in zip(marks, at, strict=True)]
-    )
+    joints = path.to.system.joint_points
+    gross = [is_gross(min(sticking_share(path, s, points) for points in joints)) for s in slip]
+    if gross[0]:
+        raise InputError(
+            f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "
+            f"{shares[0]:.3g} of that at which the first one does; set up_to below 1"
+        )
+    state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
+    return tuple(state.tolist())
 
 
-def _by_own_law(
-    path: _Path,
-    number: int,
-    level: FloatArray,
-    force: FloatArray,
-    states: FloatArray,
-    coulomb: FloatArray,
-) -> tuple[FloatArray, list[str]]:
-    """Damping ratio of friction by the system's own law at all levels, and what to say of it.
-
-    Between the levels that are gone round the difference from Coulomb's is interpolated, which
-    changes slowly: with beta = 100 s/m from 0.76 to 0.45 % over a curve from 0.17 to 3 %.
-    """
-    q = states @ force
-    try:
-        found = _own_law(path, level, force, states, np.sqrt(level / q))
-    except ConvergenceError as error:
-        said = f"Mode {number}: how much the joints' own law damps is not known: {error}."
-        return np.full_like(coulomb, np.nan), [said]
-    if found is None:
-        return coulomb, []
-    at, own = found
-    more = np.interp(np.log(level), np.log(level[at]), own - coulomb[at])
-    return coulomb + more, _law_differs(number, path.to.system, q[at], coulomb[at], own)
-
-
-def _law_differs(
-    number: int, system: System, q: FloatArray, coulomb: FloatArray, own: FloatArray
-) -> list[str]:
-    """Sentence about the damping by the system's own law where it is not Coulomb's."""
-    # Less than the curve's is no matter of the law: loops of slips that turn are rough with few
-    # increments (7 to 10 % too much for a bolted plate at the highest level).
-    if np.all(own - coulomb <= DIFFERS * own):
+def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:
+    """Note where so few points slip that the damping is rough."""
+    count = slipping.sum(axis=1)
+    count = count[count > 0]
+    if not count.size or count[0] >= SETTINGS.fewest:
         return []
-    beta = system.beta[(system.w > 0.0) & np.isfinite(system.beta)]
-    shown = [
-        f"{100 * b:.3g} % where the curve says {100 * a:.3g} % (modal amplitude {x:.3g})"
-        for x, a, b in zip(q, coulomb, own, strict=True)
-    ]
     return [
-        f"Mode {number}: the curve is of Coulomb's law. The joints' own, with beta = "
-        f"{beta.min():.3g} s/m, lets them creep, and friction damps by {', '.join(shown)}; see "
-        "own_law_damping. A ring-down and steady response have the joints' own law; a steeper beta "
-        "or law = 'coulomb' brings them to the curve."
+        f"Mode {mode.number}: at the lowest level at which a point slips only {count[0]} do; below "
+        f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve it."
     ]
 
 
-def first_slip(path: QuasiStatic, force: FloatArray, static: FloatArray, raised: bool) -> float:
-    """Multiple of ``force`` at which the first joint slips as a whole; ``inf``: none is loaded.
-
-    ``static`` is what it does with all joints stuck, in the unknowns of the path's system. Where
-    joints alone carry the load it is that at which the forces on a joint that sticks add up to its
-    limit; else the load is ``raised`` until one slips. A dense system, whose basis may not slip so
-    far, takes the first of these with the smallest forces that hold it.
-    """
-    system, dense = path.to.system, path.to.kind == "dense"
-    held = force - system.K @ static
-    rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
-    forces = system.slip_norm(np.asarray(rows, dtype=float))
-    loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
-    if not loaded:
-        return np.inf
-    nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
-    if not raised:
-        return nominal
-
-    level, sticks = nominal * (1.0 + WITHIN), 1.0
-    u = before = 0.0 * force
-    for _ in range(TRIALS):
-        path.tally.asked += 1
-        u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
-        slip = system.slip_norm(system.B @ u)
-        last, sticks = sticks, min(_sticking(path, slip, points) for points in loaded)
-        if sticks <= 1.0 - WHOLE:
-            over = (1.0 - WHOLE - sticks) / (last - sticks)
-            return float(level * RAISED**-over) if last < 1.0 else nominal
-        before = level * force
-        level *= RAISED
-    return nominal
-
-
-def _none(path: QuasiStatic) -> float:
-    """Share of the largest slip that is none: points of dense systems cannot all stick."""
-    return THRESHOLD if path.to.kind == "dense" else NONE
-
-
-def _sticking(path: QuasiStatic, slip: FloatArray, points: IntArray) -> float:
-    """Share of a joint's friction limit that does not slip."""
-    limits = path.to.system.w[points]
-    return float(limits[slip[points] <= _none(path) * slip.max()].sum() / limits.sum())
-
-
-def _doubts(
-    number: int, frequencies: FloatArray, frequency: FloatArray, slipping: FloatArray
-) -> list[str]:
-    """Sentences about what the method takes for granted and this mode does not give."""
-    found = []
-    few = slipping.sum(axis=1)
-    few = few[few > 0]
-    if few.size and few[0] < FEWEST:
-        found.append(
-            f"Mode {number}: at the lowest level at which a point slips only {few[0]} do; below "
-            f"{FEWEST} the damping is rough. Use smaller elements in the joint to resolve it."
-        )
-    low, high = frequency.min(), frequencies[number - 1]
+def _excited_modes(mode: _Mode, frequency: FloatArray) -> list[str]:
+    """Note of higher modes near odd multiples of the frequencies (levels,), Hz, of a mode."""
+    low = frequency.min() * (1.0 - SETTINGS.near)
+    high = mode.frequency * (1.0 + SETTINGS.near)
     near = [
-        f"mode {k} at {other / high:.3g} times"
-        for k, other in enumerate(frequencies[number:], number + 1)
-        if any(m * low * (1.0 - NEAR) < other < m * high * (1.0 + NEAR) for m in MULTIPLES)
+        f"mode {k} at {other / mode.frequency:.3g} times"
+        for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
+        if any(m * low < other < m * high for m in SETTINGS.multiples)
     ]
-    if near:
-        found.append(
-            f"Mode {number}: higher frequencies lie near odd multiples of its own "
-            f"({', '.join(near)}), so that friction excites them: the true damping may be up to "
-            "twice as large. See its ring-down, or response."
-        )
-    return found
-
-
-@dataclass(frozen=True)
-class RingDown:
-    """Free vibration of a mode: an entry for each cycle, at rising times."""
-
-    time: FloatArray  #: of the peak that a cycle begins with, s
-    amplitude: FloatArray  #: modal, mean over the cycle, m kg^1/2
-    frequency: FloatArray  #: without damping, Hz
-    damping_ratio: FloatArray  #: by the logarithmic decrement
-    energy: FloatArray  #: (periods + 1,) of all modes, at whole periods of the stuck one, J
-    friction_work: FloatArray  #: (periods + 1, joints) of each joint up to then, J
-
-
-def ring_down(
-    system: System,
-    curve: Backbone,
-    cycles: int,
-    steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
-    start: tuple[FloatArray, FloatArray] | None = None,
-    progress: Callable[..., None] | None = None,
-) -> RingDown:
-    """Free vibration of a mode, released at rest from the highest level of its curve or as it is.
-
-    ``start`` is a displacement (m) and a velocity (m/s) to begin with, such as ``run.final`` of a
-    run whose pulse has ended; the loads act no more. The system's own law acts. Of modes that ring
-    together one is told by its modal displacement, phi^T M u; half of peak to peak has no part of
-    what joints come to rest at. What is left above twice the mode's frequency is filtered out,
-    forwards and backwards so that peaks stay where they are. ``progress`` is that of `integrate`.
-
-    Raises
-    ------
-    InputError
-        If too few cycles are asked for, or the system is a reduced model made for its own loads.
-    ConvergenceError
-        If a step does not converge, or no cycle is left to measure.
-    """
-    system.check_any_load("ring_down")
-    check("ring_down: cycles", cycles, at_least(2 * ENDS))
-    check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
-    modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
-    alone = replace(system, loads=(), P=modal, points=("modal",))
-    step = 1.0 / curve.stuck_frequency / steps_per_cycle
-    run = integrate(
-        alone,
-        step=step,
-        n_steps=cycles * steps_per_cycle,
-        scheme=scheme,
-        save=Save(fields=True, fields_every=steps_per_cycle),
-        initial=(curve.states[-1], np.zeros(system.n)) if start is None else start,
-        progress=progress,
-    ).finished()
-    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / step, output="sos")
-    q = sosfiltfilt(low, run.point("modal"))
-    q *= np.sign(q[np.abs(q).argmax()])  # a mode has no sign of its own
-    tops, bottoms = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
-    tops = tops[tops >= steps_per_cycle // 2]  # which the filter sees whole, as below
-    bottoms = bottoms[np.searchsorted(bottoms, tops[0]) if tops.size else 0 :]
-    count = min(tops.size - 1, bottoms.size) - ENDS
-    if count < 1:
-        raise ConvergenceError("ring_down: no cycle is left to measure; ask for more")
-    (top, at), bottom = _extremes(q, tops), _extremes(q, bottoms)[0]
-    half = 0.5 * (0.5 * (top[:-1] + top[1:])[: count + 1] - bottom[: count + 1])
-    decrement = np.log(half[:-1] / half[1:])
-    whole = np.hypot(2.0 * np.pi, decrement)  # angle of a cycle, had it no damping
-    return RingDown(
-        time=at[:count] * step,
-        amplitude=np.sqrt(half[:-1] * half[1:]),
-        frequency=whole / (np.pi * (at[2:] - at[:-2])[:count] * step),
-        damping_ratio=decrement / whole,
-        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
-        friction_work=run.joint_work[::steps_per_cycle],
-    )
-
-
-def _extremes(q: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Values and places (rows) of extremes, by parabolas through three samples."""
-    a, b, c = q[rows - 1], q[rows], q[rows + 1]
-    shift = 0.5 * (a - c) / (a - 2.0 * b + c)
-    return b - 0.25 * (a - c) * shift, rows + shift
+    if not near:
+        return []
+    return [
+        f"Mode {mode.number}: higher frequencies lie near odd multiples of its own "
+        f"({', '.join(near)}), so that friction excites them: the true damping may be up to "
+        "twice as large. See its ring-down, or response."
+    ]

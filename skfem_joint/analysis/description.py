@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from skfem_joint import modes
 from skfem_joint.analysis.asked import TO_STEADY
-from skfem_joint.analysis.backbone import first_slip
+from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import LOOKED_AT
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.modal_response import modal_response
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -48,8 +50,6 @@ class DescriptionSettings:
     large : float
         Displacement over the structure's length, or change of the normal force over that force,
         that is not small.
-    shift : float
-        Mass that is added to a stiffness which leaves rigid motions, over their ratio.
     """
 
     shown: int = 3
@@ -57,7 +57,6 @@ class DescriptionSettings:
     alike: float = 0.5
     large_strain: float = 0.01
     large: float = 0.1
-    shift: float = 1e-9
 
 
 SETTINGS = DescriptionSettings()
@@ -150,7 +149,10 @@ def _moves(
     facts, values, no_unknowns = draft.facts, draft.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     held = sparse.csr_array(system.B).indices[acting]
-    both = [natural_modes(system, LOOKED_AT, joints=joints) for joints in ("loose", "stuck")]
+    both = [
+        natural_modes(system, modes.SETTINGS.searched, joints=joints)
+        for joints in ("loose", "stuck")
+    ]
     rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
     values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
     values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
@@ -193,7 +195,7 @@ def _moves(
     force = to.force(dynamic)
     level = path.limit(force)
     if np.isinf(level):  # supports hold too
-        level = first_slip(path, force, to.inner(vibration.follows @ vibration.most), True)
+        level = gross_slip_level(path, force, to.inner(vibration.follows @ vibration.most), True)
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),
@@ -311,12 +313,11 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     follow = _solve(system, F, held) if F.size else F
     omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
     damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
-    extra = [
-        _answer(w, c, h, row @ amplitudes)
-        for w, c, row in zip(omega, damping, participation, strict=True)
-    ]
+    modal = participation @ amplitudes
+    # What each mode moves beyond following its force at once.
+    extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
     both = np.hstack([follow, shapes])
-    x = np.vstack([amplitudes, *extra])
+    x = np.vstack([amplitudes, extra])
     G, k = both.T @ (system.K @ both), len(amplitudes)
     energy = np.einsum("it,ij,jt->t", x, G, x)
     at_rest = np.einsum("it,ij,jt->t", amplitudes, G[:k, :k], amplitudes)
@@ -330,15 +331,6 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 
-def _answer(omega: float, damping: float, h: float, force: FloatArray) -> FloatArray:
-    """What a mode moves beyond following its force (N) at once, at steps of ``h`` from rest."""
-    from scipy.signal import cont2discrete, lfilter  # loads much else
-
-    plain = [1.0], [1.0, damping, omega**2]
-    numerator, denominator, _ = cont2discrete(plain, h, "foh")
-    return np.asarray(lfilter(numerator.ravel(), denominator, force) - force / omega**2)
-
-
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     """Static displacements, m, with some unknowns held; rigid motions are held a little.
 
@@ -348,12 +340,7 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
-        shift = (
-            SETTINGS.shift * float(K.diagonal().sum() / M.diagonal().sum())
-            if not held.size
-            else 0.0
-        )
-        u[free] = factorised(K + shift * M)(force[free])
+        u[free] = factorised(K if held.size else shifted(K, M))(force[free])
     return u
 
 

@@ -20,7 +20,7 @@ from skfem_joint.analysis.history import QUANTITIES, Results, difference, result
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.system import System
 

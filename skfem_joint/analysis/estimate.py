@@ -6,8 +6,8 @@ cheaper, verification runs take tenths of a second, and tell which source errs.)
 
 basis
     The residual of its run in the full equation shows which modes the basis misses
-    (:mod:`skfem_joint.reduction.residual`). With the first modes of that, and the next ones of what
-    its own modes come from, the model is run again, and once more with the modes that that run
+    (:mod:`skfem_joint.reduction.missing_modes`). With the first modes of that, and the next ones of
+    what its own modes come from, the model is run again, and once more with the modes that that run
     misses, unless they hardly changed anything. The ratio of the second change to the first tells
     what is still missing.
 law
@@ -49,8 +49,9 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
-from skfem_joint.reduction.friction_points import MANY, MERGED, merged_points, shared_points
-from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.reduction.friction_points import SETTINGS as MERGING
+from skfem_joint.reduction.friction_points import merged_points, shared_points
+from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -113,8 +114,8 @@ class EstimateSettings:
 
     settled: float = 0.01
     fewest_cycles: int = 4
-    many: int = MANY
-    merged: int = MERGED
+    many: int = MERGING.many
+    merged: int = MERGING.merged
     most_steps: int = 4000
     at_once: int = 300_000
     sure: float = 5e-3
@@ -331,7 +332,7 @@ class _Points:
     def merged(self) -> System:
         """Reduced model with merged points."""
         every, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
-        return merged_points(every, self.basis.velocities, points, SETTINGS.merged)
+        return merged_points(every, self.basis.history.velocities, points, SETTINGS.merged)
 
     def projection(self, V: FloatArray) -> System:
         """Projection on V, which begins with the basis and with all V before; made once."""
@@ -446,7 +447,7 @@ def _enriched(
     changes: list[tuple[Results, Results]] = []
     while len(changes) < 2 or (len(changes) < SETTINGS.most_runs and V.shape[1] < most):
         before = results(run)
-        V = np.hstack([V, residual.lacking(V, run, SETTINGS.added, known)])
+        V = np.hstack([V, residual.missing_modes(V, run, SETTINGS.added, known)])
         run = stored(points.model(V, beta))
         changes.append((before, results(run)))
         bases.append(V)

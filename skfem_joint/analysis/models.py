@@ -63,7 +63,7 @@ class Model:
 
         That of a reduced model is of the run that its modes were made from.
         """
-        return self.run.slip_peak if self.basis is None else self.basis.slip_peak
+        return self.run.slip_peak if self.basis is None else self.basis.history.slip_peak
 
     @property
     def modes(self) -> int | None:

@@ -11,7 +11,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.modes import lowest_modes
-from skfem_joint.reduction.zones import motions_without_slip
+from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 from skfem_joint.values import COUNT, check

@@ -1,8 +1,9 @@
-"""Steady vibration over frequency at several levels of load, with the linear limits beside it.
+"""Steady vibration over frequency, a curve for each level of load.
 
-Each point is a period of steady vibration (:mod:`skfem_joint.stepping.steady`), begun where the
-frequency before it ended. Amplitudes are half of peak to peak: where joints come to rest depends on
-the past, and is told as the offset.
+Each point of a curve is one period of steady vibration (:mod:`skfem_joint.stepping.steady`). The
+search for it starts from the state at the frequency before, so that few periods are needed.
+Amplitudes are half of peak to peak: where the joints come to rest depends on the past, and is given
+apart as an offset.
 """
 
 from __future__ import annotations
@@ -15,68 +16,129 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from skfem_joint.analysis.history import relative
+from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.reduction.zones import motions_without_slip
-from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Save
-from skfem_joint.stepping.schemes import Scheme
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
 State = tuple[FloatArray, FloatArray]
-#: Harmonics of a response that are told.
-HARMONICS = 5
-#: Points that are added around a peak, and the distance to a known one, relative, from which on
-#: none is; change of the amplitude between two points, over the largest, that asks for one more.
-AROUND, CLOSE, STEEP = 6, 2e-4, 0.15
-#: Times in a period at which a linear response is looked at; frequencies at which it is found
-#: first, and force, relative, that may be left elsewhere.
-SAMPLES, AMONG, EXACT = 256, 7, 1e-8
+
+
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Numbers of frequency responses.
+
+    Attributes
+    ----------
+    harmonics : int
+        Harmonics of the steady vibration that results report.
+    most_added : int
+        Most frequencies that are added to those asked for, of each curve.
+    steep : float
+        A frequency is added between two whose amplitudes differ by more than this share of the
+        largest.
+    narrow : float
+        None is added where the interval is narrower than this share of the median one.
+    close : float
+        None is added at the peak where a frequency lies nearer than this share of it.
+    """
+
+    harmonics: int = 5
+    most_added: int = 24
+    steep: float = 0.15
+    narrow: float = 0.25
+    close: float = 2e-4
+
+
+SETTINGS = ResponseSettings()
 
 
 @dataclass(frozen=True)
 class SteadyPoint:
-    """Steady vibration at one frequency; ``failure`` says why there is none, all else is nan."""
+    """Steady vibration at one frequency.
 
-    frequency: float  #: first harmonic of the loads, Hz
-    amplitude: FloatArray  #: (points,) half of peak to peak, m
-    offset: FloatArray  #: (points,) mean of the two peaks, m
-    harmonics: FloatArray  #: (points, HARMONICS) complex, of exp(i k omega t), m
-    phase: FloatArray  #: (points,) of the first harmonic after that of the first load, rad
-    friction_energy: float  #: of a cycle, J
-    input_energy: float  #: of a cycle, J
-    slip: FloatArray  #: (m,) largest slip of each contact point, m
-    share: float  #: of the friction limits that slips, by a thousandth of the largest slip
-    periods: int  #: that were gone through
-    change: float  #: of the state over the last one, relative
-    state: State | None = None  #: at the period's end
-    course: FloatArray | None = None  #: (steps + 1, n) over the period, of a dense system, m
-    step_error: float = np.nan  #: estimated, relative, of the largest amplitude by the time step
+    Where none was found ``failure`` says why, and all other results are nan.
+
+    Attributes
+    ----------
+    frequency : float
+        First harmonic of the loads, Hz.
+    amplitude : ndarray, shape (points,)
+        Half of peak to peak of each named point, m.
+    offset : ndarray, shape (points,)
+        Mean of the two peaks, m.
+    harmonics : ndarray of complex, shape (points, 5)
+        Factors of ``exp(i k omega t)``, m.
+    phase : ndarray, shape (points,)
+        Phase of the first harmonic after that of the first load, rad.
+    friction_energy : float
+        Dissipated by friction in a period, J.
+    input_energy : float
+        Work of the loads in a period, J.
+    slip : ndarray, shape (m,)
+        Largest slip of each contact point, m.
+    share : float
+        Share of the friction limits whose points slip by more than a thousandth of the largest
+        slip.
+    periods : int
+        Periods that the search took.
+    change : float
+        Change of the state over the last of them, relative.
+    state : tuple of ndarray, shape (n,), optional
+        Displacement (m) and velocity (m/s) at the end of the period.
+    course : ndarray, shape (steps + 1, n), optional
+        Displacement over the period, m; of dense systems only.
+    step_error : float
+        Estimated relative error of the largest amplitude by the time step; nan: not estimated.
+    failure : str, optional
+        Why no steady vibration was found.
+    """
+
+    frequency: float
+    amplitude: FloatArray
+    offset: FloatArray
+    harmonics: FloatArray
+    phase: FloatArray
+    friction_energy: float
+    input_energy: float
+    slip: FloatArray
+    share: float
+    periods: int
+    change: float
+    state: State | None = None
+    course: FloatArray | None = None
+    step_error: float = np.nan
     failure: str | None = None
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Response at one level of load, at rising frequencies."""
+    """Response at one level of load.
+
+    Attributes
+    ----------
+    level : float
+        Factor of the loads' amplitudes.
+    points : tuple of SteadyPoint
+        At rising frequencies.
+    """
 
     level: float
     points: tuple[SteadyPoint, ...]
 
     def column(self, name: str) -> FloatArray:
-        """One of the quantities at all frequencies."""
+        """A quantity of `SteadyPoint` at all frequencies, by its name."""
         return np.array([getattr(point, name) for point in self.points])
 
     @property
@@ -92,8 +154,16 @@ class Curve:
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest."""
-        return _top(*self.known)
+        """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest.
+
+        The highest point itself where it is the first or the last.
+        """
+        f, A = self.known
+        k = int(A.argmax())
+        if not 0 < k < f.size - 1:
+            return float(f[k]), float(A[k])
+        frequency, amplitude = parabola_vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
+        return float(frequency), float(amplitude)
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -115,6 +185,17 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=tuple(loads))
 
 
+def steady_plan(frequency: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
+    """Plan of a search for steady vibration at a frequency (Hz)."""
+    return Plan(
+        step=1.0 / frequency / steps_per_cycle,
+        n_steps=steps_per_cycle,
+        scheme=scheme or generalized_alpha(),
+        cycle_steps=steps_per_cycle,
+        until="steady",
+    )
+
+
 def response(
     system: System,
     frequencies: FloatArray,
@@ -133,9 +214,9 @@ def response(
     Parameters
     ----------
     system : System
-        Full or condensed; its loads are harmonic. What `skfem_joint.reduce` made is good for its
-        own loads alone.
-    frequencies : ndarray
+        Full or condensed; its loads are harmonic. A model made by `skfem_joint.reduce` serves its
+        own loads only and is refused.
+    frequencies : ndarray, shape (k,)
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
         Factors of the loads' amplitudes.
@@ -144,14 +225,19 @@ def response(
     refined : bool
         Whether points are added around peaks and where a curve is steep.
     estimated : bool
-        Whether each point is found with twice the step too, which tells the error of its step.
+        Whether each point is computed with twice the step too, which gives the error of its step.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
-        Called with (frequencies done, frequencies in all as far as they are known), and between
+        Called with (vibrations found, vibrations in all as far as they are known), and between
         them, without an executor, with a note on the search.
     rows : Rows, optional
-        Where steady vibrations are kept as they are found, and taken up again.
+        Where steady vibrations are kept as they finish, and taken up again.
+
+    Returns
+    -------
+    list of Curve
+        In the order of ``levels``.
 
     Raises
     ------
@@ -172,110 +258,126 @@ def response(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
-    rows, each = rows or Rows(), frequencies.size * (2 if estimated else 1)
-    tally = Tally(progress, each * len(levels))
+    rows, at_each_frequency = rows or Rows(), 2 if estimated else 1
+    tally = Tally(progress, at_each_frequency * frequencies.size * len(levels))
 
-    def expect(count: int) -> None:
-        """Count points that nobody knew of."""
-        tally.asked += count
-        rows.asked += count
+    def expect_more() -> None:
+        """Count the vibrations of a frequency that is added."""
+        tally.asked += at_each_frequency
+        rows.asked += at_each_frequency
 
-    rest = steps_per_cycle, refined, estimated, expect
-    curves = [_curve(frequencies, level, *rest) for level in levels]
-    return _followed(curves, system, scheme, executor, tally, rows)
+    searches = [
+        _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)
+        for level in levels
+    ]
+    return _curves(searches, system, scheme, executor, tally, rows)
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """A steady vibration that a curve asks for next."""
+class _Request:
+    """A steady vibration that the search for a curve needs next.
 
-    frequency: float  #: Hz
+    ``with_state`` says whether others will start from its state.
+    """
+
+    frequency: float
     level: float
     steps_per_cycle: int
     start: State | None
-    whole: bool  #: whether others begin with its state
+    with_state: bool
 
-    def found(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
-        """Find it."""
-        how = self.steps_per_cycle, scheme, self.start, progress
-        point = steady_point(system, self.frequency, self.level, *how)
-        return point if self.whole else replace(point, state=None, course=None)
+    def compute(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
+        """The vibration of a system."""
+        point = steady_point(
+            system,
+            self.frequency,
+            self.level,
+            self.steps_per_cycle,
+            scheme,
+            self.start,
+            progress,
+        )
+        return point if self.with_state else replace(point, state=None, course=None)
 
 
-_CurveOfPoints: TypeAlias = Generator[_Asked, SteadyPoint, Curve]
+#: A search yields requests, is sent their results, and returns its curve.
+_Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 
 
-def _followed(
-    curves: list[_CurveOfPoints],
+def _curves(
+    searches: list[_Search],
     system: System,
     scheme: Scheme | None,
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
 ) -> list[Curve]:
-    """Whole curves: one after another, or side by side with an executor.
+    """Curves of all searches: one after another, or side by side with an executor.
 
-    Each point is a row, named by all that it depends on.
+    Each steady vibration is a row, named by all that it depends on.
     """
-    of = rows.mark("steady point", system, scheme)
-    ended: dict[int, Curve] = {}
+    origin = rows.mark("steady point", system, scheme)
+    curves: dict[int, Curve] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
-    def go_on(number: int, point: SteadyPoint | None) -> None:
-        """Give a curve its next points, up to one that an executor has to find."""
+    def advance(number: int, point: SteadyPoint | None) -> None:
+        """Answer the requests of a search up to its end, or to one that goes to the executor."""
         try:
             while True:
-                asked = curves[number].send(point)  # type: ignore[arg-type]  # None begins it
-                mark = rows.mark(of, asked)
+                request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
+                mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    sent = executor.submit(asked.found, system, scheme, silent)
-                    running[sent] = number, mark, time.perf_counter()
+                    future = executor.submit(request.compute, system, scheme, silent)
+                    running[future] = number, mark, time.perf_counter()
                     return
-                point = rows.row(mark, partial(asked.found, system, scheme, tally.within))
+                point = rows.row(mark, partial(request.compute, system, scheme, tally.within))
                 tally.add()
         except StopIteration as end:
-            ended[number] = end.value
+            curves[number] = end.value
 
     try:
-        for number in range(len(curves)):
-            go_on(number, None)
+        for number in range(len(searches)):
+            advance(number, None)
         while running:
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 number, mark, begin = running.pop(future)
                 point = rows.keep(mark, future.result(), time.perf_counter() - begin)
                 tally.add()
-                go_on(number, point)
+                advance(number, point)
     finally:
         for future in running:
             future.cancel()
-    return [ended[number] for number in range(len(curves))]
+    return [curves[number] for number in range(len(searches))]
 
 
-def _curve(
+def _search(
     frequencies: FloatArray,
     level: float,
     steps_per_cycle: int,
     refined: bool,
     estimated: bool,
-    expect: Callable[[int], None],
-) -> _CurveOfPoints:
-    """Ask for the points of a curve one after another; ``expect`` counts those that are added."""
+    expect_more: Callable[[], None],
+) -> _Search:
+    """Request the points of a curve: those asked for, those added, then all with twice the step.
+
+    ``expect_more`` is called for each frequency that is added.
+    """
     points: list[SteadyPoint] = []
     state: State | None = None
     for frequency in frequencies.tolist():
-        points.append((yield _Asked(frequency, level, steps_per_cycle, state, True)))
+        points.append((yield _Request(frequency, level, steps_per_cycle, state, True)))
         state = points[-1].state
     if all(point.failure is not None for point in points):
         raise ConvergenceError(
             f"response: level {level:g}, at every frequency: {points[0].failure}"
         )
-    for _ in range(4 * AROUND if refined else 0):
-        wanted = next(_wanted(Curve(level, tuple(points))), None)
-        if wanted is None:
+    for _ in range(SETTINGS.most_added if refined else 0):
+        added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
+        if added is None:
             break
-        expect(2 if estimated else 1)
-        state = min(points, key=lambda point: abs(point.frequency - wanted)).state
-        points.append((yield _Asked(wanted, level, steps_per_cycle, state, True)))
+        expect_more()
+        state = min(points, key=lambda point: abs(point.frequency - added)).state
+        points.append((yield _Request(added, level, steps_per_cycle, state, True)))
         points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
     if not estimated or steps_per_cycle < 4:
@@ -284,38 +386,25 @@ def _curve(
     order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
     for k, point in enumerate(points):
         if point.failure is None:
-            other = yield _Asked(point.frequency, level, coarse, point.state, False)
-            apart = relative(other.amplitude[largest], point.amplitude[largest])
-            error = np.nan if apart is None else abs(apart) / order
+            other = yield _Request(point.frequency, level, coarse, point.state, False)
+            change = relative(other.amplitude[largest], point.amplitude[largest])
+            error = np.nan if change is None else abs(change) / order
             points[k] = replace(point, step_error=error)
     return Curve(level, tuple(points))
 
 
-def _wanted(curve: Curve) -> Iterator[float]:
-    """Frequencies that a curve lacks: first where it is steep, then around its peak."""
+def _frequencies_to_add(curve: Curve) -> Iterator[float]:
+    """Frequencies (Hz) that would refine a curve: first where it is steep, then at its peak."""
     f, A = curve.known
     if f.size < 3:
         return
     width = np.diff(f)
-    steep = np.flatnonzero(
-        (np.abs(np.diff(A)) > STEEP * A.max()) & (width > 0.25 * np.median(width))
-    )
-    for k in steep:
+    wide = width > SETTINGS.narrow * np.median(width)
+    for k in np.flatnonzero((np.abs(np.diff(A)) > SETTINGS.steep * A.max()) & wide):
         yield float(0.5 * (f[k] + f[k + 1]))
-    top, _ = _top(f, A)
-    if np.abs(f - top).min() > CLOSE * top:
-        yield top
-
-
-def _top(f: FloatArray, A: FloatArray) -> tuple[float, float]:
-    """Top of a parabola through the highest point and its neighbours; that point at an end."""
-    k = int(A.argmax())
-    if 0 < k < f.size - 1:
-        parabola = np.polyfit(f[k - 1 : k + 2] - f[k], A[k - 1 : k + 2], 2)
-        if parabola[0] < 0.0:
-            shift = -0.5 * parabola[1] / parabola[0]
-            return float(f[k] + shift), float(np.polyval(parabola, shift))
-    return float(f[k]), float(A[k])
+    peak, _ = curve.peak
+    if np.abs(f - peak).min() > SETTINGS.close * peak:
+        yield peak
 
 
 def steady_point(
@@ -327,106 +416,65 @@ def steady_point(
     start: State | None = None,
     progress: Progress = silent,
 ) -> SteadyPoint:
-    """Steady vibration at one frequency (Hz); one that is not found says so."""
-    loaded = at_frequency(system, frequency, level)
+    """Steady vibration at one frequency (Hz); ``failure`` says why where there is none.
+
+    ``start`` is the displacement (m) and velocity (m/s) that the search starts from; rest if not
+    given. The other arguments are those of :func:`response`.
+    """
+    system = at_frequency(system, frequency, level)
+    plan = steady_plan(frequency, steps_per_cycle, scheme)
+    plan = replace(plan, save=Save(fields=system.is_dense))
     try:
-        run = integrate(
-            loaded,
-            until="steady",
-            steps_per_cycle=steps_per_cycle,
-            scheme=scheme,
-            save=Save(fields=system.is_dense),
-            initial=start,
-            progress=progress,
-        )
+        run = integrate_plan(system, plan, initial=start, progress=progress)
     except ConvergenceError as error:
-        nothing = np.full(len(system.points), np.nan)
-        harmonics = np.full((nothing.size, HARMONICS), np.nan + 0j)
-        slip = np.full(system.w.size, np.nan)
-        return SteadyPoint(
-            frequency, nothing, nothing, harmonics, nothing, np.nan, np.nan, slip, np.nan, 0,
-            np.nan, failure=str(error),
-        )  # fmt: skip
-    found = run.vibration
-    harmonics = _harmonics(run.point_u[:-1])
-    slip, limit = run.slip_peak.max(initial=0.0), float(system.w.sum())
-    first = _harmonics(loaded.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
+        return _without_vibration(system, frequency, str(error))
+    vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])
+    load = _harmonics(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
         frequency=frequency,
-        amplitude=found.amplitude,
-        offset=found.offset,
+        amplitude=vibration.amplitude,
+        offset=vibration.offset,
         harmonics=harmonics,
-        phase=np.angle(harmonics[:, 0] / first) if first else np.angle(harmonics[:, 0]),
+        phase=np.angle(harmonics[:, 0] / load) if load else np.angle(harmonics[:, 0]),
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
         slip=run.slip_peak,
-        share=float(system.w[run.slip_peak > THRESHOLD * slip].sum() / limit) if limit else 0.0,
-        periods=found.periods,
-        change=found.change,
+        share=_slipping_share(system, run),
+        periods=vibration.periods,
+        change=vibration.change,
         state=run.final,
         course=run.u if system.is_dense else None,
     )
 
 
+def _without_vibration(system: System, frequency: float, why: str) -> SteadyPoint:
+    """Point of a frequency (Hz) without steady vibration."""
+    nothing = np.full(len(system.points), np.nan)
+    return SteadyPoint(
+        frequency=frequency,
+        amplitude=nothing,
+        offset=nothing,
+        harmonics=np.full((nothing.size, SETTINGS.harmonics), np.nan + 0j),
+        phase=nothing,
+        friction_energy=np.nan,
+        input_energy=np.nan,
+        slip=np.full(system.w.size, np.nan),
+        share=np.nan,
+        periods=0,
+        change=np.nan,
+        failure=why,
+    )
+
+
+def _slipping_share(system: System, run: Run) -> float:
+    """Share of the friction limits whose points slip; zero without friction."""
+    slips, limit = run.slip_peak, float(system.w.sum())
+    if not limit:
+        return 0.0
+    return float(system.w[slips > THRESHOLD * slips.max(initial=0.0)].sum() / limit)
+
+
 def _harmonics(rows: FloatArray) -> FloatArray:
-    """Harmonics of the columns over a period, (columns, HARMONICS), complex."""
-    return np.asarray(2.0 * np.fft.rfft(rows, axis=0)[1 : HARMONICS + 1].T / len(rows))
-
-
-def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> FloatArray:
-    """Amplitudes (m) with all contact points held, or free: (frequencies, points).
-
-    The limits of small and of large loads; from the exact complex stiffness.
-    """
-    inner = arranged(system).system
-    V = motions_without_slip(inner, True) if stuck else sparse.eye_array(inner.n, format="csc")
-    solve = _Harmonic(*(sparse.csr_array(congruent(A, V)) for A in (inner.K, inner.C, inner.M)))
-    P, F = inner.P @ V, V.T @ inner.load_vectors()
-    turn = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
-    found = np.zeros((frequencies.size, len(system.points)))
-    # From far to near, so that most lie between others.
-    far = np.unique(np.linspace(0, frequencies.size - 1, AMONG).astype(int))
-    for at in [*far, *np.setdiff1d(np.arange(frequencies.size), far)]:
-        frequency, motion = float(frequencies[at]), np.zeros((len(system.points), SAMPLES))
-        for force, load in zip(F.T, at_frequency(inner, frequency).loads, strict=True):
-            for part in load.amplitude.harmonics:
-                u = P @ solve(2.0 * np.pi * part.frequency, force) * part.amplitude
-                phase = turn * part.frequency / frequency + part.phase
-                motion += (u[:, np.newaxis] * np.exp(1j * phase)).imag
-        found[at] = 0.5 * np.ptp(motion, axis=1)
-    return found
-
-
-class _Harmonic:
-    """Motion under harmonic forces by few factors: most lie in the span of those found before.
-
-    Where the residual there is more than `EXACT` of the force, a factor is made.
-    """
-
-    def __init__(self, K: sparse.csr_array, C: sparse.csr_array, M: sparse.csr_array) -> None:
-        self.matrices = K, C, M
-        self.factor: tuple[float, SuperLU] | None = None  # the last one, and its frequency
-        self.V = np.zeros((K.shape[0], 0))
-        self.images = [self.V, self.V, self.V]
-
-    def __call__(self, omega: float, force: FloatArray) -> NDArray[np.complex128]:
-        """Complex amplitude, (n,), at an angular frequency."""
-        factors = 1.0, 1j * omega, -(omega**2)
-        if self.V.shape[1]:
-            image = sum(a * A for a, A in zip(factors, self.images, strict=True))
-            u = np.linalg.solve(self.V.T @ image, self.V.T @ force)
-            if np.linalg.norm(force - image @ u) <= EXACT * np.linalg.norm(force):
-                return np.asarray(self.V @ u)
-        if self.factor is None or self.factor[0] != omega:  # loads often share a frequency
-            H = sum(a * A for a, A in zip(factors, self.matrices, strict=True))
-            self.factor = omega, splu(sparse.csc_array(H))
-        u = self.factor[1].solve(force.astype(complex))
-        more = np.stack([u.real, u.imag], axis=1)
-        for _ in range(2):
-            more = more - self.V @ (self.V.T @ more)
-            more = orthonormal(more, sparse.eye_array(u.size))
-        self.V = np.hstack([self.V, more])
-        self.images = [
-            np.hstack([B, A @ more]) for A, B in zip(self.matrices, self.images, strict=True)
-        ]
-        return np.asarray(u)
+    """Harmonics of the columns over a period, (columns, harmonics), complex."""
+    spectrum = np.fft.rfft(rows, axis=0)[1 : SETTINGS.harmonics + 1]
+    return np.asarray(2.0 * spectrum.T / len(rows))

@@ -28,8 +28,8 @@ from skfem_joint.errors import ConvergenceError, JointError
 from skfem_joint.linalg import schur
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import gross_slip
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints
@@ -256,8 +256,8 @@ def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: 
         notes = (*basis.notes, *system.notes)
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        notes = (*notes, *gross_slip(study.structure, basis.slip_peak, study.period))
-        active = _active(study, basis.slip_peak)[1:]
+        notes = (*notes, *gross_slip(study.structure, basis.history.slip_peak, study.period))
+        active = _active(study, basis.history.slip_peak)[1:]
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
@@ -284,7 +284,8 @@ def _condensed(
     before, compiled = watch.read()
     run = integrate(small, plan_of(study.scene))
     peak = np.asarray(run.slip_peak @ small.shares)
-    basis, offline = replace(basis, slip_peak=peak), before + run.preparation_s
+    basis = replace(basis, history=replace(basis.history, slip_peak=peak))
+    offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
     model = replace(model, compilation_s=compiled + run.compilation_s)
     return Made(study.scene, model, notes)

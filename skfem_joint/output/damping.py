@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.response import HARMONICS, Curve
-from skfem_joint.analysis.scene_vibration import ModelBackbone, SceneBackbone, SceneResponse
+from skfem_joint.analysis.response import SETTINGS, Curve
+from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
+from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
 from skfem_joint.output.report import write_csv
-from skfem_joint.reduction.zones import measured_lengths
+from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.structure import AnyStructure
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
             model.name: {"modes": [_mode(model, k, joints) for k in range(len(model.curves))]}
             for model in found.models
         },
-        "warnings": found.warnings,
+        "warnings": list(found.warnings),
     }
     picture = folder / "backbone.png"
     return _written(picture, backbone_figure(found.models, found.largest), content, tables)
@@ -155,7 +156,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
     header += [f"offset_{n}_m" for n in names]
-    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
+    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(SETTINGS.harmonics)]
     header += ["friction_energy_J", "input_energy_J"]
     header += ["largest_slip_m", "slipping_share", "periods", "residual"]
     header += ["step_error", *joints]
@@ -183,7 +184,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
             }
             for model in found.models
         },
-        "warnings": found.warnings,
+        "warnings": list(found.warnings),
     }
     tables = {"response.csv": [header, *rows]}
     return _written(folder / "response.png", response_figure(found), content, tables)

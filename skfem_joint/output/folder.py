@@ -158,8 +158,9 @@ def curves(study: Study) -> dict[str, Writer]:
         count = repr(joints[0]) if len(joints) == 1 else f"{len(joints)} joints"
         whose = f"{_WHOSE[scene.reduction.reference]} {count}"
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
-        if basis.reference is not None:
-            add("proper_orthogonal_modes.png", plots.modes_figure, basis.reference, whose)
+        if basis.modes_of_unit_length is not None:
+            scaled = basis.modes_of_unit_length
+            add("proper_orthogonal_modes.png", plots.modes_figure, *scaled, whose)
     # Where a reduced model runs alone, the run that it was made from tells.
     model = next(iter(study.models.values()))
     peak = model.slip_peak

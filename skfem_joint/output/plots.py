@@ -19,7 +19,6 @@ from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
 from skfem_joint.reduction.pod import ProperModes
-from skfem_joint.reduction.reference import ReferenceModes
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Body, Patch
 
@@ -177,12 +176,12 @@ def is_loop(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> 
     return all(abs(u[-1] - u[0]) <= 0.05 * np.ptp(u) != 0.0 for u in loops)
 
 
-def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
-    """First five modes over the unit active length, each with the largest value 1.
+def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
+    """First five modes over positions on the unit active length, each with the largest value 1.
 
     ``whose`` says what moves in these modes, for the title.
     """
-    xi, modes, values = reference.xi, reference.modes.T[:MODES], reference.proper.proper_values
+    modes, values = proper.modes.T[:MODES], proper.proper_values
     figure, (panel,) = _panels(7.5, 4.5)
     panel.axhline(0.0, color="0.6", linewidth=0.8)
     for k, (mode, value) in enumerate(zip(modes, values, strict=False)):

@@ -1,9 +1,11 @@
 """Reduced models of structures with joints.
 
-`static_path` finds how the joints slip without a full run, `pod` decomposes snapshots of that or of
-a run, `basis` makes modes of them, or scales those of the paper's `reference` joint over the active
-`zones` (`active_length`); `friction_points` gives a reduced system as few points of friction as it
-can make use of; `condensed` keeps all of the contact, and reduces the rest.
+From data to model: `excitation` (loads of the run to come), `static_path` (how the joints slip,
+without a run of the full model), `pod` (proper orthogonal decomposition of snapshots),
+`interface_modes` (vibration without slip), `sources` (a basis of these), `basis` (the basis, and
+the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
+reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
+rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
 """
 
 from __future__ import annotations
@@ -12,18 +14,16 @@ from dataclasses import replace
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.basis import TRAINING_CYCLES, own_basis, static_basis
+from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.condensed import condense as condense
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.excitation import SHORT_RUNS
+from skfem_joint.reduction.sources import own_basis, static_basis
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
 from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
-
-#: Steps of a run to come: in a period of its loads, or in all.
-_STEPS, _MOST_STEPS = 200, 2000
 
 
 def reduce(
@@ -58,7 +58,7 @@ def reduce(
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has. It is good for its loads
+        Its ``expand`` gives the displacement of the full structure. It is good for its loads
         as they are: `response`, `backbone` and `ring_down`, which load it otherwise, refuse it.
 
     Raises
@@ -77,13 +77,13 @@ def reduce(
         basis = own_basis(system, run, modes, interface_modes=count)
     else:
         period = common_period(load.amplitude for load in system.loads)
-        whole = duration if period is None else TRAINING_CYCLES * period
+        whole = duration if period is None else SHORT_RUNS.training_cycles * period
         if whole is None:
             raise InputError(
                 "reduce: the loads have no common period that is known; give the duration (s) of "
                 "the run to come"
             )
-        step = whole / _MOST_STEPS if period is None else period / _STEPS
+        step = whole / 2000 if period is None else period / 200  # enough to tell inertia
         step = min(step, longest_step(system, whole))
         path = slip_path(system, Plan(step, round(whole / step)), modes)
         basis = static_basis(system, path, modes, interface_modes)
@@ -92,7 +92,7 @@ def reduce(
 
 
 def _loading(system: System) -> str:
-    """Loads of a system in words."""
+    """Description of the loads of a system in a few words."""
     highest = [load.amplitude.highest_frequency for load in system.loads]
     known = sorted({f"{frequency:.6g} Hz" for frequency in highest if frequency is not None})
     return "its loads as they are" + (f" ({', '.join(known)})" if known else "")

@@ -1,33 +1,44 @@
-"""Active length and area of a joint: measured from a run, or estimated by Eqs. (17)-(20)."""
+"""Active length and area of joints: where their contact slips, measured from the largest slips.
+
+The active length runs from the loaded end of a joint, where force enters it, to where the largest
+slip has fallen to a thousandth of that at the end. Beyond lies the grey length, which sticks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from math import pi, sqrt
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.structure import AnyStructure
+from skfem_joint.structure import AnyStructure, Body, Joint, Patch
 from skfem_joint.system import System
 
-#: Damping ratio of a joint in micro-slip, independent of its active length, Eq. (20).
-DAMPING_RATIO = 2.0 / sqrt(9.0 * pi**2 - 16.0)
-#: Displacement, relative to the interface's, above which a point counts as active.
+#: Displacement or slip, relative to the largest, above which a point counts as active.
 THRESHOLD = 1e-3
-#: A joint slips as a whole when its least relative slip exceeds this share of its largest.
-GROSS_SLIP = 0.02
+#: Positions along an axis that differ by less than this share of a joint's length are the same.
+SAME_POSITION = 1e-7
 
 
 def measured(distance: FloatArray, peak: FloatArray, threshold: float = THRESHOLD) -> float:
     """Active length from the largest displacements along a joint, m; 0 if nothing moves.
 
-    Contact points, at an increasing ``distance`` (m,) from the loaded end (m), are active while
-    their ``peak`` (m,), m, exceeds a share of the loaded end's; linear between points. The response
-    falls off smoothly, so the ``threshold`` matters: state it.
+    Peaks are linear between points. As the response falls off smoothly, the length depends on the
+    threshold: state it with the length.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (m,)
+        Distances of contact points from the loaded end, increasing, m.
+    peak : ndarray, shape (m,)
+        Largest displacement of each point, m.
+    threshold : float
+        Points are active while their peak exceeds this share of the loaded end's.
     """
     if not 0.0 < threshold < 1.0:
         raise InputError(f"threshold: found {threshold}, must be between 0 and 1")
@@ -42,45 +53,156 @@ def measured(distance: FloatArray, peak: FloatArray, threshold: float = THRESHOL
     return float(distance[i - 1] + share * (distance[i] - distance[i - 1]))
 
 
-def amplification(frequency_ratio: float, damping_ratio: float = DAMPING_RATIO) -> float:
-    """Amplification A_a of a linear oscillator, Eq. (17)."""
-    r = frequency_ratio
-    return 1.0 / sqrt((1.0 - r * r) ** 2 + (2.0 * r * damping_ratio) ** 2)
-
-
 @dataclass(frozen=True)
-class Estimate:
-    """Active length by the fixed-point iteration of section 6.1."""
+class ContactPart:
+    """Connected part of a joint's contact, seen from one of its ends along the joint's axis.
 
-    length: float  #: active length, m
-    factors: tuple[float, ...]  #: iterates of A_a
-    frequency_ratio: float  #: excitation over natural frequency at the last iterate
-    converged: bool  #: the iteration settled; it does not near and above resonance
+    Attributes
+    ----------
+    joint : Joint
+    axis : ndarray, shape (dim,)
+        Unit vector along the joint.
+    nodes : ndarray of int, shape (k,)
+        Nodes of the part from the near end on, supported ones included.
+    points : ndarray of int, shape (k,)
+        Their contact points, -1 where a support holds the node.
+    distance : ndarray, shape (k,)
+        Distances from the near end along the axis, m.
+    pairs : ndarray of int, shape (e, 2)
+        Places in ``nodes`` of each two corners of a contact cell.
+    tau : float
+        Friction limit per length, averaged over the part, N/m.
+    """
+
+    joint: Joint
+    axis: FloatArray
+    nodes: IntArray
+    points: IntArray
+    distance: FloatArray
+    pairs: IntArray
+    tau: float
 
     @property
-    def factor(self) -> float:
-        """Last A_a."""
-        return self.factors[-1]
+    def name(self) -> str:
+        """Name of the joint."""
+        return self.joint.name
+
+    @property
+    def length(self) -> float:
+        """Length along the axis, m: the largest possible active length."""
+        return float(self.distance[-1])
+
+    @property
+    def at_end(self) -> BoolArray:
+        """Whether each node lies at the near end, (k,)."""
+        return np.asarray(self.distance <= SAME_POSITION * self.length)
+
+    @property
+    def end_points(self) -> IntArray:
+        """Contact points at the near end."""
+        return self.points[self.at_end & (self.points >= 0)]
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the nodes form a line rather than an area."""
+        return len(self.pairs) < self.nodes.size
+
+    def from_other_end(self) -> ContactPart:
+        """The same part seen from its other end."""
+        return replace(
+            self,
+            nodes=self.nodes[::-1],
+            points=self.points[::-1],
+            distance=self.length - self.distance[::-1],
+            pairs=self.nodes.size - 1 - self.pairs,
+        )
+
+    def profile(self, slip_peak: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances from the end (m), and the largest slip (m) of each section across the axis.
+
+        ``slip_peak`` (m,) holds the largest slip of every contact point of the structure, m. It is
+        linear between the corners of contact cells. Sections through supported nodes alone are left
+        out.
+        """
+        new = np.diff(self.distance, prepend=-np.inf) > SAME_POSITION * self.length
+        at, section = self.distance[new], np.cumsum(new) - 1
+        slip = np.where(self.points >= 0, slip_peak[self.points], -1.0)
+        largest = np.full(at.size, -1.0)
+        np.maximum.at(largest, section, slip)
+        # Each pair of free corners also gives a slip to all sections between the two.
+        free = self.pairs[np.all(self.points[self.pairs] >= 0, axis=1)]
+        low, high = np.sort(free, axis=1).T  # nodes are in the order of their distances
+        count = section[high] - section[low] + 1
+        pair = np.repeat(np.arange(low.size), count)
+        k = section[low][pair] + np.arange(pair.size) - np.repeat(np.cumsum(count) - count, count)
+        start, stop = at[section[low]][pair], at[section[high]][pair]
+        share = (at[k] - start) / np.where(stop > start, stop - start, 1.0)
+        np.maximum.at(largest, k, (1.0 - share) * slip[low][pair] + share * slip[high][pair])
+        return at[largest >= 0.0], largest[largest >= 0.0]
+
+    def active_length(self, slip_peak: FloatArray) -> float:
+        """Active length from this end, m, at least one cell; see `profile` for ``slip_peak``."""
+        beside = self.pairs[self.at_end[self.pairs].any(axis=1)]
+        return max(measured(*self.profile(slip_peak)), float(self.distance[beside].max()))
 
 
-def estimate(
-    static_length: float,
-    frequency: float,
-    natural_frequency: Callable[[float], float],
-    iterations: int = 60,
-    tolerance: float = 1e-4,
-) -> Estimate:
-    """Scale the static active length by A_a until it agrees with its natural frequency.
+def axis_of(body: Body, joint: Joint) -> FloatArray | None:
+    """Unit vector along a joint, (dim,); None where a plane or solid joint names no axis."""
+    axis = np.ones(1) if joint.axis is None else np.asarray(joint.axis, dtype=float)
+    return axis / np.linalg.norm(axis) if axis.size == body.dim else None
 
-    From the active length without inertia, F / tau (m), the frequency of the load (Hz), and the
-    first natural frequency (Hz) of what moves with a given active length (m).
+
+def contact_parts(body: Body, patch: Patch) -> list[ContactPart]:
+    """Connected parts of a joint's contact, seen from their low ends; none without an axis."""
+    axis = axis_of(body, patch.joint)
+    if axis is None:
+        return []
+    # Contact point of each node: -1 where a support holds it, -2 outside the contact.
+    number = np.full(body.n_nodes, -2)
+    number[patch.held_nodes], number[patch.nodes] = -1, patch.points
+    corners = combinations(range(patch.cells.shape[1]), 2)
+    pairs = np.concatenate([patch.cells[:, pair] for pair in corners])
+    pairs = pairs[np.all(number[pairs] > -2, axis=1)]
+    graph = sparse.csr_array((np.ones(len(pairs)), pairs.T), shape=(number.size, number.size))
+    label = connected_components(graph, directed=False)[1]
+    limit = np.zeros(body.n_nodes)
+    limit[patch.nodes] = patch.joint.friction * patch.normal_force
+    limit[patch.held_nodes] = (
+        patch.joint.friction * patch.held_force / max(len(patch.held_nodes), 1)
+    )
+    place, parts = np.zeros_like(number), []
+    inside = np.flatnonzero(number > -2)
+    for part in np.unique(label[inside]):
+        nodes = inside[label[inside] == part]
+        nodes = nodes[np.argsort(body.nodes[nodes] @ axis, kind="stable")]
+        along = body.nodes[nodes] @ axis
+        if along[-1] > along[0] and np.any(number[nodes] >= 0):
+            place[nodes] = np.arange(nodes.size)
+            own = place[pairs[label[pairs[:, 0]] == part]]
+            tau = float(limit[nodes].sum() / (along[-1] - along[0]))
+            distance = along - along[0]
+            parts.append(ContactPart(patch.joint, axis, nodes, number[nodes], distance, own, tau))
+    return sorted(parts, key=lambda part: float(body.nodes[part.nodes[0]] @ axis))
+
+
+def measured_lengths(structure: AnyStructure, slip_peak: FloatArray) -> dict[str, float]:
+    """Active length (m) of each joint with an axis, the sum of those of its parts.
+
+    Each part is measured from the end that slips most. ``slip_peak`` (m,) is the largest slip of
+    each contact point, m.
     """
-    factors, ratio, converged = [1.0], 0.0, False
-    while len(factors) <= iterations and not converged:
-        ratio = frequency / natural_frequency(factors[-1] * static_length)
-        factors.append(amplification(ratio))
-        converged = abs(factors[-1] - factors[-2]) <= tolerance * factors[-1]
-    return Estimate(factors[-1] * static_length, tuple(factors[1:]), ratio, converged)
+    lengths: dict[str, float] = {}
+    if structure.body is None:
+        return lengths
+    for patch in structure.patches:
+        for part in contact_parts(structure.body, patch):
+            distance, peak = part.profile(slip_peak)
+            if peak[-1] > peak[0]:
+                distance, peak = distance[-1] - distance[::-1], peak[::-1]
+            moves = peak.max() > 1e-9 * slip_peak.max()  # less is round-off
+            length = measured(distance - distance[0], peak) if moves else 0.0
+            lengths[part.name] = lengths.get(part.name, 0.0) + length
+    return lengths
 
 
 def slips(
@@ -88,8 +210,17 @@ def slips(
 ) -> BoolArray:
     """Contact points that slip rather than creep, shape (m,).
 
-    Their largest slip, ``slip_peak`` (m), exceeds a thousandth of the largest in their joint, and
-    what they creep at half of their limit in a ``period`` (s) of the load.
+    Their largest slip exceeds a thousandth of the largest in their joint, and the slip that they
+    creep at half of their friction limit in a period. Points that a support holds are none.
+
+    Parameters
+    ----------
+    structure : Structure
+    system : System
+    slip_peak : ndarray, shape (m,)
+        Largest slip of each contact point, m.
+    period : float
+        Period of the load, s.
     """
     active = np.zeros(system.w.size, dtype=np.bool_)
     for patch in structure.patches:
@@ -103,9 +234,9 @@ def slips(
 def active_fractions(
     structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Share of each joint's contact area, and of its nodes, that slips; held nodes do not.
+    """Share of each joint's contact area, and share of its nodes, that slips.
 
-    See :func:`slips` for ``slip_peak`` (m) and ``period`` (s).
+    Nodes that a support holds do not slip. See `slips` for ``slip_peak`` (m) and ``period`` (s).
     """
     active = slips(structure, system, slip_peak, period)
     areas, nodes = {}, {}
@@ -119,24 +250,26 @@ def active_fractions(
 
 
 def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) -> list[str]:
-    """Sentences about joints without a point that sticks.
+    """Sentences about joints that slip as a whole: none of their points sticks.
 
-    The largest slip of each point, ``slip_peak`` (m), is compared with that of a body strained
-    evenly between its support and the point that moves most. While they stick, all points creep a
-    little in a ``period`` (s) of the load.
+    The slip of each point is compared with that of a body which is strained evenly between its
+    support and the point that slips most. A joint slips as a whole if the least of these ratios
+    exceeds a fiftieth of the largest slip's. While a joint sticks, all its points creep a little in
+    a ``period`` (s) of the load, which does not count. ``slip_peak`` (m,) is the largest slip of
+    each contact point, m.
     """
-    found = []
+    sentences = []
     for patch in structure.patches:
         peak = slip_peak[patch.points]
         if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
             continue
-        room = np.ones(peak.size)
+        to_support = np.ones(peak.size)
         if patch.held_nodes.size and structure.body is not None:
             nodes = structure.body.nodes
-            room = cKDTree(nodes[patch.held_nodes]).query(nodes[patch.nodes])[0]
-        if (peak / room).min() > GROSS_SLIP * peak.max() / room.max():
-            found.append(
+            to_support = cKDTree(nodes[patch.held_nodes]).query(nodes[patch.nodes])[0]
+        if (peak / to_support).min() > 0.02 * peak.max() / to_support.max():
+            sentences.append(
                 f"Every point of joint '{patch.joint.name}' slips, the least by "
                 f"{peak.min():.3g} m: the paper's assumption of no gross slip is violated."
             )
-    return found
+    return sentences

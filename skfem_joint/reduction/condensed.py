@@ -1,10 +1,12 @@
-"""Condensed models: contact unknowns kept, all else by the method of Craig and Bampton.
+"""Condensed models: the contact unknowns are kept, all else is reduced as by Craig and Bampton.
 
-A basis of constraint modes (each slip that carries friction moved by one, all else following
-statically) and fixed-interface modes (natural ones with all these slips held): R. R. Craig and M.
-C. C. Bampton, AIAA J. 6 (1968). Static responses to the loads with the slips held stand beside
-them. Friction acts as in the full model, point by point and with its law, Coulomb's too; static
-response is exact, and what is left out is the dynamics of higher fixed-interface modes.
+The basis has constraint modes, in each of which one slip that carries friction is moved by one and
+all else follows statically, and fixed-interface modes, natural modes with all these slips held: R.
+R. Craig and M. C. C. Bampton, AIAA J. 6 (1968). Static responses to the loads with the slips held
+stand beside them.
+
+Friction acts as in the full model, point by point and with its law, Coulomb's too. The static
+response is exact. The error is the dynamics of the fixed-interface modes that are left out.
 """
 
 from __future__ import annotations
@@ -16,23 +18,16 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import eigenmodes
-from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.basis import Basis, SlipHistory
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
+from skfem_joint.reduction.interface_modes import Held, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system import System
 from skfem_joint.unknowns import selection
 from skfem_joint.values import WHOLE, check
-
-#: Fixed-interface modes are kept up to this many times the loads' highest frequency (1.5 to 2 is
-#: usual for linear structures; friction adds odd harmonics, of which the third counts), and so many
-#: at least.
-BEYOND, LEAST = 3.0, 8
-#: Constraint modes that are solved for at once; stiffness that holds what the slips do not, share
-#: of that of mass.
-_BLOCK, _HOLD = 64, 1e-12
 
 
 def condense(system: System, interface_modes: str | int = "auto") -> System:
@@ -45,15 +40,15 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
     Parameters
     ----------
     system : System
-        With loads, as runs to come have them.
+        With its loads, as runs to come have them.
     interface_modes : "auto" or int
-        Fixed-interface modes, the lowest ones; "auto": up to three times the loads' highest
-        frequency, at least eight. Static responses to the loads stand beside them.
+        Number of fixed-interface modes, the lowest ones; "auto": up to three times the loads'
+        highest frequency, at least eight. Static responses to the loads stand beside them.
 
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of all that the full one has.
+        Its ``expand`` gives the displacement of the full structure.
 
     Raises
     ------
@@ -68,11 +63,11 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
 def condensed_basis(
     system: System, interface_modes: str | int = "auto", highest: float | None = None
 ) -> Basis:
-    """Constraint modes, in the order of the rows of slip, and what stands beside them.
+    """Constraint modes, in the order of the slip rows, then fixed-interface modes and responses.
 
-    It is not orthonormal: its first coordinates are the slips. Parameters and errors are those of
-    :func:`condense`; ``highest`` is a frequency (Hz) instead of that of the loads. What a run tells
-    is left empty.
+    The basis is not orthonormal: its first coordinates are the slips. Its history is empty.
+    Parameters and errors are those of `condense`; ``highest`` (Hz) takes the place of the highest
+    frequency of the loads.
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
@@ -87,61 +82,56 @@ def condensed_basis(
     if rest.size:
         K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))
         M_rest = M[:, rest]
-        K_rest = K[:, rest] + _HOLD * inner.mean_square_frequency * M_rest
+        K_rest = K[:, rest] + shifts.SETTINGS.least * inner.mean_square_frequency * M_rest
         solve, coupling = factorised(sparse.csc_array(K_rest)), sparse.csc_array(K[:, kept])
-        for k in range(0, kept.size, _BLOCK):
-            V[rest, k : k + _BLOCK] = -solve(coupling[:, k : k + _BLOCK].toarray())
-        highest = _fastest(system) if highest is None else highest
-        shapes = _fixed_interface(K_rest, M_rest, interface_modes, highest)
+        block = 64  # constraint modes that are solved for at once
+        for k in range(0, kept.size, block):
+            V[rest, k : k + block] = -solve(coupling[:, k : k + block].toarray())
+        F = sparse.eye_array(inner.n, format="csc")[:, rest]
+        highest = _highest(system) if highest is None else highest
+        shapes = _fixed_interface(Held(F, K_rest, M_rest), interface_modes, highest)
         forces = inner.load_vectors()[rest]
         forces = forces[:, forces.any(axis=0)]
         if forces.size:
             # What the modes follow of a load is taken off first: some may have no stiffness.
             forces = forces - M_rest @ (shapes @ (shapes.T @ forces))
             shapes = orthonormal(np.hstack([shapes, solve(forces)]), M_rest)
-        held = np.zeros((inner.n, shapes.shape[1]))
-        held[rest] = shapes
-        V = np.hstack([V, held])
+        V = np.hstack([V, F @ shapes])
     V = V if forward is None else np.asarray(forward @ V)
-    nothing, m = np.zeros(0), system.w.size
-    proper, points = ProperModes(V[:, :0], nothing), np.flatnonzero(system.w)
-    return Basis(V, 0, proper, 0.0, np.zeros((0, V.shape[1])), np.zeros(m), points, 0.0)
+    history = SlipHistory(
+        velocities=np.zeros((0, V.shape[1])),
+        slip_velocity=0.0,
+        slip_peak=np.zeros(system.w.size),
+        active=np.flatnonzero(system.w),
+    )
+    return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), history)
 
 
-def _fastest(system: System) -> float | None:
-    """Highest frequency of the loads, Hz; None where one of them is not known."""
+def _highest(system: System) -> float | None:
+    """Highest frequency of the loads, Hz; None if it is not known for all loads."""
     known = [load.amplitude.highest_frequency for load in system.loads]
     return max((f for f in known if f is not None), default=0.0) if None not in known else None
 
 
-def _fixed_interface(
-    K: sparse.csr_array, M: sparse.csr_array, asked: str | int, highest: float | None
-) -> FloatArray:
-    """Natural modes of what the slips leave: so many, or as many as a frequency (Hz) needs."""
-    n = K.shape[0]
+def _fixed_interface(held: Held, asked: str | int, highest: float | None) -> FloatArray:
+    """Fixed-interface modes, as many as are asked for or as a frequency (Hz) needs, (rest, k)."""
     if not isinstance(asked, str):
-        return eigenmodes(K, M, min(asked, n))[1] if asked else np.zeros((n, 0))
+        return held.lowest(asked)[1] if asked else np.zeros((held.K.shape[0], 0))
     if highest is None:
         raise InputError(
             "condense: the highest frequency of the loads is not known; say how many "
             "interface_modes the condensed model is to have"
         )
-    count = LEAST
-    while True:
-        frequency, shapes = eigenmodes(K, M, min(count, n))
-        if count >= n or frequency[-1] > BEYOND * highest:
-            below = int(np.count_nonzero(frequency <= BEYOND * highest))
-            return shapes[:, : max(LEAST, below)]
-        count *= 2
+    return up_to(held, highest)
 
 
 def condensed_system(system: System, V: FloatArray) -> System:
-    """Projection on a condensed basis."""
+    """Projection on a condensed basis ``V`` (n, j)."""
     return slips_first(carrying(system).project(V))
 
 
 def slips_first(system: System) -> System:
-    """The same with slip rows that pick the first unknowns, as they do but for round-off."""
+    """System whose slip rows pick its first unknowns; before they did so but for round-off."""
     return replace(system, B=selection(np.arange(system.B.shape[0], dtype=np.intp), system.n))
 
 

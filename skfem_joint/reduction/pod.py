@@ -1,4 +1,13 @@
-"""Proper orthogonal decomposition of a history, Eq. (3)."""
+"""Proper orthogonal decomposition (POD) of snapshots, Eq. (3), and orthonormal bases.
+
+The proper orthogonal modes of snapshots x_1, ..., x_s in the inner product of a matrix G are the
+columns of the V with Vᵀ G V = I that minimises, for each number r of columns,
+
+    Σ_t |x_t − V Vᵀ G x_t|²_G,    |x|²_G = xᵀ G x.
+
+That sum is σ²_(r+1) + ... + σ²_s: the squares of the singular values that are left out. So the
+smallest r with Σ_(k>r) σ²_k <= ε² Σ_k σ²_k represents the snapshots to the relative error ε.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +19,24 @@ from scipy.linalg import LinAlgError, solve_triangular, svd
 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.linalg import shifts
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check
 
-#: What the snapshots of a decomposition hold.
+#: What the snapshots of a decomposition can hold.
 SNAPSHOTS = ("both", "displacement", "rates")
-#: Inner products that modes may be orthogonal in.
+#: Inner products in which modes can be orthonormal.
 INNER_PRODUCTS = ("energy", "mass", "euclidean")
-# Singular values below this share of the largest are round-off; those of directions that depend on
-# others, not below the square root of it.
-_ROUND_OFF, _DEPENDENT = 1e-14, 3e-7
 
 
 def thinned(history: FloatArray, most: int) -> FloatArray:
-    """Evenly spread rows of a history, (times, ...), no more than ``most``."""
+    """At most ``most`` evenly spaced rows of a history (times, ...)."""
     return history[:: stride_of(len(history), most)]
 
 
 def stride_of(count: int, most: int) -> int:
-    """Stride with which no more than ``most`` of so many rows are taken."""
+    """Smallest stride that takes at most ``most`` of ``count`` rows."""
     return max(1, -(-count // most))
 
 
@@ -40,9 +47,9 @@ class ProperModes:
     Attributes
     ----------
     modes : ndarray, shape (n, r)
-        Orthonormal in the inner product that they were made with.
+        Orthonormal in the inner product of the decomposition.
     singular_values : ndarray, shape (r,)
-        Decreasing.
+        Decreasing; see the criterion in `skfem_joint.reduction.pod`.
     """
 
     modes: FloatArray
@@ -64,26 +71,29 @@ def proper_modes(
 ) -> ProperModes:
     """Proper orthogonal modes and values of the fields that a run stored, Eq. (3).
 
-    ``run.system.project(proper.modes[:, :r])`` is the model reduced to the first r of them.
+    The modes minimise the sum of the squared errors of the snapshots for each number of modes; see
+    `skfem_joint.reduction.pod` for the criterion. ``run.system.project(proper.modes[:, :r])`` is
+    the model reduced to the first r of them.
 
     Parameters
     ----------
     run : Run
-        With stored fields, ``save=Save(fields=True)``.
+        Run with stored fields, ``save=Save(fields=True)``.
     snapshots : {"both", "displacement", "rates"}
-        What is decomposed. ``"displacement"`` is the paper's. ``"both"`` are displacement and
-        velocity, each divided by its norm: friction acts on velocities, so that such modes err less
-        in energy. ``"rates"`` are velocity and acceleration, slow instants weighed up.
+        What is decomposed. ``"displacement"`` is the paper's choice. ``"both"`` takes displacement
+        and velocity, each divided by its norm: friction acts on velocities, so that such modes err
+        less in energy. ``"rates"`` takes velocity and acceleration, in which slow instants have
+        more weight.
     inner_product : {"energy", "mass", "euclidean"}
-        What the modes are orthonormal in: V^T G V = I with G = K and a small share of M, G = M, or
-        the unit matrix, which is the paper's. See `inner_matrix`.
+        Inner product in which the modes are orthonormal, Vᵀ G V = I: G is K plus a small multiple
+        of M, or M, or the unit matrix, which is the paper's choice. See `inner_matrix`.
     every : int
-        Every so many of the stored times are taken.
+        Use every so many of the stored times.
 
     Returns
     -------
     ProperModes
-        At most as many modes as snapshots and as unknowns; those that are round-off are left out.
+        At most as many modes as snapshots and as unknowns; modes of round-off are left out.
 
     Raises
     ------
@@ -103,12 +113,24 @@ def proper_modes(
 
 
 def proper_decomposition(snapshots: FloatArray, inner: Matrix | None = None) -> ProperModes:
-    """Proper orthogonal decomposition of snapshots (times, n); no (n, n) matrix is filled.
+    """Proper orthogonal decomposition of snapshots.
 
-    V^T G V = I with the symmetric positive definite matrix G of the ``inner`` product, (n, n),
-    Euclidean if not given.
+    With the thin factorisation Xᵀ = Q R of the snapshots X and the Cholesky factor LᵀL of Qᵀ G Q
+    the modes are Q L⁻¹ U, with U and σ from the singular value decomposition of L R. No matrix of
+    shape (n, n) is filled.
 
-    InputError if the snapshots are not finite, nothing moves in them, or G is not positive.
+    Parameters
+    ----------
+    snapshots : ndarray, shape (times, n)
+    inner : matrix, shape (n, n), optional
+        Symmetric positive definite matrix G of the inner product; the unit matrix if not given.
+
+    Raises
+    ------
+    InputError
+        If the snapshots are not finite, nothing moves in them, or G is not positive definite.
+    ConvergenceError
+        If the singular value decomposition does not converge.
     """
     if snapshots.ndim != 2 or not np.all(np.isfinite(snapshots)):
         raise InputError("snapshots: must be a matrix (times, n) of finite numbers")
@@ -126,7 +148,7 @@ def proper_decomposition(snapshots: FloatArray, inner: Matrix | None = None) -> 
                 "inner: the inner product of the snapshots must be symmetric and positive definite"
             ) from error
     left, values = _left_singular(upper @ R)
-    keep = values > _ROUND_OFF * values[0]
+    keep = values > 1e-14 * values[0]  # what is below is round-off
     return ProperModes(Q @ solve_triangular(upper, left[:, keep]), scale * values[keep])
 
 
@@ -143,11 +165,18 @@ def _left_singular(A: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Matrix | None:
-    """Matrix of an inner product by name, for displacements and velocities (times, n) of a run.
+    """Matrix of an inner product by its name; None stands for the unit matrix.
 
-    ``energy`` is that of strain energy with a share of the mass, which keeps rigid motions apart:
-    the mean square frequency of the run weighs it, but not less than round-off of the stiffness
-    asks for, however slowly a body slides as a whole.
+    "energy" is K + s M. The share s of the mass keeps rigid motions apart from each other: it is a
+    thousandth of the mean square frequency of the run, Σ vᵀMv / Σ uᵀMu. However slowly a body
+    slides as a whole, s is at least what the round-off of K asks for.
+
+    Parameters
+    ----------
+    system : System
+    name : {"energy", "mass", "euclidean"}
+    u, v : ndarray, shape (times, n)
+        Displacements (m) and velocities (m/s) of the run.
     """
     if name not in INNER_PRODUCTS:
         names = ", ".join(INNER_PRODUCTS)
@@ -157,21 +186,26 @@ def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Mat
     if name == "mass":
         return system.M
     square = np.vdot(v, (system.M @ v.T).T) / np.vdot(u, (system.M @ u.T).T)
-    least = 1e-12 * system.mean_square_frequency
+    least = shifts.SETTINGS.least * system.mean_square_frequency
     return system.K + max(1e-3 * square, least) * system.M
 
 
 def snapshot_matrix(
     u: FloatArray, v: FloatArray, kind: str, inner: Matrix | None = None
 ) -> FloatArray:
-    """Snapshots of displacement (the paper's), of displacement and velocity, or of rates.
+    """Snapshots (s, n) of a run for the decomposition.
 
-    Friction acts on velocities: modes that also span them err less in energy. With ``both``, each
-    history is divided by its norm (in the inner product), so that units do not matter. ``rates``
-    are velocity and acceleration (differences of velocities), each instant weighed by the root of
-    its norm alone: where slip starts anew, velocities are small and friction changes most.
-
-    ``u`` and ``v`` are displacement (m) and velocity (m/s), (times, n) each.
+    Parameters
+    ----------
+    u, v : ndarray, shape (times, n)
+        Displacements (m) and velocities (m/s).
+    kind : {"displacement", "both", "rates"}
+        "displacement" takes u alone. "both" takes u and v, each divided by its norm in the inner
+        product, so that units do not matter. "rates" takes v and the differences of v between
+        stored times. Each row of these is divided by the square root of its norm: where slip starts
+        anew velocities are small, and friction changes most.
+    inner : matrix, shape (n, n), optional
+        The inner product, for the norms of "both".
     """
     if kind == "displacement":
         return u
@@ -184,15 +218,16 @@ def snapshot_matrix(
 
 
 def _evened(x: FloatArray) -> FloatArray:
-    """Rows over the square roots of their norms, so that slow instants count for more; no units."""
+    """Rows over the square roots of their norms and of the largest norm; without unit."""
     size = np.linalg.norm(x, axis=1)
     return np.asarray(x / np.sqrt(np.maximum(size, 1e-9 * size.max()) * size.max())[:, np.newaxis])
 
 
 def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
-    """Basis of the span of ``V`` with V^T M V = I; directions that depend on others are dropped.
+    """Basis of the span of ``V`` (n, j) with Vᵀ M V = I; dependent directions are dropped.
 
-    Columns of ``V`` (n, j) may have any scale.
+    Columns of ``V`` may have any scale. If none depends on the others, this is the method of Gram
+    and Schmidt: each column of the result lies in the span of the same and earlier columns of V.
     """
     MV = M @ V
     scale = np.sqrt((V * MV).sum(axis=0))
@@ -202,8 +237,8 @@ def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
     V = V[:, moves] / scale[moves]
     gram = V.T @ (MV[:, moves] / scale[moves])
     values, vectors = np.linalg.eigh(gram)
-    keep = values > _DEPENDENT**2 * values[-1]
+    dependent = 3e-7**2  # eigenvalues are squares: above the round-off of the Gram matrix
+    keep = values > dependent * values[-1]
     if np.all(keep):
-        # Gram-Schmidt keeps the order and the look of the modes.
         return np.asarray(solve_triangular(np.linalg.cholesky(gram), V.T, lower=True).T)
     return np.asarray(V @ (vectors[:, keep] / np.sqrt(values[keep])))

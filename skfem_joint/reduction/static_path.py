@@ -1,11 +1,16 @@
-"""How a structure's joints slip, found without a run of the full model: the source of its modes.
+"""Static slip path: how the joints slip, without a run of the full model. Joint modes come from it.
 
-The quasi-static path (:mod:`skfem_joint.stepping.quasi_static`) under the right forces passes
-through the states of the run. These are the loads less inertia and damping, which a reduced model
-can tell long before it can tell the friction energy: a first path, under the loads and the inertia
-of their static response, makes a preliminary model, whose run gives the forces of a second path.
-Snapshots are the states of both and, where they turn, their increments. ``examples/reduction.md``
-has the method with its formulas, measured.
+Under the loads of the run to come, less inertia and damping, the quasi-static path of the structure
+(:mod:`skfem_joint.stepping.quasi_static`) passes through the states of the run. The forces of
+inertia are known well from a coarse reduced model, long before its friction energy is right. So
+
+1. a first path is followed under the loads and the inertia of their static response;
+2. its modes make a preliminary reduced model, whose run gives inertia and damping;
+3. a second path is followed under the loads less these.
+
+Steps 2 and 3 are repeated while the second path moves many points that stuck before. Snapshots are
+the states of all paths and, on paths through time, their increments. ``examples/reduction.md`` has
+the method with its formulas, and measurements.
 """
 
 from __future__ import annotations
@@ -16,130 +21,122 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
-from scipy.signal import cont2discrete, lfilter
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
-from skfem_joint.loads import Amplitude, common_period
-from skfem_joint.modes import eigenmodes
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.friction_points import MANY, MERGED, NO_FRICTION, merged_points
+from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
+from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
+from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
-from skfem_joint.reduction.residual import acceleration
-from skfem_joint.reduction.zones import QUICK_CYCLES, motions_without_slip, steps_of_a_period
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
 
 if TYPE_CHECKING:
     from skfem_joint.stepping.quasi_static import QuasiStatic
 
-#: Levels of the first path and of the second where one harmonic acts, and how far beyond the peak
-#: they go.
-FIRST, SECOND, BEYOND = 6, 12, (1.12, 1.05)
-#: Levels of paths through time: in 1.25 periods, in the period at the start, in a run without any.
-PERIOD, START, WHOLE = 50, 16, 100
-#: More periods while the strain energy of the last one is so much more than before, and the most.
-GROWING, MOST_CYCLES = 1.05, 64
-#: Rounds of preliminary run and path, while so much more slips than before.
-ROUNDS, BLIND = 3, 0.1
-#: Interface modes of the preliminary model: share in the response that counts, and most of them;
-#: their tolerance (that of their frequencies is its square).
-_SHARE, _MOST, _INEXACT = 4e-3, 20, 1e-6
-#: Increments of a path through time weigh so much more than its states.
-_INCREMENTS = 3.0
-#: Modes of the preliminary model; what is added to the stiffness: share of that of mass.
-_MODES, _RIGID = 14, 1e-9
-#: The preliminary model's law goes from -1 to 1 within this inverse share of the slip velocity,
-#: which is not below the second, m/s.
-_RESOLVED, _SLOW = 1e4, 1e-3
+
+@dataclass(frozen=True)
+class PathSettings:
+    """Numbers of the static slip path.
+
+    Attributes
+    ----------
+    first_levels, second_levels : int
+        Load levels of the first and of the second path where one harmonic acts.
+    first_beyond, second_beyond : float
+        Highest level of these paths, over the load's peak.
+    period_levels, start_levels, run_levels : int
+        Levels of paths through time: in 1.25 periods, in the time before the last of these, and in
+        a run whose loads do not repeat.
+    increments : float
+        Weight of the increments of a path through time, over that of its states.
+    growing : float
+        The preliminary run goes on while the strain energy of its last period exceeds that of
+        earlier ones by this factor.
+    most_cycles : int
+        Most periods of the preliminary run.
+    rounds : int
+        Most rounds of preliminary run and second path.
+    blind : float
+        Share of what slips on a second path, by friction limits, that may have stuck before.
+    modes : int
+        Joint modes of the preliminary model.
+    resolved : float
+        The preliminary model's law is no steeper than this over the slip velocity, s/m.
+    slow : float
+        Slip velocity below which that does not grow, m/s.
+    """
+
+    first_levels: int = 6
+    second_levels: int = 12
+    first_beyond: float = 1.12
+    second_beyond: float = 1.05
+    period_levels: int = 50
+    start_levels: int = 16
+    run_levels: int = 100
+    increments: float = 3.0
+    growing: float = 1.05
+    most_cycles: int = 64
+    rounds: int = 3
+    blind: float = 0.1
+    modes: int = 14
+    resolved: float = 1e4
+    slow: float = 1e-3
+
+
+SETTINGS = PathSettings()
 
 
 @dataclass(frozen=True)
 class StaticPath:
-    """What the paths and the preliminary run tell about a system."""
+    """Snapshots of static slip paths, and the preliminary model between them.
 
-    snapshots: FloatArray  #: (s, n), states and increments of both paths, scaled
-    response: FloatArray  #: (n, loads), static response to the peak of each load, m
-    rigid: FloatArray  #: (n, r), motions that friction alone holds
-    interface: FloatArray  #: (n, k), fixed-interface modes, by their share in the response
-    share: FloatArray  #: (k,), their shares, see :func:`interface_modes`
-    slip_peak: FloatArray  #: (m,), largest slip of each contact point on the second path, m
-    V: FloatArray  #: (n, j), basis of the preliminary model
-    run: Run  #: of the preliminary model, with fields
-    loads: Excitation  #: that act
-    stiffness: Uncondensed | None  #: condensed, if the path had it
-    blind: float  #: share of what slips on the second path (by limits) that did not on the first
-    work: Mapping[str, int]  #: counts of what it took
+    Attributes
+    ----------
+    snapshots : ndarray, shape (s, n)
+        States and increments of all paths, each path with norm one.
+    response : ndarray, shape (n, loads)
+        Static response to the peak of each load, m.
+    rigid : ndarray, shape (n, r)
+        Rigid motions that friction alone holds, if friction did not hold them on the path.
+    interface : ndarray, shape (n, k)
+        Fixed-interface modes, in the order of their shares in the response.
+    share : ndarray, shape (k,)
+        Their shares, see `skfem_joint.reduction.interface_modes.driven`.
+    slip_peak : ndarray, shape (m,)
+        Largest slip of each contact point on the last second path, m.
+    V : ndarray, shape (n, j)
+        Basis of the preliminary model.
+    run : Run
+        Run of the preliminary model, with fields.
+    loads : Excitation
+        Loads that act.
+    stiffness : Uncondensed, optional
+        Stiffness with its Schur complement, if the path had it.
+    blind : float
+        Share of what slips on the last path, by friction limits, that stuck on those before.
+    work : mapping of str to int
+        Counts of states, factorizations and preliminary steps.
+    """
 
-
-@dataclass(frozen=True)
-class Excitation:
-    """Loads of a run to come that act, scaled to one at their peak, and its times."""
-
-    vectors: FloatArray  #: (n, loads), N
-    amplitudes: tuple[Amplitude, ...]
-    peak: FloatArray  #: (loads,), N
-    plan: Plan
-    period: float | None  #: of all loads, s; None where one does not repeat within the run
-
-    @staticmethod
-    def of(system: System, plan: Plan) -> Excitation:
-        """Loads of a system that act in a run."""
-        period = common_period(load.amplitude for load in system.loads)
-        repeat = all(load.amplitude.period is not None for load in system.loads)
-        if period is None or not repeat or plan.duration < period:
-            period = None
-        known = plan.n_steps
-        if period is not None:
-            known = min(known, round(2.0 * period / plan.step))
-        times = plan.step * np.arange(known + 1, dtype=float)
-        peak = np.abs(system.load_amplitudes(times)).max(axis=1, initial=0.0)
-        act = np.flatnonzero(peak * np.abs(system.load_vectors()).max(axis=0))
-        if act.size == 0:
-            raise InputError(
-                "reduction: nothing moves, no load acts in the run; give one, or run 'full' alone"
-            )
-        amplitudes = tuple(system.loads[k].amplitude for k in act)
-        vectors = system.load_vectors()[:, act] * peak[act]
-        return Excitation(vectors, amplitudes, peak[act], plan, period)
-
-    def __call__(self, times: FloatArray) -> FloatArray:
-        """Amplitudes over their peaks at some times, (loads, times)."""
-        return np.stack([a(times) for a in self.amplitudes]) / self.peak[:, np.newaxis]
-
-    @property
-    def fastest(self) -> float:
-        """Highest known angular frequency of the loads, else that of the whole run, rad/s."""
-        known = [a.highest_frequency or 0.0 for a in self.amplitudes]
-        return 2.0 * np.pi * max(*known, 1.0 / self.plan.duration)
-
-    @property
-    def lasting(self) -> float:
-        """Time in which the loads rise to their peaks, s; of loads that repeat, a quarter."""
-        if self.single and self.period is not None:
-            return 0.25 * self.period
-        known = [a.highest_frequency for a in self.amplitudes]
-        rise = 0.5 / known[0] if len(known) == 1 and known[0] else np.inf
-        return min(rise, self.plan.duration)
-
-    @property
-    def single(self) -> bool:
-        """Whether it is one harmonic."""
-        return self.period is not None and [len(a.harmonics) for a in self.amplitudes] == [1]
-
-    def forces(self, times: FloatArray, inertia: FloatArray) -> FloatArray:
-        """Forces, (times, n), with the ``inertia`` (n, loads) that goes with each load's peak."""
-        forces = self(times).T @ self.vectors.T
-        for k, amplitude in enumerate(self.amplitudes):
-            for one in amplitude.harmonics:
-                square = (2.0 * np.pi * one.frequency) ** 2 / self.peak[k]
-                forces += square * np.outer(one(times), inertia[:, k])
-        return forces
+    snapshots: FloatArray
+    response: FloatArray
+    rigid: FloatArray
+    interface: FloatArray
+    share: FloatArray
+    slip_peak: FloatArray
+    V: FloatArray
+    run: Run
+    loads: Excitation
+    stiffness: Uncondensed | None
+    blind: float
+    work: Mapping[str, int]
 
 
 def slip_path(
@@ -151,13 +148,29 @@ def slip_path(
 ) -> StaticPath:
     """Follow the slip of a system through a run to come.
 
-    Where more ``modes`` are to be made than the levels of one harmonic's peak tell apart, its path
-    through time is followed too: motions that ring beside the load's have phases of their own. A
-    ``path`` of the system may have its factors. The ``tolerance`` of states is the largest force
-    residual over the largest force: singular values are the same to three digits below 3e-5.
+    Parameters
+    ----------
+    system : System
+    plan : Plan
+        Steps of the run to come.
+    modes : int
+        Number of joint modes to be made. If there are more than the levels of one harmonic's peak
+        can tell apart, its path through time is followed too: vibration beside the load's has
+        phases of its own.
+    path : QuasiStatic, optional
+        A path of the system, whose factors are used.
+    tolerance : float
+        Largest force residual of a state, over the largest force. Singular values are the same to
+        three digits below 3e-5.
 
-    InputError if no load moves anything, or slip rows depend on each other; ConvergenceError if a
-    state is not found; KeyboardInterrupt if the preliminary run is interrupted.
+    Raises
+    ------
+    InputError
+        If no load moves anything, or slip rows depend on each other.
+    ConvergenceError
+        If a state does not converge.
+    KeyboardInterrupt
+        If the preliminary run is interrupted.
     """
     from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
@@ -165,32 +178,28 @@ def slip_path(
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
     path = QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
-    rise = np.array([loads.lasting])
+    rise = np.array([loads.rise_time])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
-    if not np.any(snapshots[0]):
-        raise InputError(
-            "reduction: nothing moves under the loads, which friction holds where they act; load "
-            "more, or run 'full' alone"
-        )
     slipping, steps, blind = _slipping(system, snapshots[0])[0], 0, 1.0
-    interface, share = interface_modes(system, response, loads, path=path)
-    rigid = path.to.outer(path.rigid.T).T
-    for _ in range(ROUNDS):
-        found = proper_decomposition(_scaled(snapshots), energy(system)).modes[:, :_MODES]
-        V = orthonormal(np.hstack([found, response, rigid, interface[:, share > _SHARE]]), system.M)
+    interface, share = interface_modes.driven(system, response, loads, path=path)
+    counting = interface[:, share > interface_modes.SETTINGS.least_driven]
+    rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
+    for _ in range(SETTINGS.rounds):
+        joint = proper_decomposition(_scaled(snapshots), energy).modes[:, : SETTINGS.modes]
+        V = orthonormal(np.hstack([joint, response, rigid, counting]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1])
         steps += run.counters.steps
-        acting = _Acting(system, V, run)
-        states, beyond = _second(path, loads, response, acting)
+        driving = _Driving(system, V, run)
+        states, within = _second(path, loads, response, driving)
         snapshots.append(states)
-        now, slip_peak = _slipping(system, states[:beyond])
+        now, slip_peak = _slipping(system, states[:within])
         blind = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
-        if blind <= BLIND:
+        if blind <= SETTINGS.blind:
             break
         slipping |= now
-    if loads.single and modes > SECOND:
-        snapshots.append(_in_time(path, loads, acting))
+    if loads.is_one_harmonic and modes > SETTINGS.second_levels:
+        snapshots.append(_in_time(path, loads, driving))
     return StaticPath(
         snapshots=_scaled(snapshots),
         response=response,
@@ -214,128 +223,97 @@ def slip_path(
 def _first(
     system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
 ) -> FloatArray:
-    """Path under the loads with their inertia: snapshots, (s, n)."""
-    inertia = system.M @ response
-    if len(loads.amplitudes) == 1 and (loads.single or loads.period is None):
+    """Snapshots (s, n) of the path under the loads with the inertia of their static response.
+
+    InputError if nothing moves.
+    """
+    inertia, beyond = system.M @ response, SETTINGS.first_beyond
+    if len(loads.amplitudes) == 1 and (loads.is_one_harmonic or loads.period is None):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
-        levels = _levels(FIRST, BEYOND[0])
+        levels = _levels(SETTINGS.first_levels, beyond)
         force = loads.vectors[:, 0] + square * inertia[:, 0]
-        return path.follow(levels * force, loads.lasting * levels[:, 0])
-    whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
-    times = _levels(PERIOD, whole)[:, 0]
-    return _with_increments(path.follow(BEYOND[0] * loads.forces(times, inertia), times))
+        snapshots = path.follow(levels * force, loads.rise_time * levels[:, 0])
+    else:
+        whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
+        times = _levels(SETTINGS.period_levels, whole)[:, 0]
+        states = path.follow(beyond * loads.forces(times, inertia), times)
+        snapshots = _with_increments(states)
+    if not np.any(snapshots):
+        raise InputError(
+            "reduction: nothing moves under the loads, which friction holds where they act; load "
+            "more, or run 'full' alone"
+        )
+    return snapshots
 
 
 def _second(
-    path: QuasiStatic, loads: Excitation, response: FloatArray, acting: _Acting
+    path: QuasiStatic, loads: Excitation, response: FloatArray, driving: _Driving
 ) -> tuple[FloatArray, int]:
-    """Path under the forces of a run: snapshots, (s, n), and how many are within its peak."""
-    if loads.single:
-        force = acting.at(np.array([np.argmax(np.abs(acting.work(response[:, 0])))]))
-        levels = np.append(_levels(SECOND, 1.0), [[BEYOND[1]]], axis=0)
-        return path.follow(levels * force, loads.lasting * levels[:, 0]), SECOND
-    snapshots = _in_time(path, loads, acting)
+    """Snapshots (s, n) of the path under the forces of a run, and the number within its peak."""
+    if loads.is_one_harmonic:
+        count = SETTINGS.second_levels
+        force = driving.at(np.array([np.argmax(np.abs(driving.work(response[:, 0])))]))
+        levels = np.append(_levels(count, 1.0), [[SETTINGS.second_beyond]], axis=0)
+        return path.follow(levels * force, loads.rise_time * levels[:, 0]), count
+    snapshots = _in_time(path, loads, driving)
     return snapshots, len(snapshots) // 2
 
 
-def _in_time(path: QuasiStatic, loads: Excitation, acting: _Acting) -> FloatArray:
-    """States and increments under the forces of a run, (s, n): its start and last period."""
-    run, K = acting.run, acting.run.system.K
+def _in_time(path: QuasiStatic, loads: Excitation, driving: _Driving) -> FloatArray:
+    """States and increments (s, n) under the forces of a run: of its start and last period."""
+    run, K = driving.run, driving.run.system.K
     rows = np.arange(1, len(run.u))
     if loads.period is None:
-        rows = _evenly(run, K, rows, WHOLE)
+        rows = _evenly(run, K, rows, SETTINGS.run_levels)
     else:
         last = rows[run.times[rows] >= run.times[-1] - 1.25 * loads.period * (1.0 + 1e-9)]
         start = rows[run.times[rows] < run.times[last[0]]]
-        parts = [(start, START)] if start.size else []
-        rows = np.concatenate([_evenly(run, K, *part) for part in [*parts, (last, PERIOD)]])
-    return _with_increments(path.follow(acting.at(rows), run.times[rows]))
+        parts = [(start, SETTINGS.start_levels)] if start.size else []
+        parts.append((last, SETTINGS.period_levels))
+        rows = np.concatenate([_evenly(run, K, *part) for part in parts])
+    return _with_increments(path.follow(driving.at(rows), run.times[rows]))
 
 
 def _slipping(system: System, states: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Which contact points slip in some states (s, n), and how far (m), each (m,)."""
+    """Which contact points slip in some states (s, n), and their largest slips (m), each (m,)."""
     slip = system.slip_norm((system.B @ states.T).T).max(axis=0)
     return slip > THRESHOLD * slip.max(), slip
 
 
 def _scaled(snapshots: Sequence[FloatArray]) -> FloatArray:
-    """All snapshots, (s, n), as heavy from each path."""
+    """All snapshots, (s, n), those of each path with norm one."""
     return np.vstack([x / np.linalg.norm(x) for x in snapshots])
 
 
-def energy(system: System) -> sparse.csr_array:
-    """Inner product of strain energy, with so little of mass that nothing else notices."""
-    return sparse.csr_array(system.K + _RIGID * system.mean_square_frequency * system.M)
-
-
 def _levels(count: int, top: float) -> FloatArray:
-    """Levels up to ``top``, (count, 1)."""
+    """Evenly spaced levels up to ``top``, (count, 1)."""
     return top * np.arange(1, count + 1)[:, np.newaxis] / count
 
 
 def _with_increments(path: FloatArray) -> FloatArray:
-    """States of a path through time and what they differ by, which modes must follow too."""
-    return np.vstack([path, _INCREMENTS * np.diff(path, axis=0, prepend=0.0 * path[:1])])
-
-
-def interface_modes(
-    system: System,
-    response: FloatArray,
-    loads: Excitation,
-    most: int = _MOST,
-    path: QuasiStatic | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Fixed-interface modes, (n, k), and their shares in the response, the largest first.
-
-    Each is an oscillator that the inertia of the static ``response`` (n, loads) drives; its share
-    is its largest strain energy over that of the response, as a root. They are chosen of half the
-    ``most`` lowest, or of as many or twice as many where those beyond may count. A ``path`` may
-    have the factor for them.
-    """
-    F = motions_without_slip(system)
-    if F.shape[1] == 0 or most == 0:
-        return np.zeros((system.n, 0)), np.zeros(0)
-    K, M, C = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M, system.C))
-    solve = None if path is None else path.stuck(F)
-    inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
-    for count in (max(1, most // 2), most, 2 * most):
-        frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]), solve, _INEXACT)
-        omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
-        participation = shapes.T @ (F.T @ inertia)
-        left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
-        # Modes beyond the last follow their drive but for its acceleration over omega squared.
-        if 2.0 * left * loads.fastest**2 <= _SHARE * strain * omega[-1]:
-            break
-    stop = loads.plan.duration
-    stop = stop if loads.period is None else min(stop, QUICK_CYCLES * loads.period)
-    driven = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
-    damping = np.einsum("ij,ij->j", shapes, C @ shapes)
-    share = np.zeros(omega.size)
-    for k, (w, c) in enumerate(zip(omega, damping, strict=True)):
-        # What it lags behind its support, which is its acceleration over the square of w.
-        lag = cont2discrete(([1.0, 0.0, 0.0], [1.0, c, w**2]), loads.plan.step, "foh")
-        share[k] = w * np.abs(lfilter(lag[0].ravel(), lag[1], driven[k])).max()
-    order = np.argsort(-share, kind="stable")[:most]
-    return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
+    """States of a path through time and their differences, which modes must follow too."""
+    return np.vstack([path, SETTINGS.increments * np.diff(path, axis=0, prepend=0.0 * path[:1])])
 
 
 def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatArray) -> Run:
-    """Run of the preliminary model: periods in steps that will do, or the whole run.
+    """Run of the preliminary model on ``V``: some periods in few steps, or the whole run.
 
-    There are more periods while it still swings up. Its law is no steeper than a few modes resolve
-    of the velocities at which the ``path`` (levels, n) is passed through; very many contact points
-    are merged as they slip on it.
+    It has more periods while its vibration grows. Its law is no steeper than a few modes resolve at
+    the velocities at which the loads pass through the ``path`` (levels, n). Very many contact
+    points are merged as they slip on the path.
     """
-    small = system.project(V)
-    if system.contact_points > MANY:
-        small = merged_points(small, path @ (system.M @ V), np.flatnonzero(system.w), MERGED)
+    small, merging = system.project(V), friction_points.SETTINGS
+    if system.contact_points > merging.many:
+        rates = path @ (system.M @ V)
+        small = merged_points(small, rates, np.flatnonzero(system.w), merging.merged)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
-    small = replace(small, beta=np.minimum(small.beta, _RESOLVED / max(velocity, _SLOW)))
+    steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
+    small = replace(small, beta=np.minimum(small.beta, steepest))
     plan = loads.plan
     step, steps, cycles, most = plan.step, plan.n_steps, 1, 1
     if loads.period is not None:
         most = max(1, int(plan.duration / loads.period * (1.0 + 1e-9)))
-        cycles, whole = min(QUICK_CYCLES, most), round(loads.period / step)
+        cycles, whole = min(SHORT_RUNS.cycles, most), round(loads.period / step)
         steps = steps_of_a_period(small, loads.period, cycles, loads.fastest / (2.0 * np.pi), whole)
         step = loads.period / steps
     while True:
@@ -343,14 +321,27 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         run = integrate_plan(small, whole_run).finished()
         strain = np.einsum("ij,ij->i", run.u[1:] @ small.K, run.u[1:])
         peaks = strain.reshape(cycles, -1).max(axis=1)
-        if cycles >= min(most, MOST_CYCLES) or peaks[-1] <= GROWING * peaks[:-1].max(initial=0.0):
+        grows = peaks[-1] > SETTINGS.growing * peaks[:-1].max(initial=0.0)
+        if cycles >= min(most, SETTINGS.most_cycles) or not grows:
             return run
         cycles = min(2 * cycles, most)
 
 
 @dataclass(frozen=True)
-class _Acting:
-    """Forces that act in a reduced run, but for friction: loads less inertia and damping, N."""
+class _Driving:
+    """Forces on the full system in a run of a reduced model: loads less inertia and damping, N.
+
+    Friction is what the quasi-static path adds to them.
+
+    Attributes
+    ----------
+    system : System
+        The full system.
+    V : ndarray, shape (n, j)
+        Basis of the reduced model.
+    run : Run
+        Its run, with all fields.
+    """
 
     system: System
     V: FloatArray
@@ -364,7 +355,7 @@ class _Acting:
         return [loads, (-acceleration(run).T, system.M @ self.V), (-run.v, system.C @ self.V)]
 
     def at(self, rows: IntArray) -> FloatArray:
-        """At some of the stored times, (rows, n)."""
+        """Forces at some of the stored times, (rows, n), N."""
         return np.asarray(sum(amplitude[rows] @ shape.T for amplitude, shape in self._parts))
 
     def work(self, u: FloatArray) -> FloatArray:
@@ -373,7 +364,10 @@ class _Acting:
 
 
 def _evenly(run: Run, K: FloatArray, rows: IntArray, count: int) -> IntArray:
-    """Some of the rows between which the structure strains by as much, the last one included."""
+    """About ``count`` of the rows of a run with equal strain between them, with the last row.
+
+    Strain is the length of the path of the reduced displacement in the norm of strain energy.
+    """
     change = np.diff(run.u[rows], axis=0, prepend=0.0)
     length = np.cumsum(np.sqrt(np.maximum(np.einsum("ij,ij->i", change @ K, change), 0.0)))
     wanted = np.searchsorted(length, _levels(count, length[-1])[:, 0] * (1.0 - 1e-9))

@@ -30,6 +30,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError, JointError
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
@@ -56,8 +57,6 @@ class QuasiStaticSettings:
         A level that does not converge at once is reached in parts, halved at most this often.
     carried : float
         Share of the load that the added mass may carry before everything counts as slipping.
-    shift : float
-        Added mass over the mean square frequency, s2.
     limit_iterations : int
         Most iterations for the friction limit.
     rigid : float
@@ -72,7 +71,6 @@ class QuasiStaticSettings:
     held: float = 0.98
     halvings: int = 6
     carried: float = 1e-3
-    shift: float = 1e-12
     limit_iterations: int = 20
     rigid: float = 1e-9
     most_rigid: int = 12
@@ -110,7 +108,7 @@ class QuasiStatic:
         self.K, self.M = (as_dense(A) if dense else as_compressed(A) for A in (inner.K, inner.M))
         self.shift = 0.0
         if is_singular(self.K):
-            self.shift = SETTINGS.shift * inner.mean_square_frequency
+            self.shift = shifts.SETTINGS.least * inner.mean_square_frequency
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta

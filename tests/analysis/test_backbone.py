@@ -11,9 +11,9 @@ from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
-from skfem_joint.analysis.scene_vibration import scene_backbone
-from skfem_joint.reduction.basis import stuck_basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.analysis.scene_backbone import scene_backbone
+from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.sources import stuck_basis
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LINE = DENSITY * WIDTH * THICKNESS

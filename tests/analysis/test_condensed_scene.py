@@ -8,7 +8,8 @@ from joint_scenes import MU, WIDTH, harmonic, plate_scene
 
 from skfem_joint.analysis.contact_history import contact_history
 from skfem_joint.analysis.memory import needed
-from skfem_joint.analysis.scene_vibration import scene_backbone, scene_response
+from skfem_joint.analysis.scene_backbone import scene_backbone
+from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.mesh import build_plate

@@ -16,9 +16,9 @@ from skfem_joint.analysis.estimate import of_full, verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.friction_points import merged_points, reduced_system
-from skfem_joint.reduction.residual import Residual, stride
+from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.scene import Scene
 
 
@@ -78,7 +78,7 @@ def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_
         scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
         assert np.abs(V.T @ left).max() < 1e-8 * scale * np.abs(V).max()
         assert (np.abs(left).max() > 1e-3 * scale) == lacking
-        lacks = residual.lacking(V, run, 4, V[:, :0])
+        lacks = residual.missing_modes(V, run, 4, V[:, :0])
         assert lacks.shape == (system.n, 4 * lacking)
         assert np.abs(V.T @ (system.M @ lacks)).max(initial=0.0) < 1e-9
 
@@ -99,7 +99,7 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
     for _ in range(3):
         run = verification_run(system.project(V), plan, fields_every=fields)
         errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
-        V = np.hstack([V, residual.lacking(V, run, 8, V[:, :0])])
+        V = np.hstack([V, residual.missing_modes(V, run, 8, V[:, :0])])
     assert errors[1] < 0.4 * errors[0]
     assert errors[2] < 0.5 * errors[1]
 
@@ -112,7 +112,7 @@ def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at
     small = reduced_system(system, basis, periodic=scene.periodic)
     every = system.project(basis.V)
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
-    few = merged_points(every, basis.velocities, np.flatnonzero(every.w), sets)
+    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
     sizes, real = [], estimate.integrate_plan
 

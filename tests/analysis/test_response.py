@@ -12,9 +12,11 @@ from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
+from skfem_joint.analysis import linear_response as linear
 from skfem_joint.analysis import response as module
-from skfem_joint.analysis.response import at_frequency, linear_response
-from skfem_joint.analysis.scene_vibration import scene_response
+from skfem_joint.analysis.linear_response import linear_response
+from skfem_joint.analysis.response import at_frequency
+from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.mesh import build_bar
 
 
@@ -38,7 +40,7 @@ def test_small_and_large_loads_go_to_the_linear_limits():
 
 def test_a_linear_response_takes_few_factors(monkeypatch):
     system, f, made = bar(), np.linspace(1500.0, 2800.0, 60), []
-    monkeypatch.setattr(module, "splu", lambda H: made.append(0) or splu(H))
+    monkeypatch.setattr(linear, "splu", lambda H: made.append(0) or splu(H))
     found = linear_response(system, f, stuck=False)
     assert len(made) <= 4
     exact = []
@@ -88,7 +90,7 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
     def fails(*_, **__):
         raise sj.ConvergenceError("no steady vibration was found")
 
-    monkeypatch.setattr(module, "integrate", fails)
+    monkeypatch.setattr(module, "integrate_plan", fails)
     point = module.steady_point(bar(), 2000.0)
     assert point.failure is not None
     assert np.isnan(point.amplitude).all()

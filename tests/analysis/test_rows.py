@@ -22,12 +22,8 @@ from skfem_joint import cli
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.backbone import backbone
 from skfem_joint.analysis.rows import HEADER, Rows
-from skfem_joint.analysis.scene_vibration import (
-    BACKBONE_ROWS,
-    RESPONSE_ROWS,
-    scene_backbone,
-    scene_response,
-)
+from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
+from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.checkpoint import fingerprint
 

@@ -365,7 +365,7 @@ def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(asked, "make_basis", stop)
+    monkeypatch.setattr(asked, "make_reduced", stop)
     results = run_bar(time={"cycles": 2})
     assert results.interrupted
     assert list(results.models) == ["full"]

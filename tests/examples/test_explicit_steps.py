@@ -11,7 +11,7 @@ from scipy import linalg
 from stepping_systems import LapJoint, dense_system, order_of, oscillator, reference_plate
 
 import skfem_joint as sj
-from skfem_joint.reduction.reference import paper_reference
+from skfem_joint.reduction.scaled.reference import paper_reference
 
 
 def test_runge_kutta_is_of_fourth_order():

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 
 from paper import active, harmonic, page, reduction, reproduce, structure
 
-from skfem_joint.reduction.active_length import estimate
+from skfem_joint.reduction.scaled.estimated_length import estimate
 
 SECTION3, SECTION4 = "section7.3", "section7.4"
 #: Item, start of the quantity, cell, number, tolerance: what is printed in the paper, and ours

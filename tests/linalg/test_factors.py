@@ -1,11 +1,15 @@
 """Factors solve what they were made of."""
 
+import logging
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from grid_matrices import eye, grid
 from scipy import sparse
 
-from skfem_joint.linalg import bands
+from skfem_joint.linalg import bands, factors
 from skfem_joint.linalg.factors import BlockFactors, factorised
 
 
@@ -26,6 +30,25 @@ def test_a_factor_solves_a_matrix_that_is_not_definite(library):
     for A in (sparse.csr_array([[1.0, 2.0], [2.0, 1.0]]), grid((14, 14, 14)) - 1.3 * eye(14**3)):
         x = np.sin(1.0 + np.arange(A.shape[0]))
         np.testing.assert_allclose(factorised(A)(A @ x), x, atol=1e-9)
+
+
+@pytest.mark.parametrize("error", ["ImportError('no mkl_rt')", "OSError('cannot open libmkl_rt')"])
+def test_pardiso_without_its_library_is_as_if_not_installed(error, tmp_path, monkeypatch, caplog):
+    """What pypardiso raises at its import where MKL is missing or cannot be loaded."""
+    (tmp_path / "pypardiso.py").write_text(f"raise {error}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pypardiso", raising=False)
+    monkeypatch.setattr(factors, "SETTINGS", replace(factors.SETTINGS, large=1))
+    factors.pardiso.cache_clear()
+    A = grid((14, 14, 14))
+    x = np.sin(1.0 + np.arange(A.shape[0]))
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            np.testing.assert_allclose(factorised(A)(A @ x), x, atol=1e-11)
+    factors.pardiso.cache_clear()
+    (said,) = caplog.messages
+    assert "pypardiso" in said
+    assert "mkl" in said
 
 
 def test_factors_stand_beside_each_other(library):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skfem_joint.analysis.scene_vibration import scene_backbone
+from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_figure, write_backbone
 from skfem_joint.scene import Scene, scene_from

@@ -17,7 +17,7 @@ from pictured import JOINT, bar, blocks, lap, side
 import skfem_joint as sj
 from skfem_joint.output import plots
 from skfem_joint.reduction.pod import proper_decomposition
-from skfem_joint.reduction.reference import ReferenceModes, lap_joint
+from skfem_joint.reduction.scaled.reference import lap_joint
 
 ROWS = 50
 FREQUENCY = 1000.0
@@ -40,18 +40,18 @@ def runs():
 
 
 @pytest.fixture(scope="module")
-def reference(runs):
-    proper = proper_decomposition(runs["full"].u)
-    return ReferenceModes(np.linspace(0.0, 1.0, len(proper.modes)), proper.modes, proper, 0.25)
+def proper(runs):
+    return proper_decomposition(runs["full"].u)
 
 
 @pytest.fixture(scope="module")
-def figures(runs, reference):
+def figures(runs, proper):
+    xi = np.linspace(0.0, 1.0, len(proper.modes))
     return {
         "histories": plots.histories_figure(runs, ["free_end"]),
         "hysteresis": plots.hysteresis_figure(runs, "free_end", 0, ROWS),
-        "modes": plots.modes_figure(reference, "the paper's reference joint"),
-        "values": plots.proper_values_figure(reference.proper, "the full model's own run"),
+        "modes": plots.modes_figure(xi, proper, "the paper's reference joint"),
+        "values": plots.proper_values_figure(proper, "the full model's own run"),
         "cycles": plots.energies_figure(runs),
     }
 
@@ -84,18 +84,18 @@ def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(fig
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
-def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, reference):
+def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, proper):
     for line, run in zip(figures["histories"].axes[0].get_lines(), runs.values(), strict=True):
         np.testing.assert_allclose(line.get_xdata(), 1e3 * run.times)
         np.testing.assert_allclose(line.get_ydata(), 1e6 * run.point("free_end"))
     lines = [one for one in figures["modes"].axes[0].get_lines() if one.get_label()[0] != "_"]
     shapes = np.array([line.get_ydata() for line in lines])
     assert shapes.max(axis=1) == pytest.approx(np.ones(5))
-    overlaps = np.einsum("ki,ik->k", shapes, reference.modes[:, :5])
+    overlaps = np.einsum("ki,ik->k", shapes, proper.modes[:, :5])
     assert np.abs(overlaps) == pytest.approx(np.linalg.norm(shapes, axis=1))
     left, right = figures["values"].axes
     heights = [bar.get_height() for bar in left.patches]
-    np.testing.assert_allclose(heights, reference.proper.proper_values[: len(heights)])
+    np.testing.assert_allclose(heights, proper.proper_values[: len(heights)])
     np.testing.assert_allclose(right.get_lines()[0].get_ydata(), np.cumsum(heights))
 
 

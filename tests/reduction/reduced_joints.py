@@ -10,7 +10,7 @@ from bodies import MU, STEEL, WIDTH, structure
 
 import skfem_joint as sj
 from skfem_joint.loads import Amplitude
-from skfem_joint.reduction.reference import lap_joint
+from skfem_joint.reduction.scaled.reference import lap_joint
 from skfem_joint.stepping.recording import Run
 
 SPEED = 5000.0

@@ -1,16 +1,23 @@
-"""Active length of a joint: measured from histories, and estimated by section 6.1."""
+"""Active length and area of joints, measured from their largest slips."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import EA
-from reduced_joints import case, case_i
+from bodies import structure as structure_of
+from reduced_joints import case, case_i, fig_18
 
 import skfem_joint as sj
-from skfem_joint.reduction import active_length
-from skfem_joint.reduction.active_length import active_fractions, gross_slip, measured, slips
-from skfem_joint.reduction.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
+from skfem_joint.mesh import build_plate, named
+from skfem_joint.reduction.active_length import (
+    active_fractions,
+    contact_parts,
+    gross_slip,
+    measured,
+    measured_lengths,
+    slips,
+)
+from skfem_joint.reduction.scaled.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
 
 
 def test_measured_length_of_a_linear_decay():
@@ -55,15 +62,6 @@ def test_slow_joint_is_active_over_the_pseudo_static_slip_length():
     assert length == pytest.approx(static * (1.0 - np.sqrt(1e-3)), rel=5e-3)
 
 
-def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
-    # A loop of a harmonic force and displacement with phase phi has the area pi F u sin(phi);
-    # equal to the joint's loop with tan(phi) = 2 zeta, whatever force, section and friction.
-    force, tau = 1.7e4, 3e5
-    loop, peak = 2 * force**3 / (3 * EA * tau), force**2 / (2 * EA * tau)
-    zeta = active_length.DAMPING_RATIO
-    assert np.sin(np.arctan(2.0 * zeta)) == pytest.approx(loop / (np.pi * force * peak), rel=1e-14)
-
-
 def test_active_area_counts_the_area_of_slipping_points():
     structure, system, _ = case("lap")
     patch = structure.patches[0]
@@ -91,7 +89,7 @@ def test_creep_of_points_that_stick_is_no_slip():
 
 
 @pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
-def test_gross_slip_is_told_from_strain_and_creep(make):
+def test_gross_slip_is_distinguished_from_strain_and_creep(make):
     structure, system = make()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
@@ -104,3 +102,51 @@ def test_gross_slip_is_told_from_strain_and_creep(make):
     assert gross_slip(structure, 1e-6 * strained, 1e-3) == []  # creep
     coulomb = [replace(joint, beta=np.inf) for joint in structure.joints]
     assert gross_slip(replace(structure, joints=coulomb), 1e-6 * strained, 1e-3)
+
+
+def test_each_ring_of_bolts_is_a_part_of_its_own():
+    plan = build_plate([("one", 0.02, 2), ("gap", 0.06, 6), ("two", 0.02, 2)], 0.05, 3)
+    joint = np.concatenate([plan.regions["one"], plan.regions["two"]])
+    mesh = named(plan.mesh.with_subdomains({"joint": joint}))
+    made = structure_of(mesh, [sj.Joint("joint", 8e6, 0.7, axis=(1.0, 0.0))])
+    found = contact_parts(made.body, made.patches[0])
+    assert [round(zone.length, 9) for zone in found] == [0.02, 0.02]
+
+
+def test_profile_is_the_largest_slip_of_each_section_of_any_mesh():
+    rng = np.random.default_rng(3)
+    structure, system, _ = case("lap")
+    mesh = structure.mesh.mesh
+    inner = np.setdiff1d(np.arange(mesh.p.shape[1]), mesh.boundary_nodes())
+    moved = mesh.p.copy()
+    moved[:, inner] += rng.uniform(-1.5e-3, 1.5e-3, (2, inner.size))
+    shaken = replace(structure, mesh=replace(structure.mesh, mesh=replace(mesh, doflocs=moved)))
+    for s in (structure, shaken):
+        (low,) = contact_parts(s.body, s.patches[0])
+        zone = low.from_other_end()
+        x = s.nodes[s.patches[0].nodes, 0]
+        slip = np.zeros(system.w.size)
+        slip[s.patches[0].points] = np.maximum(x - 0.1, 0.0)  # alike across the axis
+        distance, peak = zone.profile(slip)
+        smooth = distance < 0.14
+        np.testing.assert_allclose(peak[smooth], 0.15 - distance[smooth], atol=1e-12)
+        assert zone.active_length(slip) == pytest.approx(0.15, abs=0.008)
+        # Sections stick where all their points do: one row that slips keeps them moving.
+        y = s.nodes[s.patches[0].nodes, 1]
+        slip[s.patches[0].points] = np.where(y == 0.0, x, 0.0)
+        assert zone.active_length(slip) > 0.23
+
+
+def test_measured_lengths_are_taken_from_the_end_that_moves_most():
+    structure, system = fig_18()
+    patch = structure.patches[0]
+    x = structure.nodes[patch.nodes, 0]
+    for decay in (np.exp(-200.0 * (0.1 - x)), np.exp(-200.0 * x)):
+        slip = np.zeros(system.w.size)
+        slip[patch.points] = decay
+        expected = np.sort(decay)[::-1]
+        length = measured(np.arange(100) * 1e-3, expected)
+        assert measured_lengths(structure, slip) == {"joint": pytest.approx(length, rel=1e-9)}
+    plain = replace(case("lap")[0].joints[0], axis=None)
+    plate_joint = replace(case("lap")[0], joints=[plain])
+    assert measured_lengths(plate_joint, np.ones(case("lap")[1].w.size)) == {}

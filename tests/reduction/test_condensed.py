@@ -12,8 +12,9 @@ import skfem_joint as sj
 from skfem_joint.analysis.estimate import of_reduced
 from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.schemes import generalized_alpha
 
 FORCE = 4e3
 TIMES: dict[str, Any] = {"step": 5e-6, "n_steps": 200, "cycle_steps": 200}
@@ -126,16 +127,16 @@ def test_estimate_tells_what_missing_modes_cost():
     system = system_of("plates", 1e5)
     basis = condensed_basis(system, 0)
     small = condensed_system(system, basis.V)
-    how = TIMES | {"scheme": generalized_alpha(1.0), "save": sj.Save(fields=True)}
-    full, run = (sj.integrate(one, **how) for one in (system, small))
-    found, true = of_reduced(system, basis, small, how, run), compare(full, run)
+    plan = Plan(**TIMES, save=sj.Save(fields=True))
+    full, run = (integrate_plan(model, plan) for model in (system, small))
+    found, true = of_reduced(system, basis, small, plan, run), compare(full, run)
     stated = found.of("basis", "displacement_rms")
     assert 0.5 * true.displacement_rms < stated < 2.0 * true.displacement_rms
     for source in ("law", "points"):  # those of the full model
         assert found.of(source, "displacement_rms") == 0.0
 
 
-def test_what_cannot_be_condensed_is_told():
+def test_what_cannot_be_condensed_is_refused():
     system = system_of("plates")
     with pytest.raises(sj.InputError, match="'condensed' needs friction"):
         sj.condense(replace(system, w=np.zeros_like(system.w)))

@@ -8,13 +8,14 @@ from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, own_basis
-from skfem_joint.reduction.friction_points import reduced_system
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.sources import make_basis, own_basis
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 
 
 def reduced(system: sj.System, basis: Basis, step: float, points: str | int) -> Run:
-    few = reduced_system(system, basis, friction_points=points, warn=[])
+    few = reduced_system(system, basis, friction_points=points)
     return three_periods(few, step)
 
 
@@ -25,7 +26,7 @@ def test_own_modes_are_the_best_of_their_number(inner_product, snapshots):
     run = full("lap")
     basis = own_basis(system, run, 8, snapshots=snapshots, inner_product=inner_product)
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(8), atol=1e-10)
-    np.testing.assert_allclose(basis.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
+    np.testing.assert_allclose(basis.history.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
     modes, values = basis.proper.modes, basis.proper.singular_values
     assert np.all(np.diff(values) <= 0.0)
     if inner_product == "energy":
@@ -78,33 +79,32 @@ def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
 
 
 def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
-    structure, system, step = case("strip")
-    warn: list[str] = []
+    _, system, step = case("strip")
     options = Options(reference="self", modes=6, interface_modes=2, active_length=0.05)
-    steps = {"step": step, "n_steps": 5 * STEPS, "cycle_steps": STEPS}
-    basis = make_basis(structure, system, options, **steps, warn=warn)
+    plan = Plan(step, 5 * STEPS, cycle_steps=STEPS)
+    basis = make_basis(system, options, plan)
     expected = own_basis(system, full("strip"), 6, interface_modes=2)
     assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-12
-    assert (basis.modes, basis.active_length, basis.stretches) == (6, {}, None)
-    assert warn == ["reduction.active_length has no effect but beside reference = 'paper'."]
+    assert (basis.modes, basis.active_length, basis.modes_of_unit_length) == (6, {}, None)
+    note = "reduction.active_length has no effect but beside reference = 'paper'."
+    assert basis.notes == (note,)
     with pytest.raises(sj.InputError, match="must be 'static', 'self' or 'paper'"):
-        make_basis(structure, system, Options(reference="other"), **steps, warn=warn)
+        make_basis(system, Options(reference="other"), plan)
 
 
 def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     structure, _, step = case("strip")
-    steps = {"step": step, "n_steps": 3 * STEPS, "cycle_steps": STEPS}
-    warn: list[str] = []
+    plan = Plan(step, 3 * STEPS, cycle_steps=STEPS)
     bent = structure.system([sj.Load("right", sj.Harmonic(2e3, 500.0), (0.0, 1.0))], [])
     two, one = (Options(reference="self", modes=count) for count in (2, 1))
-    basis = make_basis(structure, bent, two, **steps, warn=warn)
-    assert 0.1 < basis.missed < 0.5
-    assert "cannot follow" in warn[0]
+    basis = make_basis(bent, two, plan)
+    assert 0.1 < basis.history.missed < 0.5
+    assert "cannot follow" in basis.notes[0]
     with pytest.raises(sj.InputError, match="cannot follow"):
-        make_basis(structure, bent, one, **steps, warn=warn)
-    basis = make_basis(structure, bent, one, **steps, enriched=True, warn=warn)
-    assert basis.missed > 0.5
-    assert warn[-1].startswith("The 1 vectors of the reduced model cannot follow")
+        make_basis(bent, one, plan)
+    basis = make_basis(bent, one, plan, enriched=True)
+    assert basis.history.missed > 0.5
+    assert basis.notes[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 
 def test_a_run_of_ones_own_gives_the_modes():

@@ -7,9 +7,12 @@ import pytest
 from reduced_joints import bar, case, case_i, errors, fig_18, full
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, static_basis
-from skfem_joint.reduction.friction_points import friction_lost, merged_points, reduced_system
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.friction_points import friction_lost, merged_points
+from skfem_joint.reduction.sources import make_basis, static_basis
 from skfem_joint.reduction.static_path import StaticPath, slip_path
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 
 LIMIT = 175e3  # of Fig. 18, N
 
@@ -18,7 +21,7 @@ def error(
     system: sj.System, basis: Basis, points: str | int = "auto"
 ) -> tuple[float, float, float]:
     """Errors of peak, history and friction energy over four periods of 200 steps."""
-    few = reduced_system(system, basis, friction_points=points, warn=[])
+    few = reduced_system(system, basis, friction_points=points)
     exact, found = (sj.integrate(one, cycles=4, steps_per_cycle=200) for one in (system, few))
     rms = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     history = rms.max() / np.linalg.norm(exact.point_u, axis=0).max()
@@ -29,7 +32,7 @@ def error(
 @cache
 def of_fig_18() -> tuple[sj.System, StaticPath]:
     system = fig_18()[1]
-    return system, slip_path(system, 1e-5, 800)
+    return system, slip_path(system, Plan(1e-5, 800))
 
 
 def test_the_paper_s_structure_with_fifteen_unknowns():
@@ -56,7 +59,7 @@ def test_no_step_of_the_full_model_is_taken():
 @pytest.mark.parametrize("frequency", [1000.0, 2000.0])
 def test_a_lap_joint_is_followed_near_resonance_too(frequency):
     _, system = case_i(frequency)
-    basis = static_basis(system, slip_path(system, 1.0 / frequency / 200, 800), 12)
+    basis = static_basis(system, slip_path(system, Plan(1.0 / frequency / 200, 800)), 12)
     peak, _, friction = error(system, basis)
     assert peak < 0.003
     assert friction < 0.01
@@ -66,7 +69,7 @@ def test_minor_loops_of_several_harmonics():
     parts = (sj.Harmonic(0.3 * LIMIT, 300.0), sj.Harmonic(0.2 * LIMIT, 1500.0, 0.7))
     regions = [("joint", 0.1, 100), ("linear", 0.5, 100)]
     _, system = bar(regions, ["joint"], [("end", sj.MultiHarmonic(parts))])
-    path = slip_path(system, 1.0 / 300.0 / 200, 800)
+    path = slip_path(system, Plan(1.0 / 300.0 / 200, 800))
     basis = static_basis(system, path, 16)
     assert basis.V.shape[1] <= 20
     assert error(system, basis)[2] < 0.015
@@ -75,9 +78,9 @@ def test_minor_loops_of_several_harmonics():
 def test_a_pulse_with_sixteen_unknowns():
     structure, _ = fig_18()
     system = structure.system([sj.Load("end", sj.Triangle(87.5e3, 4e-5, 1e-3))])  # it sets in late
-    path = slip_path(system, 2e-6, 2000)
+    path = slip_path(system, Plan(2e-6, 2000))
     basis = static_basis(system, path, 15, 0)
-    few = reduced_system(system, basis, periodic=False, warn=[])
+    few = reduced_system(system, basis, periodic=False)
     exact, found = (sj.integrate(one, step=2e-6, n_steps=2000) for one in (system, few))
     difference = np.linalg.norm(found.point_u - exact.point_u, axis=0)
     assert difference.max() < 0.005 * np.linalg.norm(exact.point_u, axis=0).max()
@@ -86,18 +89,18 @@ def test_a_pulse_with_sixteen_unknowns():
 
 @pytest.mark.parametrize(("name", "limits"), [("edge", (1e-3, 5e-3)), ("two", (1e-3, 5e-3))])
 def test_plates_that_bend_or_lie_on_each_other(name, limits):
-    structure, system, step = case(name)
-    steps = {"step": step, "n_steps": 300, "cycle_steps": 100}
-    basis = make_basis(structure, system, Options(), **steps, warn=[])
-    few = reduced_system(system, basis, warn=[])
-    history, friction = errors(sj.integrate(few, **steps), full(name))
+    _, system, step = case(name)
+    plan = Plan(step, 300, cycle_steps=100)
+    basis = make_basis(system, Options(), plan)
+    few = reduced_system(system, basis)
+    history, friction = errors(integrate_plan(few, plan), full(name))
     assert history < limits[0]
     assert abs(friction) < limits[1]
 
 
 def test_a_law_that_creeps_everywhere_is_followed():
     _, system = fig_18(frequency=1.0)
-    basis = static_basis(system, slip_path(system, 1.0 / 200, 800), 12)
+    basis = static_basis(system, slip_path(system, Plan(1.0 / 200, 800)), 12)
     peak, history, friction = error(system, basis, "all")
     assert max(peak, history) < 0.002
     assert friction < 0.002
@@ -109,8 +112,8 @@ def test_few_points_lose_little_friction_power_and_never_gain():
     every = system.project(basis.V)
     lost = []
     for count in (10, 20, 40, 80):
-        few = merged_points(every, basis.velocities, basis.active, count)
-        lost.append(friction_lost(every, few, basis.velocities))
+        few = merged_points(every, basis.history.velocities, basis.history.active, count)
+        lost.append(friction_lost(every, few, basis.history.velocities))
         assert few.w.sum() == pytest.approx(system.w.sum(), rel=1e-12)
     assert all(-1e-12 < one < 0.01 for one in lost)
     assert lost[-1] < 0.1 * lost[0]
@@ -120,14 +123,14 @@ def test_what_cannot_be_followed_is_refused():
     structure, _ = fig_18()
     still = structure.system([sj.Load("end", sj.Harmonic(0.0, 500.0))])
     with pytest.raises(sj.InputError, match="no load acts"):
-        slip_path(still, 1e-5, 200)
+        slip_path(still, Plan(1e-5, 200))
 
 
 def test_a_dense_system_has_the_modes_of_the_sparse_one():
     regions = [("joint", 0.1, 20), ("linear", 0.5, 20)]
     _, system = bar(regions, ["joint"], [("end", sj.Harmonic(87.5e3, 500.0))])
     bases = [
-        static_basis(one, slip_path(one, 1e-5, 400, tolerance=1e-8), 8).V
+        static_basis(one, slip_path(one, Plan(1e-5, 400), tolerance=1e-8), 8).V
         for one in (system, system.project(np.eye(system.n)))
     ]
     spans = np.linalg.svd(bases[0].T @ (system.M @ bases[1]), compute_uv=False)

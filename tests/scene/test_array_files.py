@@ -13,7 +13,7 @@ import pytest
 from scipy import sparse
 from scipy.io import mmwrite, savemat
 
-from skfem_joint.array_files import MOST_ROWS, MOST_UNPACKED, read_array
+from skfem_joint.array_files import LIMITS, read_array
 from skfem_joint.arrays import as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.files import LARGEST_TABLE
@@ -123,7 +123,7 @@ def test_a_size_that_is_not_that_of_the_bytes_is_refused(tmp_path, shape):
     refused(tmp_path, "K.npz", "says that its shape is .* bytes, and has 32")
 
 
-HUGE = [(10**12, 10**12), (10 * MOST_ROWS, 10 * MOST_ROWS)]
+HUGE = [(10**12, 10**12), (10 * LIMITS.rows, 10 * LIMITS.rows)]
 
 
 @pytest.mark.parametrize("shape", HUGE)
@@ -176,13 +176,13 @@ def test_sizes_of_matlab_that_the_file_cannot_hold_are_refused(tmp_path):
 
 def test_files_that_unpack_to_far_more_are_refused(tmp_path):
     """A dense matrix of zeros takes a thousandth of its size as a file."""
-    zeros = header(f"({MOST_UNPACKED // 8},)") + bytes(MOST_UNPACKED)
+    zeros = header(f"({LIMITS.unpacked // 8},)") + bytes(LIMITS.unpacked)
     archived(tmp_path / "K.npz", zeros, zipfile.ZIP_DEFLATED)
-    assert (tmp_path / "K.npz").stat().st_size < MOST_UNPACKED // 500
+    assert (tmp_path / "K.npz").stat().st_size < LIMITS.unpacked // 500
     refused(tmp_path, "K.npz", "it unpacks to .* bytes, must be at most")
     content = io.BytesIO()
     savemat(content, {"K": np.zeros((2, 2))})
-    part = zlib.compress(content.getvalue()[128:] + bytes(MOST_UNPACKED))
+    part = zlib.compress(content.getvalue()[128:] + bytes(LIMITS.unpacked))
     data = content.getvalue()[:128] + struct.pack("<II", 15, len(part)) + part
     (tmp_path / "K.mat").write_bytes(data)
     refused(tmp_path, "K.mat", "it unpacks to .* bytes, must be at most")

@@ -11,16 +11,18 @@ from reduced_joints import SPEED, STEPS, bar, case, case_i, errors, fig_18, full
 from scipy import linalg
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, make_basis, scaled_basis
-from skfem_joint.reduction.friction_points import reduced_system
-from skfem_joint.reduction.reference import (
+from skfem_joint.reduction.basis import Options, reduced_system
+from skfem_joint.reduction.scaled.basis import ScaledBasis, paper_basis, scaled_basis
+from skfem_joint.reduction.scaled.reference import (
     ReferenceModes,
     lap_joint,
     modes_of_lap_joint,
     paper_reference,
     run_lap_joint,
 )
-from skfem_joint.reduction.zones import active_zones, probed, zone_lengths
+from skfem_joint.reduction.scaled.zones import active_zones, probed, zone_lengths
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
 
 # The reference system
 
@@ -60,11 +62,11 @@ def test_modes_keep_their_shape_on_the_unit_active_length():
 
 def scaled(
     structure: sj.Structure, system: sj.System, length: object = "auto", **options: Any
-) -> Basis:
+) -> ScaledBasis:
     """Basis of scaled modes; the probe takes two periods of 500 Hz."""
     zones = active_zones(structure, system)
-    probe = probed(system, zones, 1e-5, 400, None)
-    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
+    probe = probed(system, zones, Plan(1e-5, 400))
+    lengths, _ = zone_lengths(system, zones, length, probe.slip_peak)
     return scaled_basis(structure, system, paper_reference(), zones, lengths, probe, **options)
 
 
@@ -81,8 +83,8 @@ def test_basis_is_mass_orthonormal_and_zero_in_the_grey_length():
 def unloaded(structure: sj.Structure, system: sj.System, length: float) -> np.ndarray:
     """Basis without responses to loads and without fixed-interface modes, on all nodes."""
     zones = active_zones(structure, system)
-    probe = probed(system, zones, 2e-5, 10, None)
-    lengths = zone_lengths(system, zones, length, probe.slip_peak, [])
+    probe = probed(system, zones, Plan(2e-5, 10))
+    lengths, _ = zone_lengths(system, zones, length, probe.slip_peak)
     none = replace(system, loads=())
     basis = scaled_basis(
         structure, none, paper_reference(), zones, lengths, probe, interface_modes=0
@@ -90,13 +92,13 @@ def unloaded(structure: sj.Structure, system: sj.System, length: float) -> np.nd
     return structure.expand(basis.V.T)[..., 0].T
 
 
-def test_linear_region_follows_a_single_mouth_rigidly():
+def test_linear_region_follows_a_single_loaded_end_rigidly():
     V = unloaded(*fig_18(), 0.05)
     assert V.shape == (201, 5)
     assert np.allclose(V[100:], V[100], rtol=0.0, atol=1e-11 * np.abs(V).max())
 
 
-def test_linear_region_between_two_mouths_follows_linearly():
+def test_linear_region_between_two_loaded_ends_follows_linearly():
     regions = [("left", 0.1, 20), ("middle", 0.3, 30), ("right", 0.1, 20)]
     loads = [("middle", sj.Harmonic(1e5, 500.0))]
     V = unloaded(*bar(regions, ["left", "right"], loads, fixed=["start", "end"]), 0.05)
@@ -164,7 +166,8 @@ def test_probe_takes_the_steps_that_the_fastest_load_needs_at_most_the_run_s_own
     def steps(loads, cycle_steps, period):
         system = structure.system(loads)
         zones = active_zones(structure, system)
-        run = probed(system, zones, period / cycle_steps, 2 * cycle_steps, cycle_steps)
+        plan = Plan(period / cycle_steps, 2 * cycle_steps, cycle_steps=cycle_steps)
+        run = probed(system, zones, plan)
         return run.counters.steps // 2
 
     slow = sj.Load("end", sj.Harmonic(6e4, 200.0))
@@ -184,22 +187,21 @@ def test_five_modes_of_rates_dissipate_nearly_what_the_reference_system_does():
 
     def friction_error(snapshots):
         options = Options(reference="paper", snapshots=snapshots)
-        steps = {"step": 5e-6, "n_steps": 600, "cycle_steps": 200}
-        basis = make_basis(structure, run.system, options, **steps, warn=[])
-        small = reduced_system(run.system, basis, friction_points="all", warn=[])
-        found = sj.integrate(small, **steps).cycles.friction[-1]
-        return abs(found / run.cycles.friction[-1] - 1.0)
+        plan = Plan(5e-6, 600, cycle_steps=200)
+        basis = paper_basis(structure, run.system, options, plan)
+        small = reduced_system(run.system, basis, friction_points="all")
+        energy = integrate_plan(small, plan).cycles.friction[-1]
+        return abs(energy / run.cycles.friction[-1] - 1.0)
 
     assert friction_error("rates") < 0.02
     assert friction_error("both") > 0.03
 
 
 @cache
-def scaled_case(name: str, modes: int, **options: Any) -> Basis:
+def scaled_case(name: str, modes: int, **options: Any) -> ScaledBasis:
     structure, system, step = case(name)
     settings = Options(reference="paper", modes=modes, **options)
-    steps = {"step": step, "n_steps": 3 * STEPS, "cycle_steps": STEPS}
-    return make_basis(structure, system, settings, **steps, warn=[])
+    return paper_basis(structure, system, settings, Plan(step, 3 * STEPS, cycle_steps=STEPS))
 
 
 @pytest.mark.parametrize(
@@ -211,8 +213,8 @@ def test_scaled_modes_follow_the_full_model(name, modes, history, energy):
     basis = scaled_case(name, modes)
     j = basis.V.shape[1]
     np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(j), atol=1e-10)
-    assert basis.stretches is None
-    small = reduced_system(system, basis, friction_points=4 * modes, warn=[])
+    assert basis.lines is None
+    small = reduced_system(system, basis, friction_points=4 * modes)
     found = errors(three_periods(small, step), full(name))
     assert found[0] < history
     assert abs(found[1]) < energy
@@ -230,9 +232,9 @@ def test_nothing_slips_beyond_the_active_length(name):
         distance, length = np.minimum(distance, along - along.min()), 0.5 * length
     slip = system.slip_norm((system.B @ basis.V).T)[:, patch.points]
     assert np.abs(slip[:, distance >= length]).max() < 1e-12 * slip.max()
-    assert np.array_equal(np.sort(basis.active), np.sort(patch.points[distance < length]))
+    assert np.array_equal(np.sort(basis.history.active), np.sort(patch.points[distance < length]))
     spacing = np.diff(np.unique(along.round(9))).max()
-    peak = basis.slip_peak[patch.points]
+    peak = basis.history.slip_peak[patch.points]
     farthest = distance[peak > 1e-3 * peak.max()].max()
     assert farthest < length <= farthest + 1.001 * spacing
 
@@ -240,12 +242,12 @@ def test_nothing_slips_beyond_the_active_length(name):
 def test_slip_along_an_edge_is_a_line_of_gauss_points():
     _, system, step = case("edge")
     basis = scaled_case("edge", 5)
-    assert basis.stretches is not None
+    assert basis.lines is not None
     every, few = (
-        three_periods(reduced_system(system, basis, friction_points=k, beta=1e4, warn=[]), step)
+        three_periods(reduced_system(system, basis, friction_points=k, beta=1e4), step)
         for k in ("all", 2)
     )
-    assert few.system.w.size == 2 < basis.active.size
+    assert few.system.w.size == 2 < basis.history.active.size
     history, energy = errors(few, every)
     assert history < 0.01
     assert abs(energy) < 0.06

@@ -17,29 +17,41 @@ from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.structure import Joint, Load, Material, Structure
 
-#: 250 x 50 x 10 mm plate, 8 MPa, mu = 0.7, 63 kN (90 % of the friction limit) at 1000 Hz. Young's
-#: modulus and density are not printed in the paper: its Table 3 and its resonances give them.
-LENGTH = 0.25
-PRESSURE = 8e6
-FRICTION = 0.7
-FORCE = 63e3
-FREQUENCY = 1000.0
+# 250 x 50 x 10 mm plate, 8 MPa, mu = 0.7, 63 kN (90 % of the friction limit) at 1000 Hz. Young's
+# modulus and density are not printed in the paper: its Table 3 and its resonances give them.
+LENGTH, WIDTH, THICKNESS = 0.25, 0.05, 0.01
+PRESSURE, FRICTION = 8e6, 0.7
+FORCE, FREQUENCY = 63e3, 1000.0
 MATERIAL = Material(E=200e9, density=8000.0)
-WIDTH, THICKNESS = 0.05, 0.01
 
 
 @dataclass(frozen=True)
 class ReferenceModes:
-    """Proper orthogonal modes of a reference joint on a unit active length."""
+    """Proper orthogonal modes of a reference joint on a unit active length.
 
-    xi: FloatArray  #: (k,), from 0 where the grey length begins to 1 at the loaded end
-    modes: FloatArray  #: (k, r), values there
-    proper: ProperModes  #: the decomposition they come from
-    active_length: float  #: of the reference joint, m
+    Attributes
+    ----------
+    xi : ndarray, shape (k,)
+        Positions, from 0 where the grey length begins to 1 at the loaded end.
+    modes : ndarray, shape (k, r)
+        Values of the modes there.
+    proper : ProperModes
+        The decomposition that they come from.
+    active_length : float
+        Active length of the reference joint, m.
+    """
+
+    xi: FloatArray
+    modes: FloatArray
+    proper: ProperModes
+    active_length: float
 
     def at(self, xi: FloatArray, count: int) -> FloatArray:
-        """First ``count`` modes at the positions ``xi``, zero for xi <= 0, by cubic splines."""
-        from scipy.interpolate import CubicSpline
+        """First ``count`` modes at the positions ``xi`` (m,), shape (m, count), by cubic splines.
+
+        They are zero for xi <= 0. InputError if there are not so many modes.
+        """
+        from scipy.interpolate import CubicSpline  # slow to load
 
         if not 1 <= count <= self.modes.shape[1]:
             raise InputError(
@@ -60,7 +72,18 @@ def lap_joint(
 ) -> Structure:
     """Isolated lap joint of Fig. 1(b): a bar pressed on a rigid base along its whole length.
 
-    Length in m, pressure in Pa, beta in s/m (``inf`` is Coulomb).
+    Parameters
+    ----------
+    length : float
+        Length, m.
+    pressure : float
+        Contact pressure, Pa.
+    beta : float
+        Scaling constant of Eq. (2), s/m; infinite for Coulomb's law.
+    normal_force : {"equal", "consistent"}
+        How the pressure is shared among the nodes.
+    elements : int
+        Number of elements.
     """
     return Structure(
         build_bar([("joint", length, elements)], {"fixed": 0.0, "free_end": length}),
@@ -81,7 +104,7 @@ def run_lap_joint(
     cycles: int = 3,
     steps_per_cycle: int = 200,
 ) -> Run:
-    """Harmonic run of a lap joint from rest, pulled at its free end (N, Hz)."""
+    """Run of a lap joint from rest, pulled at its free end by a harmonic force (N, Hz)."""
     system = structure.system([Load("free_end", Harmonic(force, frequency))])
     save = Save(fields=True)
     return integrate(system, cycles=cycles, steps_per_cycle=steps_per_cycle, save=save).finished()
@@ -92,7 +115,8 @@ def modes_of_lap_joint(
 ) -> ReferenceModes:
     """Proper orthogonal modes of a lap joint's run on its unit active length.
 
-    ``snapshots`` and ``inner_product`` are as in `skfem_joint.reduction.pod`.
+    Contact points are mapped by their distances from the loaded end over the active length. See
+    `skfem_joint.reduction.pod` for ``snapshots`` and ``inner_product``.
     """
     x = structure.nodes[structure.patches[0].nodes, 0]
     inwards = np.argsort(-x)
@@ -100,7 +124,7 @@ def modes_of_lap_joint(
     length = measured(distance, np.abs(run.u).max(axis=0)[inwards])
     proper = proper_modes(run, snapshots=snapshots, inner_product=inner_product)
     xi = 1.0 - distance[::-1] / length
-    # One more point beyond the grey end, where the support holds: zero.
+    # One more point beyond the inner end, where the support holds: zero.
     xi = np.concatenate([[2.0 * xi[0] - xi[1]], xi])
     modes = np.pad(proper.modes[inwards[::-1]], ((1, 0), (0, 0)))
     return ReferenceModes(xi, modes, proper, length)
@@ -110,5 +134,5 @@ def modes_of_lap_joint(
 def paper_reference(*, snapshots: str = "both", inner_product: str = "euclidean") -> ReferenceModes:
     """Modes of the paper's reference run: three periods from rest (section 4)."""
     joint = lap_joint()
-    how = {"snapshots": snapshots, "inner_product": inner_product}
-    return modes_of_lap_joint(joint, run_lap_joint(joint), **how)
+    options = {"snapshots": snapshots, "inner_product": inner_product}
+    return modes_of_lap_joint(joint, run_lap_joint(joint), **options)

@@ -1,0 +1,156 @@
+"""Free vibration of a mode: its frequency and damping, measured cycle by cycle.
+
+A ring-down has all that quasi-static modal analysis (:mod:`skfem_joint.analysis.backbone`) leaves
+out: inertia of the other modes, which friction excites, and the system's own law of friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.signal import butter, find_peaks, sosfiltfilt
+
+from skfem_joint.analysis.backbone import Backbone
+from skfem_joint.analysis.peaks import parabola_vertex
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.system import System
+from skfem_joint.values import at_least, check
+
+#: Cycles at the end of a ring-down that are left out, where the filter has no samples to come.
+LEFT_OUT = 2
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """Free vibration of a mode, cycle by cycle.
+
+    Attributes
+    ----------
+    time : ndarray, shape (cycles,)
+        Time of the peak that each cycle begins with, s.
+    amplitude : ndarray, shape (cycles,)
+        Modal amplitude, mean over the cycle, m kg^1/2.
+    frequency : ndarray, shape (cycles,)
+        Natural frequency without damping, Hz.
+    damping_ratio : ndarray, shape (cycles,)
+        By the logarithmic decrement.
+    energy : ndarray, shape (periods + 1,)
+        Energy of the whole structure at whole periods of the stuck mode, J.
+    friction_work : ndarray, shape (periods + 1, joints)
+        Energy dissipated in each joint up to then, J.
+    """
+
+    time: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    energy: FloatArray
+    friction_work: FloatArray
+
+
+def ring_down(
+    system: System,
+    curve: Backbone,
+    cycles: int,
+    steps_per_cycle: int = 200,
+    scheme: Scheme | None = None,
+    start: tuple[FloatArray, FloatArray] | None = None,
+    progress: Callable[..., None] | None = None,
+) -> RingDown:
+    """Free vibration of a mode from the highest level of its curve, or from any other state.
+
+    The mode is seen by its modal displacement, ``q = phi^T M u``, which other linear modes do not
+    move. What lies above twice the mode's frequency is filtered out, forwards and backwards so
+    that peaks stay where they are. A cycle's amplitude is half of peak to peak, which does not
+    contain the position at which the joints come to rest.
+
+    Parameters
+    ----------
+    system : System
+        That the curve belongs to. Its own law acts, its loads do not.
+    curve : Backbone
+        Of the mode.
+    cycles : int
+        Periods of the stuck mode to follow, at least 4.
+    steps_per_cycle : int
+        Steps in each of them.
+    scheme : Scheme, optional
+        Average acceleration if not given.
+    start : tuple of ndarray, shape (n,), optional
+        Displacement (m) and velocity (m/s) to begin with, such as ``run.final`` of a run whose
+        pulse has ended; released at rest from the curve's highest level if not given.
+    progress : callable, optional
+        As `integrate` takes it.
+
+    Returns
+    -------
+    RingDown
+
+    Raises
+    ------
+    InputError
+        If too few cycles are asked for, or the system is a reduced model made for its own loads.
+    ConvergenceError
+        If a step does not converge, or no cycle is left to measure.
+    """
+    system.check_any_load("ring_down")
+    check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
+    check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
+    modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
+    unloaded = replace(system, loads=(), P=modal, points=("modal",))
+    plan = Plan(
+        step=1.0 / curve.stuck_frequency / steps_per_cycle,
+        n_steps=cycles * steps_per_cycle,
+        scheme=scheme or generalized_alpha(),
+        save=Save(fields=True, fields_every=steps_per_cycle),
+    )
+    initial = (curve.states[-1], np.zeros(system.n)) if start is None else start
+    run = integrate_plan(unloaded, plan, initial=initial, progress=progress).finished()
+    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / plan.step, output="sos")
+    time, half = _peaks(sosfiltfilt(low, run.point("modal")), steps_per_cycle, plan.step)
+    decrement = np.log(half[:-1] / half[1:])
+    angle = np.hypot(2.0 * np.pi, decrement)  # of the undamped mode in a cycle
+    # Each cycle is timed over itself and the next: from its first peak to that after next.
+    lasting = 0.5 * (time[2:] - time[:-2])[: decrement.size]
+    return RingDown(
+        time=time[: decrement.size],
+        amplitude=np.sqrt(half[:-1] * half[1:]),
+        frequency=angle / (2.0 * np.pi * lasting),
+        damping_ratio=decrement / angle,
+        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
+        friction_work=run.joint_work[::steps_per_cycle],
+    )
+
+
+def _peaks(q: FloatArray, steps_per_cycle: int, step: float) -> tuple[FloatArray, FloatArray]:
+    """Times of the upper peaks (s), and half of peak to peak about each, one fewer.
+
+    Half of peak to peak is taken between the mean of two upper peaks and the lower one between
+    them. The first half cycle, which the filter does not see whole, and the last cycles are left
+    out. ConvergenceError if no cycle remains.
+    """
+    q = q * np.sign(q[np.abs(q).argmax()])  # a mode has no sign of its own
+    upper, lower = (find_peaks(sign * q, distance=steps_per_cycle // 2)[0] for sign in (1.0, -1.0))
+    upper = upper[upper >= steps_per_cycle // 2]
+    lower = lower[np.searchsorted(lower, upper[0]) if upper.size else 0 :]
+    count = min(upper.size - 1, lower.size) - LEFT_OUT
+    if count < 1:
+        raise ConvergenceError("ring_down: no cycle is left to measure; ask for more")
+    rows, top = _vertices(q, upper)
+    bottom = _vertices(q, lower)[1]
+    middle = 0.5 * (top[:-1] + top[1:])
+    return rows * step, 0.5 * (middle[: count + 1] - bottom[: count + 1])
+
+
+def _vertices(q: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Places (rows) and values of extremes between samples, by those beside the extreme ones."""
+    near = rows + np.array([[-1], [0], [1]])
+    return parabola_vertex(near.astype(float), q[near])

@@ -1,0 +1,86 @@
+"""Quasi-static response whose levels are kept as rows of finished work."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.arrays import FloatArray
+from skfem_joint.progress import Tally
+from skfem_joint.stepping.quasi_static import SETTINGS as QUASI_STATIC
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.system import System
+
+
+class SavedPath(QuasiStatic):
+    """Quasi-static response that keeps each level as a row, from which a later command goes on.
+
+    A level depends, to the bit, only on its force, its start and the increment before it, which
+    name its row: nothing else is remembered from one level to the next.
+
+    Parameters
+    ----------
+    system : System
+    tolerance : float
+        As `QuasiStatic` takes it.
+    tally : Tally
+        Counts the levels, computed or taken up.
+    rows : Rows
+        Where levels are kept.
+
+    Attributes
+    ----------
+    origin : str
+        Name of what all rows depend on: the system and the tolerance.
+    """
+
+    def __init__(self, system: System, tolerance: float, tally: Tally, rows: Rows) -> None:
+        super().__init__(system, tolerance, tally)
+        self.rows, self.origin = rows, rows.mark("level", system, tolerance)
+
+    def follow(
+        self,
+        forces: FloatArray,
+        times: FloatArray | None = None,
+        held: float = QUASI_STATIC.held,
+        start: tuple[FloatArray, FloatArray] | None = None,
+    ) -> FloatArray:
+        """As `QuasiStatic.follow`; levels at given times are no rows."""
+        if times is not None:
+            self.forget()
+            states = super().follow(forces, times, held, start)
+            self.forget()
+            return states
+        levels = []
+        u, before = np.zeros((2, forces.shape[1])) if start is None else start
+        for force in forces:
+            u = self._level(force, held, u, before)
+            levels.append(u)
+            before = force
+        return np.array(levels)
+
+    def _level(
+        self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
+    ) -> FloatArray:
+        """Displacement (n,), m, under a force from ``u``, which the force ``before`` made, N."""
+        mark = self.rows.mark(self.origin, force, held, u, before, self.last)
+        counted = self.tally.done
+
+        def compute() -> tuple[FloatArray, FloatArray]:
+            self.forget(self.last)
+            follow = super(SavedPath, self).follow
+            return follow(force[np.newaxis], held=held, start=(u, before))[0], self.last
+
+        state, self.last = self.rows.row(mark, compute)
+        if self.tally.done == counted:  # taken up, so that nobody has counted it
+            self.tally.add()
+        return state
+
+    def limit(self, force: FloatArray) -> float:
+        """As `QuasiStatic.limit`, as a row that depends on the force alone."""
+        self.forget()
+        compute = super().limit
+        mark = self.rows.mark(self.origin, "limit", force)
+        limit = self.rows.row(mark, lambda: compute(force))
+        self.forget()
+        return limit

@@ -1,0 +1,233 @@
+"""Backbone curves of a scene's models, as its table [backbone] asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from skfem_joint.analysis.asked import options_of, origin_of
+from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
+from skfem_joint.analysis.ring_down import RingDown, ring_down
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.progress import Progress, silent
+from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+#: Displacement (m) and velocity (m/s), each of shape (n,).
+State = tuple[FloatArray, FloatArray]
+#: Dataclasses that rows of finished work of `scene_backbone` hold.
+BACKBONE_ROWS = (RingDown,)
+
+
+@dataclass(frozen=True)
+class ModelBackbone:
+    """Curves of one model of a scene.
+
+    Attributes
+    ----------
+    name : str
+        "full", "condensed" or "reduced".
+    curves : list of Backbone
+        Of each mode.
+    ring_downs : list of RingDown
+        Free vibration of each mode; empty if it was not asked for.
+    errors : list of dict
+        Of each curve the largest relative distances from the full model's, by name.
+    """
+
+    name: str
+    curves: list[Backbone]
+    ring_downs: list[RingDown]
+    errors: list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class SceneBackbone:
+    """Curves of the modes that a scene asks for.
+
+    Attributes
+    ----------
+    scene : Scene
+    largest : list of float
+        Of each mode the displacement, for a modal amplitude of 1 m kg^1/2, of the node that it
+        moves most, kg^(-1/2); empty where nodes are not known.
+    models : list of ModelBackbone
+    warnings : tuple of str
+        Of the structure, the full model's curves, and the smaller models.
+    """
+
+    scene: Scene
+    largest: list[float]
+    models: list[ModelBackbone]
+    warnings: tuple[str, ...]
+
+
+def scene_backbone(
+    scene: Scene, progress: Progress = silent, rows: Rows | None = None
+) -> SceneBackbone:
+    """Frequency and damping over amplitude as a scene's table ``[backbone]`` asks for.
+
+    The curves of the full model come first. A reduced model is made for each mode from the full
+    model's states at the levels of its curve.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (what is done, how much, of how much).
+    rows : Rows, optional
+        Made for `BACKBONE_ROWS`; where finished work is kept, and taken up again.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :func:`backbone` and :func:`ring_down`.
+    """
+    table, system, rows = scene.backbone, scene.system(), rows or Rows()
+    # Each mode's own level of gross slip, its curve, and its ring-down.
+    of_a_mode = 1 + levels_of_a_curve(table.levels) + bool(table.ring_down)
+    rows.asked += len(scene.models.run) * len(table.modes) * of_a_mode
+    report = partial(progress, "full model")
+    full = backbone(system, table.modes, table.levels, table.up_to, progress=report, rows=rows)
+    warnings = [*doubts(scene.structure(), system)]
+    warnings += [warning for curve in full for warning in curve.warnings]
+    start = None
+    if table.ring_down and table.released == "loads":
+        mark = rows.mark("loads' end", origin_of(scene))
+        start = rows.row(mark, partial(_loads_end, scene, system))
+        rows.asked += 1
+    models = []
+    for name in scene.models.run:
+        model = ModelBackbone(name, [], [], [])
+        for curve in full:
+            own = _OfMode(system, curve, start)
+            if name != "full":
+                own, notes = _of_small_model(name, scene, curve, start, progress, rows)
+                warnings += notes
+            model.curves.append(own.curve)
+            model.errors.append(_distances(own.curve, curve))
+            if table.ring_down:
+                model.ring_downs.append(_ring_down(name, scene, own, progress, rows))
+        models.append(model)
+    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings))
+
+
+@dataclass(frozen=True)
+class _OfMode:
+    """A model made for one mode.
+
+    Attributes
+    ----------
+    system : System
+    curve : Backbone
+        Of the mode.
+    start : tuple of ndarray, optional
+        State that it rings down from; the highest level of the curve if not given.
+    """
+
+    system: System
+    curve: Backbone
+    start: State | None
+
+
+def _of_small_model(
+    name: str,
+    scene: Scene,
+    curve: Backbone,
+    start: State | None,
+    progress: Progress,
+    rows: Rows,
+) -> tuple[_OfMode, tuple[str, ...]]:
+    """Condensed or reduced model of a mode of the full model, and notes on it.
+
+    ``curve`` and ``start`` are the full model's.
+    """
+    table, system = scene.backbone, scene.system()
+    V, small = _small_model(name, scene, curve)
+    report = partial(progress, f"{name} model, mode {curve.mode}")
+    (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
+    slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
+    if start is not None:
+        projected = np.linalg.solve(small.M, V.T @ (system.M @ np.array(start).T))
+        start = projected[:, 0], projected[:, 1]
+    # A condensed model says what the full one says: notes of the structure's damping.
+    notes = small.notes if name == "reduced" else ()
+    return _OfMode(small, replace(own, slip=slip), start), notes
+
+
+def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:
+    """Basis (n, k) and condensed or reduced system for a mode.
+
+    The reduced one has the modes of the stuck structure up to two beyond the mode, and proper
+    orthogonal modes of the curve's states: 24 unless the scene says otherwise.
+    """
+    system, options, frequency = scene.system(), options_of(scene), curve.stuck_frequency
+    if not curve.share.any():
+        raise InputError(
+            f"backbone: mode {curve.mode}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    if name == "condensed":
+        V = condensed_basis(system, highest=frequency).V
+        return V, condensed_system(system, V)
+    modes = 24 if isinstance(options.modes, str) else options.modes
+    beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
+    stuck = stuck_modes(system, curve.mode + beyond)[1]
+    basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+    return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
+
+
+def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows: Rows) -> RingDown:
+    """Free vibration of a mode."""
+    system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
+    steps, scheme = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    origin = curve.shape, curve.stuck_frequency, curve.states[-1], model.start
+    mark = rows.mark("ring-down", system, *origin, cycles, steps, scheme)
+    report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+    return rows.row(
+        mark, partial(ring_down, system, curve, cycles, steps, scheme, model.start, report)
+    )
+
+
+def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
+    """Largest relative distances of a curve from the full model's."""
+    names = "frequency", "damping_ratio"
+    ratios = {name: getattr(curve, name) / getattr(full, name) for name in names}
+    return {name: float(np.abs(ratio - 1.0).max()) for name, ratio in ratios.items()}
+
+
+def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:
+    """Displacement of the node that each mode moves most, as `SceneBackbone` has it."""
+    body, system = scene.structure().body, scene.system()
+    if body is None:
+        return []
+    shapes = (body.unpacked(system.expand(curve.shape)) for curve in curves)
+    return [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]
+
+
+def _loads_end(scene: Scene, system: System) -> State:
+    """State when the last load of a scene has ended.
+
+    InputError if a load acts until the end of the run.
+    """
+    step, n_steps = scene.time_step, scene.n_steps
+    acting = system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)
+    steps = np.flatnonzero(acting)
+    if steps.size == 0 or steps[-1] >= n_steps - 1:
+        raise InputError(
+            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
+            "the run does; choose others, a longer duration, or 'mode'"
+        )
+    plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
+    return integrate_plan(system, plan).finished().final

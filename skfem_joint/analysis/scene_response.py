@@ -1,0 +1,302 @@
+"""Responses of a scene's models over frequency, as its table [response] asks for."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from skfem_joint.analysis import estimate
+from skfem_joint.analysis.asked import TO_STEADY, options_of, origin_of
+from skfem_joint.analysis.estimate import Estimate, Parts
+from skfem_joint.analysis.linear_response import linear_response
+from skfem_joint.analysis.reduced_models import make_reduced
+from skfem_joint.analysis.response import (
+    Curve,
+    SteadyPoint,
+    at_frequency,
+    response,
+    steady_plan,
+)
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.step_errors import step_error_notes
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.progress import Progress, silent
+from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import ResponseTable
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.structure import doubts
+from skfem_joint.system import System
+
+#: Dataclasses that rows of finished work of `scene_response` hold.
+RESPONSE_ROWS = (SteadyPoint,)
+
+
+@dataclass(frozen=True)
+class ModelResponse:
+    """Response of one model of a scene.
+
+    Attributes
+    ----------
+    name : str
+        "full", "condensed" or "reduced".
+    curves : list of Curve
+        At the scene's levels, rising.
+    estimates : list of Estimate
+        Errors at the peak of each curve; empty if they were not asked for.
+    offline_s : float
+        Time of modes, projection and friction points, s.
+    wall_s : float
+        Time of the curves, s, with that of rows taken up from an earlier command.
+    compilation_s : float
+        Time of compiling loops, once on a machine and in no other time here, s.
+    notes : tuple of str
+        What to beware of.
+    """
+
+    name: str
+    curves: list[Curve]
+    estimates: list[Estimate]
+    offline_s: float
+    wall_s: float
+    compilation_s: float
+    notes: tuple[str, ...]
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most, at the highest level."""
+        return self.curves[-1].largest
+
+
+@dataclass(frozen=True)
+class SceneResponse:
+    """Response of a scene's models.
+
+    Attributes
+    ----------
+    scene : Scene
+    frequencies : ndarray, shape (k,)
+        That the scene asks for, Hz.
+    stuck, free : ndarray, shape (k, points)
+        Amplitudes of the linear limits at level 1, m.
+    models : list of ModelResponse
+    warnings : tuple of str
+        Of the structure and of all models.
+    """
+
+    scene: Scene
+    frequencies: FloatArray
+    stuck: FloatArray
+    free: FloatArray
+    models: list[ModelResponse]
+    warnings: tuple[str, ...]
+
+
+def scene_response(
+    scene: Scene,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    rows: Rows | None = None,
+) -> SceneResponse:
+    """Response of each model of a scene with a table ``[response]``, at its levels.
+
+    A reduced model is made for the highest level at the frequency at which the stuck structure
+    moves most. Errors of each model are estimated at the peak of each level.
+
+    Parameters
+    ----------
+    scene : Scene
+    executor : concurrent.futures.Executor, optional
+        Where levels are run side by side.
+    progress : callable, optional
+        Called with (what is done, how much, of how much).
+    rows : Rows, optional
+        Made for `RESPONSE_ROWS`; where finished work is kept, and taken up again.
+
+    Raises
+    ------
+    InputError
+        If there is no such table, or as :func:`response`.
+    ConvergenceError
+        As :func:`response`.
+    """
+    table = scene.response
+    if table is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    system, between = scene.system(), table.frequencies
+    frequencies = np.linspace(between.from_, between.to, between.points)
+    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
+    rows, of_a_curve = rows or Rows(), frequencies.size
+    if scene.accuracy.estimate:
+        of_a_curve += frequencies.size + 1
+    rows.asked += len(scene.models.run) * len(table.levels) * of_a_curve
+    resonance = float(frequencies[stuck.max(axis=1).argmax()])
+    models = []
+    for name in scene.models.run:
+        watch = Stopwatch()
+        model = _prepared(name, scene, table, resonance)
+        offline, compilation = watch.read()
+        watch, earlier = Stopwatch(), rows.earlier_s
+        curves = _curves(model, scene, table, frequencies, executor, progress, rows)
+        wall, compiled = watch.read()
+        estimates, notes = _checked(model, scene, curves, progress, rows)
+        times = offline, wall + rows.earlier_s - earlier, compilation + compiled
+        models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
+    of_models = [note for model in models for note in model.notes]
+    warnings = (*doubts(scene.structure(), system), *of_models)
+    return SceneResponse(scene, frequencies, stuck, free, models, warnings)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A model of a scene before its curves are computed.
+
+    Attributes
+    ----------
+    name : str
+    system : System
+        Of the model, with its loads at ``level``.
+    basis : Basis or None
+        What a reduced or condensed model is made of.
+    level : float
+        Level of the scene that is level 1 of ``system``.
+    notes : tuple of str
+        How it was made, where users should know.
+    """
+
+    name: str
+    system: System
+    basis: Basis | None = None
+    level: float = 1.0
+    notes: tuple[str, ...] = ()
+
+
+def _prepared(name: str, scene: Scene, table: ResponseTable, resonance: float) -> _Prepared:
+    """Model of a scene; a reduced one serves steady vibration at the ``resonance`` (Hz) best."""
+    system, level = scene.system(), max(table.levels)
+    if name == "full":
+        return _Prepared(name, system)
+    if name == "condensed":
+        loaded = at_frequency(system, table.frequencies.to, level)
+        basis = condensed_basis(loaded)
+        return _Prepared(name, condensed_system(loaded, basis.V), basis, level)
+    loaded, options = at_frequency(system, resonance, level), options_of(scene)
+    plan = _plan(scene, resonance)
+    plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
+    basis = make_reduced(scene.structure(), loaded, options, plan)
+    small = reduced_system(loaded, basis, **options.friction)
+    return _Prepared(name, small, basis, level, (*basis.notes, *small.notes))
+
+
+def _plan(scene: Scene, frequency: float) -> Plan:
+    """Plan of a search for steady vibration at a frequency (Hz)."""
+    scheme = generalized_alpha(scene.time.rho_infinity)
+    return steady_plan(frequency, scene.time.steps_per_cycle, scheme)
+
+
+def _curves(
+    model: _Prepared,
+    scene: Scene,
+    table: ResponseTable,
+    frequencies: FloatArray,
+    executor: Executor | None,
+    progress: Progress,
+    rows: Rows,
+) -> list[Curve]:
+    """Curves of a model at the levels of a scene, rising, with the slip of all contact points."""
+    levels, system = sorted(table.levels), scene.system()
+    curves = response(
+        model.system,
+        frequencies,
+        [level / model.level for level in levels],
+        steps_per_cycle=scene.time.steps_per_cycle,
+        scheme=generalized_alpha(scene.time.rho_infinity),
+        estimated=scene.accuracy.estimate,
+        executor=executor,
+        progress=partial(progress, f"{model.name} model"),
+        rows=rows,
+    )
+    if model.basis is None:
+        return curves
+    slips = system.B @ model.basis.V
+
+    def with_all_slips(point: SteadyPoint) -> SteadyPoint:
+        """Point with the slip of the full model's contact points, by its course."""
+        if point.course is None:
+            return point
+        slip = system.slip_norm(point.course @ slips.T).max(axis=0)
+        return replace(point, slip=slip, course=None)
+
+    return [
+        Curve(level, tuple(map(with_all_slips, curve.points)))
+        for level, curve in zip(levels, curves, strict=True)
+    ]
+
+
+def _checked(
+    model: _Prepared, scene: Scene, curves: list[Curve], progress: Progress, rows: Rows
+) -> tuple[list[Estimate], list[str]]:
+    """Errors at the peak of each curve, if they are asked for, and what to beware of."""
+    estimates: list[Estimate] = []
+    notes: list[str] = []
+    scheme, steps = generalized_alpha(scene.time.rho_infinity), scene.time.steps_per_cycle
+    for curve in curves:
+        notes += _frequencies_without(model.name, curve)
+        if scene.accuracy.estimate:
+            errors, not_estimated = _estimate(model, scene, curve, progress, rows)
+            estimates.append(errors)
+            notes += not_estimated
+            notes += step_error_notes(model.name, curve, model.system, steps, scheme)
+    return estimates, notes
+
+
+def _frequencies_without(name: str, curve: Curve) -> list[str]:
+    """Note of the frequencies of a curve that have no steady vibration."""
+    without = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+    if not without:
+        return []
+    return [
+        f"The {name} model at level {curve.level:g} has no steady vibration at "
+        f"{', '.join(without)} Hz: these are no points of its curve."
+    ]
+
+
+def _estimate(
+    model: _Prepared, scene: Scene, curve: Curve, progress: Progress, rows: Rows
+) -> tuple[Estimate, list[str]]:
+    """Errors of a model at the peak of a curve, and a note where they cannot be estimated."""
+    V = None if model.basis is None else model.basis.V
+    mark = rows.mark(
+        "errors", origin_of(scene), model.system, V, model.level, curve.peak[0], curve.level
+    )
+    report = partial(progress, f"errors of the {model.name} model")
+    try:
+        parts = rows.row(mark, partial(_errors, model, scene, curve, report))
+    except ConvergenceError as error:  # which does not cost the curve
+        note = (
+            f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
+            f"not estimated: {error}"
+        )
+        return Estimate({}), [note]
+    return Estimate(parts), []
+
+
+def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> dict[str, Parts]:
+    """Estimated errors at the peak of a curve, by source and quantity."""
+    frequency = curve.peak[0]
+    plan = _plan(scene, frequency)
+    full = at_frequency(scene.system(), frequency, curve.level)
+    loaded = at_frequency(model.system, frequency, curve.level / model.level)
+    run = integrate_plan(loaded, plan, progress=report)
+    return dict(estimate.of_run(full, model.basis, run, plan, progress=report).parts)

@@ -1,0 +1,256 @@
+"""Fixed-interface modes: natural vibration while no contact point slips, and which of them count.
+
+They stand beside the modes of a joint's slip and beside static responses, as in the method of R. R.
+Craig and M. C. C. Bampton, AIAA J. 6 (1968). Every reduced model takes them from here; models
+differ in the rule by which they are chosen:
+
+`driven`
+    by the largest strain energy that each reaches when the loads drive it (static path);
+`beside`
+    of those, the ones whose motion other modes do not follow already (static path);
+`participating`
+    by their part in the static response and in the inertia of given motions (scaled modes);
+`up_to`
+    all up to a frequency (condensed models).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import null_space
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.modal_response import modal_response
+from skfem_joint.modes import eigenmodes
+from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
+from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
+
+if TYPE_CHECKING:
+    from skfem_joint.stepping.quasi_static import QuasiStatic
+
+
+@dataclass(frozen=True)
+class InterfaceSettings:
+    """Numbers by which fixed-interface modes are chosen.
+
+    Attributes
+    ----------
+    least_driven : float
+        Share in the response, relative to the static one, from which on a driven mode counts in the
+        preliminary model of the static path.
+    most_driven : int
+        Most driven modes of the preliminary model.
+    tolerance : float
+        Relative accuracy of driven modes; that of their frequencies is its square.
+    least_beside : float
+        Share in the response, relative to the static one, beyond what other modes follow.
+    few_beside, modes_for_one : int
+        Most modes beside those of the static path: one for so many of these, or a few.
+    candidates : int
+        Lowest modes of which `participating` chooses.
+    least_participating : float
+        Least share of a candidate, over the largest: the lowest modes of a plate bend it,
+        which a pull does not excite.
+    times_fastest : float
+        `participating` takes modes up to this many times the loads' highest frequency.
+    least_count, unknown_count : int
+        Fewest modes that it takes, and their number if no load has a known frequency.
+    times_highest : float
+        Condensed models have the modes up to this many times the loads' highest frequency. 1.5 to 2
+        is usual for linear structures; friction adds odd harmonics, of which the third counts.
+    least_up_to : int
+        Fewest modes of a condensed model.
+    """
+
+    least_driven: float = 4e-3
+    most_driven: int = 20
+    tolerance: float = 1e-6
+    least_beside: float = 1e-2
+    few_beside: int = 2
+    modes_for_one: int = 6
+    candidates: int = 40
+    least_participating: float = 1e-4
+    times_fastest: float = 2.0
+    least_count: int = 2
+    unknown_count: int = 4
+    times_highest: float = 3.0
+    least_up_to: int = 8
+
+
+SETTINGS = InterfaceSettings()
+
+
+def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_array:
+    """Basis F (n, k) of the motions in which no contact point slips.
+
+    Its columns are unit vectors if each slip row picks one unknown, else they are orthonormal.
+
+    Parameters
+    ----------
+    system : System
+    carrying : bool
+        Whether only points that carry friction are held.
+    """
+    B = sparse.csr_array(system.B)
+    if carrying:
+        B = B[np.flatnonzero(system.on_rows(system.w) > 0.0)]
+    if picks_unknowns(B):
+        free = np.setdiff1d(np.arange(system.n), B.indices)
+        return sparse.eye_array(system.n, format="csc")[:, free]
+    return sparse.csc_array(null_space(B.toarray(), rcond=1e-9))
+
+
+@dataclass(frozen=True)
+class Held:
+    """A structure whose motion is held to the columns of a matrix F.
+
+    Attributes
+    ----------
+    F : sparse array, shape (n, k)
+        Motions that are left, such as those without slip.
+    K, M : sparse array, shape (k, k)
+        Their stiffness and mass.
+    """
+
+    F: Matrix
+    K: Matrix
+    M: Matrix
+
+    @staticmethod
+    def of(system: System, F: Matrix | None = None) -> Held:
+        """System held to the columns of F; without F to motions in which no point slips."""
+        F = motions_without_slip(system) if F is None else F
+        K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
+        return Held(F, K, M)
+
+    def lowest(
+        self,
+        count: int,
+        solve: Callable[[FloatArray], FloatArray] | None = None,
+        tolerance: float = 0.0,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Lowest natural frequencies (Hz), and modes (k, count) in the columns of F.
+
+        There are fewer if F has fewer columns. See `eigenmodes` for ``solve`` and ``tolerance``.
+        """
+        return eigenmodes(self.K, self.M, min(count, self.K.shape[0]), solve, tolerance)
+
+
+def driven(
+    system: System,
+    response: FloatArray,
+    loads: Excitation,
+    most: int = SETTINGS.most_driven,
+    path: QuasiStatic | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Fixed-interface modes by their shares in the response, the largest share first.
+
+    Each mode is an oscillator that the inertia of the static response drives. Its share is the
+    square root of its largest strain energy over that of the static response. The candidates are
+    the ``most`` / 2 lowest modes; they become two or four times as many while modes beyond them may
+    count.
+
+    Parameters
+    ----------
+    system : System
+    response : ndarray, shape (n, loads)
+        Static response to the peak of each load, m.
+    loads : Excitation
+    most : int
+        Most modes.
+    path : QuasiStatic, optional
+        A quasi-static path of the system, which may have the factor for these modes.
+
+    Returns
+    -------
+    shapes : ndarray, shape (n, k)
+    share : ndarray, shape (k,)
+    """
+    F = motions_without_slip(system)
+    if F.shape[1] == 0 or most == 0:
+        return np.zeros((system.n, 0)), np.zeros(0)
+    held, C = Held.of(system, F), sparse.csc_array(congruent(system.C, F))
+    solve = None if path is None else path.stuck(F)
+    inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
+    for count in (max(1, most // 2), most, 2 * most):
+        frequency, shapes = held.lowest(count, solve, SETTINGS.tolerance)
+        omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
+        participation = shapes.T @ (F.T @ inertia)
+        left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
+        # Modes beyond the last follow their drive but for its acceleration over omega squared.
+        if 2.0 * left * loads.fastest**2 <= SETTINGS.least_driven * strain * omega[-1]:
+            break
+    stop = loads.plan.duration
+    stop = stop if loads.period is None else min(stop, SHORT_RUNS.cycles * loads.period)
+    drive = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
+    damping = np.einsum("ij,ij->j", shapes, C @ shapes)
+    # What each lags behind its support is its acceleration over the square of its frequency.
+    acceleration = modal_response(omega, damping, drive, loads.plan.step, "acceleration")
+    share = omega * np.abs(acceleration).max(axis=1)
+    order = np.argsort(-share, kind="stable")[:most]
+    return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
+
+
+def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray) -> FloatArray:
+    """Those of driven modes that count beyond what the columns of V (n, j) follow of them.
+
+    The share (k,) of each mode in the response is reduced to the part of its strain energy that is
+    not in the span of V.
+    """
+    W = orthonormal(V, system.M)
+    left = shapes - W @ (W.T @ (system.M @ shapes))
+    size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
+    return shapes[:, share * np.sqrt(size / whole) > SETTINGS.least_beside]
+
+
+def participating(
+    system: System, held: Held, V: FloatArray, forces: FloatArray, count: str | int
+) -> FloatArray:
+    """Fixed-interface modes (n, k) that take part in the response, the lowest ones.
+
+    Parameters
+    ----------
+    system : System
+    held : Held
+    V : ndarray, shape (n, j)
+        Prescribed motions, whose inertia drives the modes.
+    forces : ndarray, shape (columns of F, loads)
+        Loads in the columns of F, N.
+    count : "auto" or int
+        Number of modes; "auto": all below twice the loads' highest frequency, at least two, and
+        four if no load has a known frequency.
+    """
+    if count == 0:
+        return np.zeros((system.n, 0))
+    most = max(SETTINGS.candidates, 0 if isinstance(count, str) else count)
+    frequency, shapes = held.lowest(most)
+    size = np.sqrt(np.einsum("ij,ij->j", V, system.M @ V))
+    inertia = shapes.T @ (held.F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
+    static = (shapes.T @ forces / frequency[:, np.newaxis]) ** 2
+    share = (inertia**2).sum(axis=1) + (static / static.sum(axis=0)).sum(axis=1)
+    counting = np.flatnonzero(share > SETTINGS.least_participating * share.max())
+    if isinstance(count, str):
+        fastest = [f for load in system.loads if (f := load.amplitude.highest_frequency)]
+        below = frequency[counting] <= SETTINGS.times_fastest * max(fastest, default=0.0)
+        count = max(SETTINGS.least_count, int(np.count_nonzero(below)))
+        count = count if fastest else SETTINGS.unknown_count
+    return np.asarray(held.F @ shapes[:, counting[:count]])
+
+
+def up_to(held: Held, highest: float) -> FloatArray:
+    """Fixed-interface modes up to three times a frequency (Hz), at least eight of them, (k, j)."""
+    n, count, limit = held.K.shape[0], SETTINGS.least_up_to, SETTINGS.times_highest * highest
+    while True:
+        frequency, shapes = held.lowest(count)
+        if count >= n or frequency[-1] > limit:
+            below = int(np.count_nonzero(frequency <= limit))
+            return shapes[:, : max(SETTINGS.least_up_to, below)]
+        count *= 2

@@ -1,0 +1,253 @@
+"""Basis of modes of the paper's reference joint, scaled to the active zones of a structure.
+
+The reference modes are stretched over each active zone along the axis of its joint; they are zero
+in the grey length. They prescribe the slip along the axis. The slip across it, and all that is not
+in contact, follows statically with the least strain energy (rigidly, where nothing else holds it).
+
+As friction resists the slip across the axis too, as many modes that move the contact apart and
+together across the axis stand beside them: without them the friction energy of a joint of two
+plates errs by 22 %, with them by 0.2 %. Static responses to the loads and fixed-interface modes
+complete the basis, as in the method of Craig and Bampton (AIAA J. 6, 1968).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, IntArray, slip_norms
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.reduction.active_length import THRESHOLD, ContactPart, axis_of
+from skfem_joint.reduction.basis import Basis, Options, basis_of
+from skfem_joint.reduction.interface_modes import Held, motions_without_slip, participating
+from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.reduction.scaled.gauss import gauss_points
+from skfem_joint.reduction.scaled.reference import ReferenceModes, paper_reference
+from skfem_joint.reduction.scaled.zones import active_zones, loaded_ends, probed, zone_lengths
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure import AnyStructure, Structure
+from skfem_joint.system import System
+
+#: Gauss points along each line for each of its modes.
+POINTS_PER_MODE = 4
+
+
+@dataclass(frozen=True)
+class ScaledBasis(Basis):
+    """Basis of scaled modes. It also has the attributes of `Basis`.
+
+    Attributes
+    ----------
+    reference : ReferenceModes, optional
+        What was scaled; None for modes of the system's own run along lines.
+    lengths : mapping of str to float
+        Active length of each joint, m.
+    lines : tuple of (points, positions), optional
+        Contact points and positions (m) of each active zone where all zones are lines: the friction
+        points are then those of a Gauss rule.
+    """
+
+    reference: ReferenceModes | None = None
+    lengths: Mapping[str, float] = field(default_factory=dict)
+    lines: tuple[tuple[IntArray, FloatArray], ...] | None = None
+
+    @property
+    def followed(self) -> FloatArray:
+        """Motions of the full system that the joint modes come from: none of a reference joint."""
+        return super().followed if self.reference is None else np.zeros((len(self.V), 0))
+
+    @property
+    def active_length(self) -> Mapping[str, float]:
+        """Active length of each joint, m."""
+        return self.lengths
+
+    @property
+    def modes_of_unit_length(self) -> tuple[FloatArray, ProperModes] | None:
+        """Positions (k,) on a unit active length, and the reference modes there."""
+        if self.reference is None:
+            return None
+        values = self.reference.proper.singular_values
+        return self.reference.xi, ProperModes(self.reference.modes, values)
+
+    def fewer_points(self, every: System, count: int | None) -> System:
+        """Reduced system with Gauss points, ``count`` of each line; without lines as `Basis`."""
+        if self.lines is None:
+            return super().fewer_points(every, count)
+        return gauss_points(every, self.lines, count or POINTS_PER_MODE * self.modes)
+
+    def enriched(self, system: System, V: FloatArray, velocities: FloatArray) -> Basis:
+        """Basis of more vectors, as `Basis.enriched`; friction points are merged ones from then."""
+        return Basis.enriched(replace(self, lines=None), system, V, velocities)
+
+
+def paper_basis(
+    structure: AnyStructure,
+    system: System,
+    options: Options,
+    plan: Plan,
+    *,
+    enriched: bool = False,
+) -> Basis:
+    """Basis of the paper's modes by options; makes the reference run and the probe run.
+
+    Parameters, notes and errors are those of `skfem_joint.reduction.sources.make_basis`, and those
+    of `active_zones` and `zone_lengths`.
+    """
+    meshed = structure.meshed(
+        "reduction.reference: found 'paper', whose modes are laid along a mesh; take 'static' "
+        "or 'self' instead"
+    )
+    zones = active_zones(meshed, system)
+    probe = probed(system, zones, plan)
+    lengths, notes = zone_lengths(system, zones, options.active_length, probe.slip_peak)
+    reference = paper_reference(snapshots=options.snapshots, inner_product=options.product)
+    basis = scaled_basis(
+        meshed,
+        system,
+        reference,
+        zones,
+        lengths,
+        probe,
+        modes=options.mode_count,
+        interface_modes=options.interface_modes,
+    )
+    return basis.judged(options, notes, enriched)
+
+
+def scaled_basis(
+    structure: Structure,
+    system: System,
+    reference: ReferenceModes,
+    zones: Sequence[ContactPart],
+    lengths: Sequence[float],
+    probe: Run,
+    *,
+    modes: int = 5,
+    interface_modes: str | int = "auto",
+) -> ScaledBasis:
+    """Reference modes scaled along each zone, and what completes them in the structure.
+
+    Parameters
+    ----------
+    structure : Structure
+    system : System
+    reference : ReferenceModes
+    zones : sequence of ContactPart
+        Active zones, seen from their loaded ends.
+    lengths : sequence of float
+        Active length of each, m.
+    probe : Run
+        Run in which the lengths were measured.
+    modes : int
+        Modes of each zone.
+    interface_modes : "auto" or int
+        Fixed-interface modes, see `skfem_joint.reduction.interface_modes.participating`.
+    """
+    slips = _slip_vectors(structure, system)
+    active = np.zeros(system.w.size, dtype=bool)
+    pulled, breathing, lines = [], [], []
+    whole: dict[str, float] = {}
+    for zone, length in zip(zones, lengths, strict=True):
+        whole[zone.name] = whole.get(zone.name, 0.0) + length
+        free = zone.points >= 0
+        points, distance, x = zone.points[free], zone.distance[free], structure.nodes[zone.nodes]
+        values = reference.at(1.0 - distance / length, modes)
+        middle = 0.5 * (x.max(axis=0) + x.min(axis=0))
+        offset = ((x[free] - middle) * slips.sideways[points]).sum(axis=1)
+        pulled.append(slips.along[:, points] @ values)
+        breathing.append(slips.across[:, points] @ (values * offset[:, np.newaxis]))
+        inside = distance < length
+        active[points[inside]] = True
+        lines.append((points[inside], distance[inside]))
+    F = motions_without_slip(system)
+    turning = slips.across[:, active & (np.diff(slips.across.indptr) > 0)]
+    wide = Held.of(system, sparse.csc_array(sparse.hstack([F, turning])))
+    parts = [_following(system, wide, np.hstack(pulled))]
+    parts.append(_following(system, Held.of(system, F), np.hstack(breathing)))
+    if F.shape[1]:
+        parts += _beside(system, wide, parts[0], interface_modes)
+    velocity = slip_norms(probe.point_v, system.directions[loaded_ends(zones)])
+    basis = basis_of(
+        system,
+        np.hstack(parts),
+        modes,
+        reference.proper,
+        u=probe.u,
+        v=probe.v,
+        slip_peak=probe.slip_peak,
+        slip_velocity=float(velocity.max(initial=0.0)),
+        active=active & (system.w > 0.0),
+    )
+    on_lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
+    return ScaledBasis(
+        basis.V,
+        basis.modes,
+        basis.proper,
+        basis.history,
+        reference=reference,
+        lengths=whole,
+        lines=tuple(lines) if on_lines else None,
+    )
+
+
+@dataclass(frozen=True)
+class _SlipVectors:
+    """Motions of the unknowns by a unit slip of each contact point along and across its axis.
+
+    Attributes
+    ----------
+    along : sparse array, shape (n, m)
+        Slip along the joint's axis, times the share of the axis in the slip directions.
+    across : sparse array, shape (n, m)
+        Slip across the axis; empty columns for points that slip along it alone.
+    sideways : ndarray, shape (m, dim)
+        Directions of the slips across.
+    """
+
+    along: sparse.csc_array
+    across: sparse.csc_array
+    sideways: FloatArray
+
+
+def _slip_vectors(structure: Structure, system: System) -> _SlipVectors:
+    """Slips along and across the axes of a structure's joints."""
+    m = system.w.size
+    directions, axis = np.zeros((m, 2, structure.dim)), np.zeros((m, structure.dim))
+    for patch in structure.patches:
+        directions[patch.points, : patch.directions.shape[1]] = patch.directions
+        axis[patch.points] = axis_of(structure.body, patch.joint)
+    along, across = np.einsum("mkd,md->mk", directions, axis), np.zeros((m, 2))
+    size = np.linalg.norm(along, axis=1)[:, np.newaxis]
+    # A point with one slip direction, nearly perpendicular to the axis, slips across alone.
+    lone = (system.directions == 1) & (size[:, 0] <= THRESHOLD)
+    along[lone], across[lone] = 0.0, [1.0, 0.0]
+    pair = system.directions == 2
+    turned = along[:, ::-1] * [-1.0, 1.0] / np.where(size > 0.0, size, 1.0)
+    across[pair] = np.where(size > 0.0, turned, [0.0, 1.0])[pair]
+    has = system.directions[:, np.newaxis] > [0, 1]
+    place = np.arange(np.count_nonzero(has)), np.repeat(np.arange(m), system.directions)
+    A, C = (sparse.csr_array((x[has], place), shape=(len(place[0]), m)) for x in (along, across))
+    C.eliminate_zeros()
+    B = sparse.csr_array(system.B)
+    sideways = np.einsum("mk,mkd->md", across, directions)
+    return _SlipVectors(sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), sideways)
+
+
+def _following(system: System, held: Held, V: FloatArray) -> FloatArray:
+    """Prescribed motions V (n, k) with what the columns of F follow at the least strain energy."""
+    if held.F.shape[1] == 0:
+        return V
+    return np.asarray(V - held.F @ factorised(held.K)(held.F.T @ (system.K @ V)))
+
+
+def _beside(system: System, held: Held, V: FloatArray, count: str | int) -> list[FloatArray]:
+    """Static responses to the loads and fixed-interface modes in the columns of F."""
+    loads = system.load_vectors()
+    forces = held.F.T @ loads
+    forces = forces[:, np.abs(forces).max(axis=0) > 1e-9 * np.abs(loads).max(axis=0)]
+    responses = [held.F @ factorised(held.K)(forces)] if forces.size else []
+    return [*responses, participating(system, held, V, forces, count)]
