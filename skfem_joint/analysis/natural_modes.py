@@ -35,12 +35,12 @@ class NaturalModes:
 
     @property
     def rigid_motions(self) -> int:
-        """Number of modes that strain nothing."""
+        """Number of rigid motions, which strain nothing."""
         return int(np.count_nonzero(self.frequencies == 0.0))
 
     @property
     def straining(self) -> NaturalModes:
-        """The same without rigid motions."""
+        """The modes without rigid motions."""
         strains = self.frequencies > 0.0
         return NaturalModes(self.frequencies[strains], self.modes[:, strains])
 
@@ -50,16 +50,16 @@ def natural_modes(
 ) -> NaturalModes:
     """Lowest natural frequencies and modes of a system, without damping.
 
-    Friction makes a joint a little stiffer than one that slides freely and a little softer than one
-    that sticks everywhere. These two limits are linear: ``K phi = (2 pi f)^2 M phi``, in all
+    Friction makes a joint a little stiffer than a loose one, which slides freely, and a little
+    softer than a stuck one. These two limits are linear: ``K phi = (2 pi f)^2 M phi``, in all
     motions or in those in which no point with friction slips.
 
     Parameters
     ----------
     system : System
-        Full, condensed or reduced. Of a reduced one the modes are those of its basis.
+        Full, condensed or reduced. A reduced system has the modes that its basis can form.
     count : int
-        How many; fewer where the system has no more unknowns.
+        Number of modes; fewer where the system has no more unknowns.
     joints : {"loose", "stuck"}
         Whether contact points slide without friction, or those with friction are held.
 

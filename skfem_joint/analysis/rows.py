@@ -1,16 +1,15 @@
 """Rows of finished work, kept in a file as they finish, from which a command goes on.
 
-A long command is made of many parts: a frequency of a response, a level of a backbone, a run of a
-comparison, a scene of a sweep. Each that has finished is a row of a file, on the disk before the
-next one begins. A command that was interrupted or killed computes only the others when it is
+A long command has many parts: a frequency of a response, a level of a backbone, a run of a
+comparison, a scene of a sweep. Each finished part is a row of a file, on the disk before the next
+part begins. A command that was interrupted or killed computes only the missing parts when it is
 started again.
 
-A row is named by a digest of the version of the package and of all that the part is computed from,
-its *mark*: a row of another scene, another version or another state to begin with has another mark
-and is not used. Each line carries a digest of itself, so that a damaged one is not used either.
-Floats keep every bit. What a part has computed is read back from its row before it is used, so that
-later parts begin with the same bits in the same memory layout, whether it was computed now or
-earlier.
+A row is named by its *mark*, a digest of the version of the package and of all that the part is
+computed from: a row of another scene, another version or another initial state has another mark and
+is not used. Each line carries a digest of itself, so that a damaged line is not used either. Floats
+keep every bit. A part is read back from its row before it is used, so that later parts begin with
+the same bits in the same memory layout, whether it was computed now or earlier.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ from skfem_joint.stepping.checkpoint import fingerprint
 
 T = TypeVar("T")
 
-#: First line of each file of rows; nobody else's file has it.
+#: First line of each file of rows, by which files of others are recognised.
 HEADER = b'{"program": "skfem_joint", "file": "rows of finished work", "form": 1}\n'
-# A line is {"sha256": "...", "row": "...", "seconds": ..., "content": ...}: the digest is that of
+# A line is {"sha256": "...", "row": "...", "seconds": ..., "content": ...}; the digest is that of
 # all bytes from "row" to the end.
 _BEFORE, _BETWEEN, _ROW = b'{"sha256": "', b'", ', b'"row": "'
 _DIGEST = 64
@@ -47,13 +46,13 @@ _TAG = "!"
 
 
 class Rows:
-    """Finished parts of one command.
+    """Finished parts of a command.
 
     Parameters
     ----------
     path : Path, optional
-        File of the rows; the first row makes it. Without it nothing is kept. Whoever makes this
-        keeps others from writing to the folder, see `skfem_joint.files.holding`.
+        File of the rows, made by the first row; nothing is kept if not given. The caller keeps
+        other processes from writing to its folder, see `skfem_joint.files.holding`.
     kinds : sequence of type
         Dataclasses that rows may hold, beside arrays, numbers, texts, lists, tuples and mappings.
 
@@ -62,30 +61,35 @@ class Rows:
     taken, made : int
         Rows taken up from the file so far, and computed so far.
     asked : int
-        Rows in all, as far as that is known; whoever asks for them counts them.
+        Rows in all, as far as they are known; counted by those who ask for them.
     earlier_s : float
         Time that the rows taken up took to compute, s.
     damaged : int
         Lines of the file that are not used because they are damaged.
+    known : int
+        Rows in the file at the start.
 
     Raises
     ------
     InputError
-        If the file is there and is no file of rows.
+        If the file exists and is no file of rows.
     """
 
     def __init__(self, path: Path | None = None, kinds: Sequence[type] = ()) -> None:
-        self.path, self.kinds = path, {kind.__name__: kind for kind in kinds}
-        self._forms = {name: [part.name for part in fields(kind)] for name, kind in _items(kinds)}
+        self.path: Path | None = path
+        self.kinds: dict[str, Any] = {kind.__name__: kind for kind in kinds}
+        self._forms = {
+            name: [part.name for part in fields(kind)] for name, kind in self.kinds.items()
+        }
         self.taken = self.made = self.asked = self.damaged = 0
         self.earlier_s = 0.0
         self._places: dict[str, tuple[int, int]] = {}  # of lines in the file: start and size
         if path is not None and path.exists():
             self._read(path)
-        self.known = len(self._places)  #: rows in the file at the start
+        self.known = len(self._places)
 
     def _read(self, path: Path) -> None:
-        """Find the lines of the file; a last line that was cut is removed."""
+        """Read the places of the lines; a last line that was cut is removed from the file."""
         place = len(HEADER)
         with path.open("rb") as file:
             if not path.is_file() or file.read(place) != HEADER:
@@ -133,9 +137,9 @@ class Rows:
         return self._decoded(row["content"])
 
     def keep(self, mark: str, content: T, seconds: float = 0.0) -> T:
-        """Add a row to the file, and see that it is on the disk; its content as it reads there.
+        """Add a row to the file and flush it to the disk; returns its content as read from there.
 
-        ``seconds`` is how long it took. OSError if it cannot be written.
+        ``seconds`` is the time that it took to compute. OSError if it cannot be written.
         """
         if self.path is None:
             self.made += 1
@@ -157,7 +161,7 @@ class Rows:
         return kept
 
     def row(self, mark: str, compute: Callable[[], T]) -> T:
-        """Content of a row: that of the file, or else computed and kept there."""
+        """Content of a row: taken from the file, or else computed and kept there."""
         if mark in self:
             taken: T = self.take(mark)
             return taken
@@ -166,20 +170,21 @@ class Rows:
         return self.keep(mark, content, time.perf_counter() - begin)
 
     def remove(self) -> None:
-        """Remove the file, when the results that the rows are parts of are written."""
+        """Remove the file; for when the results of the command are written."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
     def notes(self) -> list[str]:
-        """Sentences about what the file had at the start."""
-        found = []
+        """Sentences about the rows that the file had at the start."""
+        notes = []
         if self.taken:
-            found.append(f"{self.taken} finished parts were taken up from {self.path}.")
+            notes.append(f"{self.taken} finished parts were taken up from {self.path}.")
         if self.damaged:
-            found.append(f"{self.path}: {self.damaged} lines were damaged, and were not used.")
-        return found
+            notes.append(f"{self.path}: {self.damaged} lines were damaged, and were not used.")
+        return notes
 
     def _decoded(self, value: Any) -> Any:
+        """Value that `_encoded` gave this JSON form."""
         if isinstance(value, list):
             return [self._decoded(item) for item in value]
         if not isinstance(value, dict):
@@ -195,12 +200,8 @@ class Rows:
         return {name: self._decoded(part) for name, part in value.items()}
 
 
-def _items(kinds: Sequence[type]) -> list[tuple[str, Any]]:
-    return [(kind.__name__, kind) for kind in kinds]
-
-
 def _line(text: bytes) -> bytes:
-    """Line of a file from what stands behind its digest."""
+    """Line of a file from its bytes behind the digest."""
     return _BEFORE + sha256(text).hexdigest().encode() + _BETWEEN + text + b"\n"
 
 
@@ -212,7 +213,7 @@ def _intact(line: bytes) -> str:
 
 
 def _encoded(value: Any) -> Any:
-    """What JSON can say; arrays, and numbers of numpy, as base64 of their ``.npy`` form."""
+    """JSON form of a value; arrays and numbers of numpy are base64 of their ``.npy`` form."""
     if isinstance(value, np.ndarray | np.generic):
         file = io.BytesIO()
         np.save(file, value, allow_pickle=False)

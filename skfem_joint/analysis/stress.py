@@ -20,7 +20,7 @@ class StressHistory:
     Attributes
     ----------
     times : ndarray, shape (frames,)
-        s.
+        Stored times, s.
     elements : ndarray of int, shape (k,)
         Numbers of the elements in the mesh.
     stress : ndarray, shape (frames, k, 6)
@@ -43,24 +43,24 @@ class StressHistory:
 
     @property
     def peak_time(self) -> float:
-        """Stored time at which it occurs first, s."""
+        """Stored time at which `peak` occurs first, s."""
         return float(self.times[self.von_mises.max(axis=1).argmax()])
 
     @property
     def peak_element(self) -> int:
-        """Number of the element in which it occurs."""
+        """Number of the element in which `peak` occurs."""
         return int(self.elements[self.von_mises.max(axis=0).argmax()])
 
 
 def stress_history(structure: Structure, run: Run, region: str | None = None) -> StressHistory:
     """Elastic stress of a run over its stored times, in all elements or in those of a region.
 
-    Stress is that of the run's displacement: what clamping bolts strain before it is not in it.
+    It is the stress of the run's displacement; that of the clamping before the run is not added.
 
     Parameters
     ----------
     structure : Structure
-        That the run's system, full or reduced, was made from.
+        From which the run's system, full or reduced, was made.
     run : Run
         With stored fields, ``save=Save(fields=True)``.
     region : str, optional

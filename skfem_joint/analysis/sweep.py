@@ -1,4 +1,4 @@
-"""Many scenes run by any executor: rows of results as they finish, kept in a file on the way."""
+"""Run many scenes in any executor; each gives a row of results as it finishes, kept in a file."""
 
 from __future__ import annotations
 
@@ -34,26 +34,33 @@ Results = dict[str, Any]
 Content = tuple[Results, str, Sequence[str]]
 #: Result that says whether a model's vibration is steady; None where its loads do not repeat.
 STEADY = "steady_state_reached"
-_KILLED = (
-    "The process that ran it ended twice, the second time with this scene alone in it; it may "
-    "need more memory than there is"
-)
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one scene of a sweep gave."""
+    """Results of a scene of a sweep.
 
-    number: int  #: which of the scenes, counted from 0
-    #: Numbers of ``summary.json`` in SI units by dotted names, such as
-    #: ``full.peak_displacement_m.free_end``, of the models that ran to their end.
+    Attributes
+    ----------
+    number : int
+        Number of the scene, from 0.
+    results : dict
+        Numbers of ``summary.json`` in SI units by dotted names, such as
+        ``full.peak_displacement_m.free_end``, of the models that ran to their end.
+    failure : str
+        Why the others did not; empty where all did.
+    warnings : sequence of str
+        What a run of the scene alone prints as notes.
+    """
+
+    number: int
     results: Results = field(default_factory=dict)
-    failure: str = ""  #: why others did not; empty where all did
-    warnings: Sequence[str] = ()  #: what a run of the scene alone prints as notes
+    failure: str = ""
+    warnings: Sequence[str] = ()
 
     @property
     def steady(self) -> bool:
-        """Whether no model says that it has not reached a steady state."""
+        """Whether each model whose loads repeat has reached a steady state."""
         return not any(k.endswith(f".{STEADY}") and x is False for k, x in self.results.items())
 
 
@@ -62,21 +69,26 @@ def sweep(
     executor: Executor | Callable[[], Executor],
     journal: Path | None = None,
 ) -> Generator[Row]:
-    """Run scenes, each in a call of its own, and yield a row for each as it finishes.
+    """Run scenes, each in a call of its own, and yield the row of each as it finishes.
 
-    What goes wrong with one scene is a row too. A scene whose process is killed is run again, alone
-    in a new pool; if that is killed too, it has failed.
+    A scene that fails gives a row that says why. A scene whose process is killed is run again,
+    alone in a new pool; if that is killed too, the scene has failed.
 
     Parameters
     ----------
     scenes : iterable of Scene
     executor : Executor, or callable that makes one
         Any of the kind of `concurrent.futures`: a pool of processes, ``client.get_executor()`` of
-        ``dask.distributed``, ``mpi4py.futures.MPIPoolExecutor``. A callable is called again when
-        a pool breaks, and what it made is shut down; where a given one breaks, `processes` goes on.
+        ``dask.distributed``, ``mpi4py.futures.MPIPoolExecutor``. A pool that breaks is replaced: by
+        calling the callable again, or by `processes` where an executor was given. Pools that were
+        made here are shut down at the end.
     journal : Path, optional
-        File that each row is appended to. Scenes that have a row there are not run again, whoever
-        wrote it: their rows come first. Those that were killed have none.
+        File that each row is appended to. Scenes that have a row there are not run again: their
+        rows come first. Scenes whose process was killed, or that raised an error, have no row.
+
+    Yields
+    ------
+    Row
 
     Raises
     ------
@@ -102,7 +114,11 @@ def sweep(
 def _rows(
     scenes: list[Scene], waiting: deque[int], executor: Executor | Callable[[], Executor]
 ) -> Generator[tuple[Row, bool]]:
-    """Rows, and whether another run of the scene would give the same."""
+    """Rows as they finish, and whether another run of the scene would give the same.
+
+    ``groups`` are scenes that are run together: all of them at first, then alone each of those that
+    were in a pool when it broke.
+    """
     renew = processes if isinstance(executor, Executor) else executor
     pool = executor if isinstance(executor, Executor) else executor()
     breaks: Counter[int] = Counter()
@@ -127,10 +143,14 @@ def _rows(
                 pool = renew()
             for number in broken:
                 breaks[number] += 1
-                if breaks[number] == 1:  # which of them broke it is seen when each is alone
+                if breaks[number] == 1:
                     groups.append(deque([number]))
-                else:
-                    yield Row(number, failure=_KILLED), False
+                    continue
+                killed = (
+                    "The process that ran it ended twice, the second time with this scene alone in "
+                    "it; it may need more memory than there is"
+                )
+                yield Row(number, failure=killed), False
         ended = True
     finally:
         if pool is not executor:
@@ -140,7 +160,10 @@ def _rows(
 def _finished(
     pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
 ) -> Iterator[tuple[int, Future[Content]]]:
-    """Futures as they finish, until all are or the pool breaks: then ``broken`` has those in it."""
+    """Numbers and futures of scenes as they finish, until all have or the pool breaks.
+
+    Then ``broken`` lists the scenes that were in it.
+    """
     # A pool of processes is given no more than it runs, so that few are in it when it breaks.
     most = getattr(pool, "_max_workers", len(scenes))
     running: dict[Future[Content], int] = {}
@@ -148,11 +171,11 @@ def _finished(
         while running or (waiting and not broken):
             while waiting and not broken and len(running) < most:
                 number = waiting.popleft()
-                scene = scenes[number]  # goes without its matrices, and fields that nobody sees
-                output = {"vtk": False, "plots": False}
+                scene = scenes[number]
+                # It is sent without its matrices, and stores no fields, which nobody would see.
+                light = scene.light(output={"vtk": False, "plots": False})
                 try:
-                    sent = pool.submit(_run, scene.light(output=output))
-                    running[sent] = number
+                    running[pool.submit(_run, light)] = number
                 except BrokenExecutor:
                     broken.append(number)
             for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
@@ -167,7 +190,7 @@ def _finished(
 
 
 def _run(scene: Scene) -> Content:
-    """Run one scene where it is sent: its numbers, why there are not all of them, its notes."""
+    """Run a scene in the process that it is sent to: results, failure and warnings of its row."""
     memory.check(scene, memory.default_limit())
     try:
         study = run_scene(scene)
@@ -181,6 +204,7 @@ def _run(scene: Scene) -> Content:
 
 
 def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of nested mappings with their dotted names."""
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{start}{name}.")
@@ -189,20 +213,22 @@ def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, An
 
 
 def processes(workers: int | None = None) -> futures.ProcessPoolExecutor:
-    """Pool of processes, as many as the machine has cores if not said otherwise.
+    """Pool of processes, as many as the machine has cores if ``workers`` is not given.
 
-    They run one BLAS thread unless the environment says otherwise: it is set for this process too,
-    which has read it before. They end with this process, and leave interrupts to it. As with any
-    that are spawned, a script that is run starts them below ``if __name__ == "__main__"``.
+    Each runs one BLAS thread unless the environment says otherwise: variables of the environment
+    are set here, which this process has read before. The processes end with this one, and leave
+    interrupts to it. As with all spawned processes, a script makes the pool below
+    ``if __name__ == "__main__"``.
     """
     check_some(COUNT, workers=workers)
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    with safe_path():  # of a process that counts what they share
+    with safe_path():  # the pool starts a process that tracks what the others share
         return futures.ProcessPoolExecutor(workers, Spawn(), initializer=_begin)
 
 
 def _begin() -> None:
+    """Prepare a process of the pool: leave interrupts to its parent, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -217,11 +243,21 @@ def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
 def executors(
     kind: str, workers: int | None = None, address: str | None = None
 ) -> Iterator[Callable[[], Executor]]:
-    """What makes executors, of "processes", "dask" or "mpi", for as long as the block runs.
+    """Callable that makes executors for as long as the block runs.
 
-    ``address`` is that of the scheduler of a ``dask`` cluster, which has its own workers; one on
-    this machine is made if it is not given. InputError if the options do not fit each other, or a
-    library is missing.
+    Parameters
+    ----------
+    kind : {"processes", "dask", "mpi"}
+    workers : int, optional
+        Number of processes.
+    address : str, optional
+        Of the scheduler of a ``dask`` cluster, which has its own workers; a cluster on this machine
+        is made if it is not given.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit each other, or a library is missing.
     """
     if workers is not None:
         check("--workers", workers, COUNT)
@@ -230,10 +266,10 @@ def executors(
     if kind == "dask":
         distributed = needed("distributed", "dask")
         local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        # What goes wrong with a scene is in its row; that workers are cut off is meant at the end.
+        # Failures of scenes are in their rows, and workers are cut off on purpose at the end.
         local["silence_logs"] = logging.CRITICAL
         with ExitStack() as stack:
-            stack.enter_context(safe_path())  # until the last: dead workers are started again
+            stack.enter_context(safe_path())  # dead workers are started again until the end
             with nullcontext() if address else interrupts_blocked():
                 client = distributed.Client(address, **({} if address else local))
                 stack.enter_context(client)
@@ -245,6 +281,6 @@ def executors(
     else:
         try:
             yield partial(processes, workers)
-        finally:  # after an interrupt, not in the midst of a scene that may take hours
+        finally:  # after an interrupt scenes are not waited for: they may take hours
             for process in multiprocessing.active_children():
                 process.terminate()
