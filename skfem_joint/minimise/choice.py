@@ -5,7 +5,7 @@
 - any other H with each slip an unknown:
   :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, condensed to the contact where
   that is cheaper;
-- dense H with slips that depend on each other, as reduction makes them:
+- dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
 """
@@ -27,10 +27,9 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
     points : ContactPoints
     kind : str
         "linear", "chain", "contact" or "dense", see
-        :func:`skfem_joint.stepping.arrangement.arranged`. The compiler is loaded for the last three
-        only.
+        :func:`skfem_joint.stepping.arrangement.arranged`. Only the last three load the compiler.
     condense : bool
-        Whether a problem of kind "contact" may be condensed to the contact, which pays where it is
+        Whether a problem of kind "contact" may be condensed to the contact. That pays if it is
         minimised more than once.
     """
     if kind == "linear":
