@@ -10,10 +10,10 @@ It is globally convergent for a finite beta, and never failed on reduced models.
 Far from v = 0 the arctangent is almost flat, and Newton's method with its slope overshoots. The
 tangent used here lies between force over velocity and that slope, in the ratio in which the force
 predicted by the last iteration lies between zero and the law's. This is the primal-dual Newton
-method (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20, 1999); it has the same solution and order of
-convergence. Two bolted solids with 44 unknowns took 11 iterations a step with the slope alone and 48
-evaluations of friction, and take 7.2 and 10 with it; 9.0 and 12, a tenth faster, where a factor is
-reused while it reduces the residual tenfold. These counts are of iterations with a new factor.
+method (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20, 1999). It has the same solution and order
+of convergence. Two bolted solids with 44 unknowns took 11 iterations a step with the slope alone
+and 48 evaluations of friction, and take 7.2 and 10 with it; 9.0 and 12, a tenth faster, where a
+factor is reused while it reduces the residual tenfold. Only iterations with a new factor count.
 
 Set-valued Coulomb friction, for quasi-static increments, is the limit of ever steeper laws.
 """
