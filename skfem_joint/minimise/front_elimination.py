@@ -365,14 +365,16 @@ def _beyond(x, bound):
 
 
 @compiled
-def eliminate_fronts(
-    H0, H1, w, hold, pivot, stretch, kappa, g, s, v, sigma, slip, r, middle, tolerance
-):
+def eliminate_fronts(chain, workspace, g, hold, tolerance):
     """Passes of elimination that decide between stick and slip, the first from rest.
 
-    Returns the number of passes, whether the last pass solves the problem, and its meeting point.
-    Results are in ``v``, ``sigma`` and ``s``; ``slip`` and ``r`` are worked in.
+    ``g`` is the right side, (n,), and ``hold`` the largest force at which each point sticks, N.
+    Returns the number of passes, and whether the last pass solves the problem. Results are in
+    ``velocity``, ``force`` and ``new_parameter`` of the workspace.
     """
+    H0, H1, w, pivot, stretch = chain.H0, chain.H1, chain.w, chain.pivot, chain.stretch
+    v, sigma, s = workspace.velocity, workspace.force, workspace.new_parameter
+    slip, r, middle = workspace.work[2], workspace.work[4], workspace.middle[0]
     bound = tolerance * largest_of(g)
     for i in range(v.size):
         v[i] = 0.0
@@ -393,32 +395,22 @@ def eliminate_fronts(
     if converged:
         for i in range(v.size):
             sigma[i] = sigma[i] / w[i] if hold[i] > 0.0 else 0.0
-            s[i] = kappa * v[i] + sigma[i]
-    return passes, converged, middle
+            s[i] = chain.kappa * v[i] + sigma[i]
+    workspace.middle[0] = middle
+    return passes, converged
 
 
 @compiled_for(minimise_step, Chain)
 def _minimise_chain(problem, workspace, right, v, tolerance):
     """Passes of elimination for Coulomb friction or after slow steps; then Newton on the graph."""
     chain, n = problem, right.size
-    s, s_new, slip, r = (
-        workspace.parameter,
-        workspace.new_parameter,
-        workspace.work[2],
-        workspace.work[4],
-    )
+    s, s_new = workspace.parameter, workspace.new_parameter
     v_new, sigma_new, wary = workspace.velocity, workspace.force, workspace.wary[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
     if chain.mixed == 2:
-        count, converged, workspace.middle[0] = eliminate_fronts(
-            chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
-        )  # fmt: skip
+        count, converged = eliminate_fronts(chain, workspace, right, chain.hold, tolerance)
     elif wary > 0 and n <= SETTINGS.longest:
-        count, near, workspace.middle[0] = eliminate_fronts(
-            chain.H0, chain.H1, chain.w, chain.w, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
-        )  # fmt: skip
+        count, near = eliminate_fronts(chain, workspace, right, chain.w, tolerance)
         if near:
             graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
@@ -533,11 +525,7 @@ class FrontElimination:
         converged, residual, unknown = False, 0.0, 0
         g = np.ascontiguousarray(g)
         if chain.mixed == 2:
-            passes, converged, space.middle[0] = eliminate_fronts(
-                chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, g,
-                space.new_parameter, space.velocity, space.force, space.work[2], space.work[4],
-                space.middle[0], tolerance,
-            )  # fmt: skip
+            passes, converged = eliminate_fronts(chain, space, g, chain.hold, tolerance)
         if not converged:
             space.rights[: g.size] = g
             space.new_parameter[:] = space.parameter if chain.mixed < 2 else 0.0
