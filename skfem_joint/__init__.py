@@ -1,13 +1,12 @@
 """Dynamics of bolted joints with micro-slip friction: a finite-element plugin on scikit-fem.
 
-The house, room by room; a room uses only those above it:
+The folders of the package; a module imports only from its own folder and those above it:
 
 ===========  =====================================================================================
 (here)       errors, files, arrays in files, checks of numbers, progress, loads (force over time),
              compilation
-linalg       compressed rows, factors, Schur complements, compiled kernels
-(here)       modes, unknowns, slips, and `System`, the one type of all models,
-             also in files:
+linalg       compressed rows, factors, Schur complements, shifts, compiled kernels
+(here)       modes, unknowns, slips, and `System`, the type of all models, also in files:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
@@ -15,21 +14,22 @@ structure    the elastic body (mass, stiffness, stress), joints, pressure, prelo
              manifold, and the `Structure` that makes a `System` of them; `contact`,
              `point_friction` and `MatrixModel` for given matrices
 minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
-             protocol, and three methods, chosen by the structure of the matrices
+             protocol, and three methods: front elimination on chains, truncated nonsmooth
+             Newton, primal-dual Newton
 stepping     time integration: schemes, steppers, the compiled time loop, energies, recording,
              checkpoints, and whether a step is short enough; quasi-static response
 reduction    proper orthogonal modes, active lengths, bases, fewer friction points
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
-analysis     what a run says of all contact points, stress and active regions, natural modes; a
-             scene's models run and compared, their estimated errors, error against run time,
-             damping against amplitude, response over frequency, sweeps of many scenes
+analysis     slips, stress and active regions of a run, natural modes; the models of a scene, run
+             and compared, their estimated errors, error against run time, damping against
+             amplitude, response over frequency, sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 
-The way of a scene: `scene.load_scene` reads it, `mesh.load_meshes` its mesh,
-`structure.Structure` makes the `System`, `stepping.integrate` the run, `reduction` the smaller
-system that is run in the same way, `analysis.run_scene` does all of it, and `output.folder.write`
-writes what came out.
+How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh.
+`structure.Structure` makes the `System`, `stepping.integrate` the run, and `reduction` the smaller
+system, which is run in the same way. `analysis.run_scene` does all of it, and `output.folder.write`
+writes the results.
 
 The names below are loaded when they are first used.
 """
@@ -115,8 +115,7 @@ if TYPE_CHECKING:
     from skfem_joint.system_files import load as load
     from skfem_joint.system_files import save as save
 
-_SHAPES = "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle Versine"
-_PARTS = "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact point_friction"
+#: Public names by the module that defines them.
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
@@ -130,7 +129,8 @@ _NAMES = {
     "analysis.study": "run_scene",
     "analysis.sweep": "Row sweep",
     "errors": "ConvergenceError InputError",
-    "loads": _SHAPES,
+    "loads": "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle "
+    "Versine",
     "mesh": "NamedMesh build_bar build_box build_plate load_meshes merged",
     "output.series": "write_vtk",
     "reduction": "condense reduce",
@@ -141,7 +141,8 @@ _NAMES = {
     "stepping.integrate": "integrate",
     "stepping.recording": "Counters Cycles Run Save Steady",
     "stepping.schemes": "Scheme generalized_alpha",
-    "structure": _PARTS,
+    "structure": "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact "
+    "point_friction",
     "system": "AppliedLoad System",
     "system_files": "load save",
     "slips": "SlipRows",

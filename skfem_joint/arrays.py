@@ -1,4 +1,4 @@
-"""Names of the arrays' types, and matrices of either kind, once for the whole package."""
+"""Types of arrays, and functions for matrices that may be dense or sparse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skfem_joint.errors import InputError
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
-#: ndarray or scipy sparse array, shape (n, n) or (m, n).
+#: An ndarray or a sparse array of scipy, shape (n, n) or (m, n).
 Matrix: TypeAlias = Any
 
 
@@ -26,12 +26,12 @@ def as_real(value: Any, what: str) -> Matrix:
     value : array_like or sparse array
         A sparse array stays sparse, in its own format.
     what : str
-        What the message calls it.
+        Name of the value in the message.
 
     Raises
     ------
     InputError
-        For complex values, whose imaginary part would be lost, and for what is no number.
+        If values are complex, because the imaginary part would be lost, or no numbers.
     """
     given = value if sparse.issparse(value) else np.asarray(value)
     if given.dtype.kind == "c":
@@ -47,7 +47,7 @@ def as_real(value: Any, what: str) -> Matrix:
 
 
 def as_dense(A: Matrix) -> FloatArray:
-    """Array of a matrix or of lists of numbers, its rows side by side."""
+    """Contiguous array of doubles from a matrix or from lists of numbers."""
     return np.ascontiguousarray(A.toarray() if sparse.issparse(A) else A, dtype=float)
 
 
@@ -75,12 +75,12 @@ def slip_norms(slip: FloatArray, directions: NDArray[np.int64]) -> FloatArray:
 def check_like(
     saved: Mapping[str, NDArray[Any]], planned: Mapping[str, NDArray[Any]], what: str
 ) -> None:
-    """See that saved arrays are those that a run plans: names, shapes, types, finite values.
+    """Check saved arrays against those of a run: names, shapes, types, finite values.
 
     Raises
     ------
     ValueError
-        Naming the first array that is not.
+        If they differ; it names the first array that does.
     """
     if saved.keys() != planned.keys():
         names = ", ".join(sorted(saved.keys() ^ planned.keys())[:5])

@@ -15,12 +15,11 @@ from numba import njit
 from numba.core.event import TimingListener, register
 from numba.extending import overload
 
-#: Folders with compiled functions.
-_FOLDERS = ("linalg", "minimise", "stepping")
+#: Digest of all modules with compiled functions.
 _SOURCES = sha256(
     b"".join(
         path.read_bytes()
-        for folder in _FOLDERS
+        for folder in ("linalg", "minimise", "stepping")
         for path in sorted((Path(__file__).parent / folder).glob("*.py"))
     )
 ).hexdigest()
@@ -45,11 +44,10 @@ register("numba:compile", COMPILING)
 
 
 class _Cache:
-    """numba's cache of one function: damaged files are renewed, a full disk is done without.
+    """numba's cache of a function, which renews damaged files and does without a full disk.
 
-    numba takes compiled code for current as long as the file of the function itself is unchanged.
-    Here all files with compiled functions count, because a compiled function contains those that
-    it calls.
+    For numba compiled code is current while the file of the function itself is unchanged. Here all
+    files with compiled functions count, because a compiled function contains those that it calls.
     """
 
     def __init__(self, own: Any) -> None:
@@ -78,8 +76,9 @@ class _Cache:
             _warn_once(error)
 
 
-#: References to arrays are not counted, which takes a quarter of the time in loops of microseconds.
-#: That is safe because no compiled function makes an array, and callers hold those that they pass.
+#: References to arrays are not counted: counting takes a quarter of the time of loops that last
+#: microseconds. That is safe because no compiled function makes an array, and callers keep those
+#: that they pass.
 _OPTIONS: Any = {"error_model": "numpy", "_nrt": False}
 
 
@@ -93,7 +92,7 @@ def _decorator(**options: Any) -> Any:
         except RuntimeError as error:
             _warn_once(error)
             return njit(**options)(function)
-        if hasattr(dispatcher, "_cache"):  # not so where numba is told not to compile
+        if hasattr(dispatcher, "_cache"):  # absent where numba is set not to compile
             dispatcher._cache = _Cache(dispatcher._cache)
         return dispatcher
 
@@ -101,7 +100,7 @@ def _decorator(**options: Any) -> Any:
 
 
 compiled = _decorator()
-#: For functions that only compiled code calls: without a way in from Python they compile sooner.
+#: For functions that only compiled code calls: without an entry from Python they compile faster.
 compiled_inside = _decorator(no_cpython_wrapper=True)
 #: For sums over many points: the compiler may reorder them, and then uses vector instructions.
 sums_in_any_order = _decorator(fastmath={"reassoc", "contract"}, no_cpython_wrapper=True)

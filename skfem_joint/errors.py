@@ -1,4 +1,4 @@
-"""Errors of the package: each speaks to the user and carries the command's exit status."""
+"""Errors of the package, with messages for users and the exit status of the command."""
 
 from __future__ import annotations
 
@@ -6,20 +6,26 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-#: Names that a sentence lists or compares another one with.
+#: Most names that a message lists, or among which it searches for a similar name.
 MOST_LISTED = 200
 
 
 class JointError(Exception):
-    """Base of all errors raised on purpose by this package."""
+    """Base of all errors that this package raises.
 
-    exit_status = 1  #: status with which the command line ends when the error reaches it
+    Attributes
+    ----------
+    exit_status : int
+        Status with which the command line ends when the error reaches it.
+    """
+
+    exit_status = 1
 
 
 class InputError(JointError):
-    """Something the user supplied is wrong: the message says what, where, and what is allowed.
+    """Wrong input of a user: the message states what is wrong, where, and what is allowed.
 
-    ``problems`` is one sentence per mistake, a str or a list: all that are found are reported.
+    ``problems`` holds a sentence for each mistake, so that all mistakes are reported together.
     """
 
     exit_status = 2
@@ -31,15 +37,15 @@ class InputError(JointError):
 
 def refuse(problems: Iterable[str]) -> None:
     """Raise InputError with all problems, if there are any."""
-    if found := [*problems]:
-        raise InputError(found)
+    if sentences := [*problems]:
+        raise InputError(sentences)
 
 
 class ConvergenceError(JointError):
-    """An iteration did not converge; nothing was returned as if it had.
+    """An iteration did not converge, and no result is returned.
 
-    The message says where, how far it got, and what to try; ``unknown`` is the number of the
-    unknown with the largest residual, if there is one.
+    The message states where, how far the iteration came, and what to try. ``unknown`` is the number
+    of the unknown with the largest residual, if it is known.
     """
 
     exit_status = 3
@@ -50,16 +56,16 @@ class ConvergenceError(JointError):
 
 
 def listed(names: Any) -> str:
-    """Names in quotes, in order; the first of very many."""
+    """Sorted names in quotes; of very many only the first ones."""
     shown, more = sorted(names)[:MOST_LISTED], len(names) - MOST_LISTED
     text = ", ".join(f"'{name}'" for name in shown) or "none"
     return text + (f" and {more} more" if more > 0 else "")
 
 
 def closest(word: str, words: Any) -> str:
-    """Ask whether another word was meant, if one is close enough."""
+    """Question whether a similar word was meant; empty if no word is similar."""
     lower = {other.lower(): other for other in words}
-    if len(lower) > MOST_LISTED:  # takes time with their number
+    if len(lower) > MOST_LISTED:  # the search would take long
         return ""
     match = difflib.get_close_matches(word.lower(), lower, n=1)
     return f"; did you mean '{lower[match[0]]}'?" if match else ""

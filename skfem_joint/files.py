@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, and folders that one run writes at a time."""
+"""Files that are written whole or not at all, and folders with a single writer at a time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from typing import Any
 
 from skfem_joint.errors import InputError
 
-# A file that is not whole yet is called ".unfinished-TOKEN", with the ending of the whole one.
+# An unfinished file is called ".unfinished-TOKEN", with the ending of the file.
 _UNFINISHED = re.compile(r"\.unfinished-[0-9a-f]{16}(?![0-9a-f]).*")
 _LOCK = ".skfem-joint-running"
-# Called with a whole file and the path that it is about to take.
+# Called with a finished file and the path to which it will be moved.
 _recorder: ContextVar[Callable[[Path, Path], None]] = ContextVar(
     "recorder", default=lambda temporary, path: None
 )
@@ -29,7 +29,7 @@ _recorder: ContextVar[Callable[[Path, Path], None]] = ContextVar(
 LARGEST = 2**29
 #: Largest table of text, bytes: some hundred thousand rows, which are read in seconds.
 LARGEST_TABLE = 2**25
-#: What is said of a text file that may be cut inside its last number.
+#: Note about a text file that may be cut inside its last number.
 UNFINISHED_LINE = (
     "the last line does not end, so that the file may be cut; add a line end if it is whole"
 )
@@ -41,7 +41,7 @@ def safe_name(name: str) -> str:
 
 
 def read_whole(path: Path, most: int = LARGEST) -> bytes:
-    """Content of a regular file of at most ``most`` bytes; InputError if it is no such file.
+    """Content of a regular file of at most ``most`` bytes; InputError for any other.
 
     A scene may name files outside its folder, such as a mesh beside it: they are read and parsed
     as data, never run or written. Devices and pipes, which may never end, are not read.
@@ -55,13 +55,13 @@ def read_whole(path: Path, most: int = LARGEST) -> bytes:
                 f"{path}: cannot be read: found {status.st_size} bytes, must be at most {most}"
             )
         return path.read_bytes()
-    except (OSError, ValueError) as error:  # a name that cannot be one is a ValueError
+    except (OSError, ValueError) as error:  # ValueError: the name is impossible
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: cannot be read: {reason}") from error
 
 
 def read_text(path: Path, most: int = LARGEST) -> str:
-    """Text of such a file, in UTF-8; InputError with the line if it is not."""
+    """UTF-8 text of a regular file; InputError with the line that is not UTF-8."""
     try:
         return read_whole(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -70,7 +70,7 @@ def read_text(path: Path, most: int = LARGEST) -> str:
 
 
 def _remove_unfinished(folder: Path) -> None:
-    """Remove what dead processes left of files in a folder held by this one, or right below it."""
+    """Remove unfinished files of dead processes from a locked folder and its direct subfolders."""
     for path in [*folder.glob(".unfinished-*"), *folder.glob("*/.unfinished-*")]:
         below = path.parent
         others = below != folder and (below.is_symlink() or (below / _LOCK).exists())
@@ -81,9 +81,10 @@ def _remove_unfinished(folder: Path) -> None:
 
 @contextmanager
 def recording(take: Callable[[Path, Path], None]) -> Iterator[None]:
-    """Call ``take`` with each file that `replacing` writes in the block, before it takes its place.
+    """Call ``take`` with each file that `replacing` writes in the block, before it is moved.
 
-    It is given the whole file and the path that it takes; if it raises, that path stays as it is.
+    Its arguments are the finished file and the path to which it will be moved. If it raises, what
+    is at that path stays.
     """
     before = _recorder.set(take)
     try:
@@ -94,10 +95,10 @@ def recording(take: Callable[[Path, Path], None]) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Empty file beside ``path`` that takes its place when the block ends without an error.
+    """Empty file beside ``path`` that replaces it when the block ends without an error.
 
-    It is on the disk before it takes its place, and so is the new name after that: a loss of power
-    leaves the old file or the new one. InputError if it cannot be written.
+    The content is on the disk before the file is renamed, and the new name afterwards: a loss of
+    power leaves the old file or the new file. InputError if it cannot be written.
     """
     temporary = path.with_name(f".unfinished-{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -116,7 +117,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _flush(path: Path, how: int) -> None:
-    """See that a file or the names in a folder are on the disk."""
+    """Write a file, or the names in a folder, to the disk."""
     descriptor = os.open(path, how)
     try:
         os.fsync(descriptor)
@@ -138,11 +139,11 @@ def _take(descriptor: int) -> None:
 
 @contextmanager
 def holding(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder while the block runs; InputError where that cannot be.
+    """Keep other runs out of a folder while the block runs; InputError if that is impossible.
 
-    It is made if it is not there, and cleared of what dead processes left. The lock is a hidden
-    file that the system frees when the process ends, however it does. Where a file system knows no
-    locks, nothing keeps other runs out.
+    The folder is made if it does not exist, and unfinished files of dead processes are removed. The
+    lock is a hidden file that the system frees when the process ends in any way. File systems
+    without locks do not keep other runs out.
     """
     path = folder / _LOCK
     try:

@@ -1,57 +1,33 @@
-"""Scalar amplitudes of time, in newtons, that a load gives to what it acts on.
+"""Amplitudes of loads: forces in newtons as functions of time.
 
-Every shape is a callable object, see `Amplitude`, which one's own shape derives from; a plain
-function of time does as well, see `as_amplitude`. Values that are not finite or out of the range
-stated are refused by name with an `InputError`.
+Every shape is a callable object derived from `Amplitude`, and so are shapes that users define. A
+plain function of time does as well, see `as_amplitude`. Values that are not finite or out of range
+are refused by name with an `InputError`.
 """
 
 from __future__ import annotations
 
-import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 from skfem_joint.values import FINITE, NOT_NEGATIVE, POSITIVE, problems
-
-_log = logging.getLogger(__name__)
-
-# Frequencies count as commensurate when their ratios are fractions to this relative accuracy and
-# the common period holds at most this many periods of the fastest: beyond that no run reaches it.
-_RATIO_TOLERANCE = 1e-12
-_LONGEST_COMMON_PERIOD = 100_000
-_SAMPLES_PER_PERIOD = 64
-_MOST_PROBLEMS_LISTED = 10
-_LEAST_JUMP = 1e-6  # of the largest force
-_REAL = "biuf"  # kinds of numbers that a function of time may return
-_MEANING = {
-    "amplitude": "force, N",
-    "frequency": "Hz",
-    "phase": "at time zero, rad",
-    "peak": "largest force, N",
-    "rise_time": "time from start to peak, s",
-    "duration": "time that the force lasts, s",
-    "start": "time at which the force sets in, s",
-}
-_LARGEST = 1e20  # of the numbers in a file: slopes and energies must not overflow
 
 
 class Amplitude(ABC):
-    """Force as a function of time, and what is known of it without sampling.
+    """Force as a function of time, with the properties that are known without sampling.
 
-    A shape that defines no more than ``_force`` is smooth, does not repeat, and has neither a
-    largest force nor a highest frequency that is known.
+    A shape that defines ``_force`` alone counts as smooth and not periodic; its largest force and
+    its highest frequency are not known.
     """
 
     @abstractmethod
@@ -64,7 +40,7 @@ class Amplitude(ABC):
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """Harmonics that the force is the sum of; none if it is not."""
+        """Harmonics whose sum is the force; empty if it is no such sum."""
         return ()
 
     @property
@@ -79,12 +55,12 @@ class Amplitude(ABC):
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Those of the corners (s) at which the value jumps, be it at the time or just after it."""
+        """Corners (s) at which the value itself jumps, at the time or just after it."""
         t = np.array(self.corners)
         if t.size == 0:
             return ()
         force = self([np.nextafter(t, -np.inf), t, np.nextafter(t, np.inf)])
-        least = _LEAST_JUMP * (self.peak_value or np.abs(force).max(initial=0.0))
+        least = 1e-6 * (self.peak_value or np.abs(force).max(initial=0.0))  # above round-off
         return tuple(t[np.ptp(force, axis=0) > least].tolist())
 
     @property
@@ -94,18 +70,27 @@ class Amplitude(ABC):
 
     @property
     def highest_frequency(self) -> float | None:
-        """Highest frequency that is excited, Hz; None where no such figure exists.
+        """Highest frequency that is excited, Hz; None if it is not known.
 
-        Of an impulse 1 / (2 * rise time): the paper's Nyquist rule, section 6.2.
+        For an impulse it is 1 / (2 rise time), the paper's Nyquist rule (section 6.2).
         """
-        return max((one.frequency for one in self.harmonics), default=None)
+        return max((harmonic.frequency for harmonic in self.harmonics), default=None)
 
 
 def _check(amplitude: Any, positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
+    meaning = {
+        "amplitude": "force, N",
+        "frequency": "Hz",
+        "phase": "at time zero, rad",
+        "peak": "largest force, N",
+        "rise_time": "time from start to peak, s",
+        "duration": "time that the force lasts, s",
+        "start": "time at which the force sets in, s",
+    }
     kinds = {positive: POSITIVE, "start": NOT_NEGATIVE}
     refuse(
-        f"{problem} ({_MEANING[field.name]})"
+        f"{problem} ({meaning[field.name]})"
         for field in fields(amplitude)
         for problem in problems(
             field.name, getattr(amplitude, field.name), kinds.get(field.name, FINITE)
@@ -115,11 +100,21 @@ def _check(amplitude: Any, positive: str) -> None:
 
 @dataclass(frozen=True)
 class Harmonic(Amplitude):
-    """``amplitude * sin(2 pi frequency t + phase)``."""
+    """``amplitude * sin(2 pi frequency t + phase)``.
 
-    amplitude: float  #: N; a negative one turns the sign
-    frequency: float  #: Hz, > 0
-    phase: float = 0.0  #: rad
+    Attributes
+    ----------
+    amplitude : float
+        N, of either sign.
+    frequency : float
+        Hz, above 0.
+    phase : float
+        rad.
+    """
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
 
     def __post_init__(self) -> None:
         _check(self, positive="frequency")
@@ -129,7 +124,7 @@ class Harmonic(Amplitude):
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """Itself."""
+        """The force itself is the only harmonic."""
         return (self,)
 
     @property
@@ -140,9 +135,15 @@ class Harmonic(Amplitude):
 
 @dataclass(frozen=True)
 class MultiHarmonic(Amplitude):
-    """Sum of harmonics, each with its own phase."""
+    """Sum of harmonics, each with its own phase.
 
-    components: Sequence[Harmonic]  #: at least one
+    Attributes
+    ----------
+    components : sequence of Harmonic
+        Not empty.
+    """
+
+    components: Sequence[Harmonic]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "components", tuple(self.components))
@@ -154,21 +155,22 @@ class MultiHarmonic(Amplitude):
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """Its components."""
+        """The components."""
         return tuple(self.components)
 
     @property
     def peak_value(self) -> float:
         """Largest absolute force over a common period, N.
 
-        Without a common period the sum of the amplitudes, which the force comes as near to as one
-        waits for.
+        Without a common period it is the sum of the amplitudes, to which the force comes as near as
+        desired if time is long enough.
         """
         bound = sum(component.peak_value for component in self.components)
         period = self.period
         if period is None or bound == 0:
             return bound
-        n = _SAMPLES_PER_PERIOD * max(1, *(round(period * c.frequency) for c in self.components))
+        periods = max(1, *(round(period * c.frequency) for c in self.components))
+        n = 64 * periods  # samples, 64 in each period of the fastest harmonic
         step = period / n
         t = step * np.arange(n)
         force = np.abs(self(t))
@@ -190,13 +192,15 @@ class MultiHarmonic(Amplitude):
 
 
 class _Pulse(Amplitude):
-    """What the shapes share that rise to a peak; they are zero before their start."""
+    """Base of the shapes that rise to a peak; they are zero before their start.
+
+    ``_LENGTH`` is the name of the duration, which must be positive and gives the highest frequency.
+    ``_CORNERS`` are times since the start, in units of that duration.
+    """
 
     peak: float
     start: float
-    #: Name of the time that must be positive and that the highest frequency goes with.
     _LENGTH: ClassVar[str]
-    #: Corners, at times since the start in units of that time.
     _CORNERS: ClassVar[tuple[int, ...]] = ()
 
     def __post_init__(self) -> None:
@@ -220,14 +224,25 @@ class _Pulse(Amplitude):
 
 @dataclass(frozen=True)
 class _Impulse(_Pulse):
-    """What the impulses with a rise time share."""
+    """Base of the impulses with a rise time.
 
-    peak: float  #: N; a negative one pushes instead of pulling
-    rise_time: float  #: time from the start to the peak, s, > 0
-    start: float = 0.0  #: time at which the force sets in, s, >= 0
+    ``_shape`` is force over peak as a function of the time since the start over the rise time.
+
+    Attributes
+    ----------
+    peak : float
+        N; a negative force pushes instead of pulling.
+    rise_time : float
+        Time from the start to the peak, s, above 0.
+    start : float
+        Time at which the force sets in, s, not below 0.
+    """
+
+    peak: float
+    rise_time: float
+    start: float = 0.0
 
     _LENGTH = "rise_time"
-    #: Force over the peak at times since the start in units of the rise time.
     _shape: ClassVar[staticmethod[[FloatArray], Any]]
 
     def _force(self, t: FloatArray) -> Any:
@@ -277,11 +292,21 @@ class RampAndHold(_Impulse):
 
 @dataclass(frozen=True)
 class Rectangle(_Pulse):
-    """``peak`` for ``start <= t < start + duration``, zero before and after."""
+    """``peak`` for ``start <= t < start + duration``, zero before and after.
 
-    peak: float  #: N
-    duration: float  #: s, > 0
-    start: float = 0.0  #: s, >= 0
+    Attributes
+    ----------
+    peak : float
+        N.
+    duration : float
+        s, above 0.
+    start : float
+        s, not below 0.
+    """
+
+    peak: float
+    duration: float
+    start: float = 0.0
 
     _LENGTH, _CORNERS = "duration", (0, 1)
 
@@ -294,10 +319,17 @@ class Table(Amplitude):
     """Force given at points of time: linear between them, zero before the first and after the last.
 
     At the first and the last time the force is that of the table.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+        Strictly increasing, s; at least two.
+    forces : ndarray, shape (n,)
+        N.
     """
 
-    times: FloatArray  #: shape (n,), s, strictly increasing, n >= 2
-    forces: FloatArray  #: shape (n,), N
+    times: FloatArray
+    forces: FloatArray
 
     def __post_init__(self) -> None:
         for name in ("times", "forces"):
@@ -345,10 +377,14 @@ class Table(Amplitude):
 
 @dataclass(frozen=True)
 class Function(Amplitude):
-    """A plain function of time, of which nothing more is known: no period, no corners, no peak.
+    """A plain function of time; its period, corners and peak are not known.
 
-    It takes a time (s), or better an array of times, and returns the force (N); a call raises
-    `InputError` where that is not one finite number for each time.
+    A call raises `InputError` where the function does not return a finite number for each time.
+
+    Attributes
+    ----------
+    function : callable
+        Takes a time (s), or better an array of times, and returns the force (N).
     """
 
     function: Callable[..., Any]
@@ -356,9 +392,9 @@ class Function(Amplitude):
     def _force(self, t: FloatArray) -> Any:
         force = self._at_once(t) if t.size > 1 else None
         if force is None:
-            found = [np.asarray(self.function(float(time))) for time in t.flat]
-            each = [x.item() if x.size == 1 and x.dtype.kind in _REAL else np.nan for x in found]
-            force = np.reshape(np.array(each, dtype=float), t.shape)
+            each = (np.asarray(self.function(float(time))) for time in t.flat)
+            numbers = [x.item() if x.size == 1 and _is_real(x) else np.nan for x in each]
+            force = np.reshape(np.array(numbers, dtype=float), t.shape)
         wrong = ~np.isfinite(force)
         if wrong.any():
             raise InputError(
@@ -368,13 +404,19 @@ class Function(Amplitude):
         return force
 
     def _at_once(self, t: FloatArray) -> FloatArray | None:
-        """Force at all times; None where the function must be asked for each of them."""
+        """Force at all times; None where the function takes single times only."""
         try:
             force = np.asarray(self.function(t.copy()))
         except (TypeError, ValueError):
-            return None  # such as math.sin, or "if t < 1"; a true mistake is raised again for each
-        is_force = force.shape == t.shape and force.dtype.kind in _REAL
-        return force.astype(float) if is_force else None
+            return (
+                None  # as math.sin raises, or "if t < 1"; a mistake is raised again for each time
+            )
+        return force.astype(float) if force.shape == t.shape and _is_real(force) else None
+
+
+def _is_real(values: NDArray[Any]) -> bool:
+    """Whether an array has truth values, whole or real numbers."""
+    return values.dtype.kind in "biuf"
 
 
 def as_amplitude(shape: object) -> Amplitude:
@@ -394,7 +436,13 @@ def as_amplitude(shape: object) -> Amplitude:
 
 @dataclass(frozen=True)
 class Scaled(Amplitude):
-    """The same course in time, so many times as large."""
+    """Another amplitude times a factor.
+
+    Attributes
+    ----------
+    of : Amplitude
+    factor : float
+    """
 
     of: Amplitude
     factor: float
@@ -404,12 +452,12 @@ class Scaled(Amplitude):
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """Those of the other, scaled."""
+        """Harmonics of the other amplitude, scaled."""
         return tuple(replace(h, amplitude=self.factor * h.amplitude) for h in self.of.harmonics)
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Those of the other, s."""
+        """Corners of the other amplitude, s."""
         return self.of.corners
 
     @property
@@ -420,89 +468,31 @@ class Scaled(Amplitude):
 
     @property
     def highest_frequency(self) -> float | None:
-        """That of the other, Hz."""
+        """Highest frequency of the other amplitude, Hz."""
         return self.of.highest_frequency
 
 
 def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
-    """Shortest time (s) after which all harmonics among the amplitudes repeat together.
+    """Shortest time (s) after which all harmonics of the amplitudes repeat together.
 
-    Those without harmonics are passed over. None if there is no harmonic, or if the frequencies are
-    not commensurate.
+    Amplitudes without harmonics do not count. None if there is no harmonic, or if the frequencies
+    are not commensurate: their ratios must be fractions to 1e-12, and the common period must be at
+    most 100,000 periods of the fastest harmonic, because no run reaches a longer one.
     """
-    frequencies = [one.frequency for amplitude in amplitudes for one in amplitude.harmonics]
+    longest = 100_000
+    frequencies = [h.frequency for amplitude in amplitudes for h in amplitude.harmonics]
     if not frequencies:
         return None
-    # Ratios to the fastest are at most 1, and their denominators bound the length searched for.
+    # Ratios to the fastest are at most 1; their denominators bound the common period.
     fastest = max(frequencies)
-    ratios = [Fraction(f / fastest).limit_denominator(_LONGEST_COMMON_PERIOD) for f in frequencies]
+    ratios = [Fraction(f / fastest).limit_denominator(longest) for f in frequencies]
     if any(
-        abs(float(ratio) * fastest - f) > _RATIO_TOLERANCE * f
+        abs(float(ratio) * fastest - f) > 1e-12 * f
         for ratio, f in zip(ratios, frequencies, strict=True)
     ):
         return None
     # The ratio of the fastest is 1, so the common period holds lcm(denominators) of its periods.
     periods_of_fastest = math.lcm(*(ratio.denominator for ratio in ratios))
-    if periods_of_fastest > _LONGEST_COMMON_PERIOD:
+    if periods_of_fastest > longest:
         return None
     return periods_of_fastest / fastest
-
-
-def read_table(path: str | Path) -> Table:
-    """Table from a UTF-8 text file with two columns separated by a comma: time (s) and force (N).
-
-    Lines of two words before the first number are a header; empty lines and what follows a ``#``
-    are passed over.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, and every line that is not two finite numbers with the time
-        above the time before it; the message names file and line.
-    """
-    path = Path(path)
-    content = read_text(path, LARGEST_TABLE)
-    if not content.endswith(("\n", "\r")):
-        _log.warning("%s: %s", path, UNFINISHED_LINE)
-    lines = content.splitlines()
-    rows: list[list[float]] = []
-    mistakes: list[str] = []
-    more = 0
-    for number, line in enumerate(lines, start=1):
-        if len(mistakes) > _MOST_PROBLEMS_LISTED:  # counted, not kept
-            more += len(mistakes) - _MOST_PROBLEMS_LISTED
-            del mistakes[_MOST_PROBLEMS_LISTED:]
-        text = line.split("#", 1)[0].strip()
-        values = [_number(column) for column in text.split(",")]
-        is_header = values == [None, None] and not rows and not mistakes
-        if not text or is_header:
-            continue
-        match values:
-            case [float(time), float(force)] if abs(time) <= _LARGEST and abs(force) <= _LARGEST:
-                if rows and not time - rows[-1][0] >= 1.0 / _LARGEST:
-                    mistakes.append(
-                        f"{path}: line {number}: found time {time:g}, "
-                        f"must be > {rows[-1][0]:g}, the time before it"
-                    )
-                rows.append([time, force])
-            case _:
-                mistakes.append(
-                    f"{path}: line {number}: found {text[:60]!r}, must be two finite numbers "
-                    f"separated by a comma: time in s, force in N; none larger than {_LARGEST:g}"
-                )
-    if not mistakes and len(rows) < 2:
-        mistakes = [f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"]
-    more += len(mistakes[_MOST_PROBLEMS_LISTED:])
-    if more:
-        mistakes = mistakes[:_MOST_PROBLEMS_LISTED]
-        mistakes.append(f"{path}: and {more} more lines like these")
-    refuse(mistakes)
-    return Table(*np.array(rows).T)
-
-
-def _number(text: str) -> float | None:
-    """Read one column of a line; None if it is not a number."""
-    try:
-        return float(text)
-    except ValueError:
-        return None

@@ -1,4 +1,4 @@
-"""Processes that this one starts: what they inherit, and what they do not."""
+"""Child processes: safe import paths, and interrupts that are left to the parent."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, ClassVar
 
-#: What lets a Python process look for no module in the current folder.
+#: Option with which Python imports no module from the current folder.
 SAFE_PATH = "-P"
-_SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @contextmanager
@@ -22,31 +21,32 @@ def safe_path() -> Iterator[None]:
 
     Otherwise a file ``numpy.py`` there would be run in place of the library.
     """
-    before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = "1"
+    variable = "PYTHONSAFEPATH"
+    before = os.environ.get(variable)
+    os.environ[variable] = "1"
     try:
         yield
     finally:
         if before is None:
-            os.environ.pop(_SAFE_PATH, None)
+            os.environ.pop(variable, None)
         else:
-            os.environ[_SAFE_PATH] = before
+            os.environ[variable] = before
 
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Let processes and threads that are started in the block leave interrupts to this process.
+    """Block interrupts in processes and threads that are started in the block.
 
-    An interrupt of this one takes effect when the block ends, not while a process is half started.
-    Where a system knows no signals of threads, nothing is done.
+    They are left to this process. Here an interrupt takes effect when the block ends, not while a
+    process is half started. On systems without signal masks nothing is done.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # It is started with the first process, and lets interrupts through afterwards.
+    # The tracker starts with the first process, and would unblock interrupts while it does.
     resource_tracker.ensure_running()
     came = []
-    # A signal may reach any thread, but its handler runs in the main one.
+    # A signal may reach any thread, but its handler runs in the main thread.
     handled = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, lambda *_: came.append(True)) if handled else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -67,6 +67,6 @@ class _Process(SpawnProcess):
 
 
 class Spawn(SpawnContext):
-    """Context of `multiprocessing` whose processes are spawned in this way."""
+    """Context of `multiprocessing`: processes have a safe path and leave interrupts to this one."""
 
     Process: ClassVar[Any] = _Process

@@ -23,7 +23,7 @@ class SlipRows:
 
     They are made by `contact` and `point_friction`. ``a + b`` puts the rows of both together.
     Results state friction energies by the names of the contact points; points of the same name are
-    one joint.
+    the same joint.
 
     Attributes
     ----------
@@ -62,19 +62,19 @@ class SlipRows:
 
     @property
     def joint_of_point(self) -> tuple[str, ...]:
-        """Joint of each contact point, (m,): ``names``, or "contact" where none has a name."""
+        """Joint of each contact point, (m,): ``names``, or "contact" if points have no names."""
         return self.names or ("contact",) * self.w.size
 
     @property
     def joints(self) -> tuple[tuple[str, ...], sparse.csr_array]:
-        """Names of the joints, and 1 for each contact point that a joint has, (joints, m)."""
+        """Names of the joints, and a matrix (joints, m) with a 1 for each point of a joint."""
         names = self.joint_of_point
         numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
         joint = np.array([numbers[name] for name in names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
     def __add__(self, other: SlipRows) -> SlipRows:
-        """Rows of both, those of this one first."""
+        """Slip rows of ``self``, then those of ``other``."""
         n = self.B.shape[1]
         if other.B.shape[1] != n:
             raise InputError(f"contact: found rows for {n} and for {other.B.shape[1]} unknowns")
@@ -102,10 +102,10 @@ class SlipRows:
         return SlipRows(rows, empty, empty, np.zeros(0, np.int64), rows, np.zeros(0, np.intp))
 
     def without(self, fixed: IntArray) -> SlipRows:
-        """Rows that are left where supports hold the degrees of freedom ``fixed``.
+        """Slip rows that remain when supports hold the degrees of freedom ``fixed``.
 
-        Columns of fixed degrees of freedom become zero. Of a point whose rows then depend on each
-        other, or on closed contact, as many are kept as are independent; they give the slip vector
+        Columns of fixed degrees of freedom become zero. If rows of a point then depend on each
+        other or on closed contact, they are replaced by independent rows that give the slip vector
         the same norm.
         """
         n = self.B.shape[1]
@@ -134,7 +134,7 @@ class SlipRows:
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:
-    """Independent rows with the same norm of ``rows @ u`` for all u with ``beside @ u = 0``."""
+    """Independent rows that keep the norm of ``rows @ u`` for all u with ``beside @ u = 0``."""
     if len(beside):
         rows = rows - rows @ np.linalg.pinv(beside) @ beside
     _, size, right = np.linalg.svd(rows, full_matrices=False)

@@ -1,6 +1,6 @@
-"""The one type of all models, full, condensed, reduced and hyper-reduced.
+"""`System`, the type of all models: full, condensed, reduced, and with merged friction points.
 
-It is a system of equations
+A system is the set of equations
 
     M a + C v + K u + B^T (w * sigma(B v)) = sum_k load_k amplitude_k(t)        (Eq. (1))
 
@@ -91,21 +91,21 @@ class System:
     joints : tuple of str
         Names of the rows of ``J``; without both, all contact points are one joint.
     shares : sparse array, shape (m, m_all), or None
-        Share of each contact point of the structure in each contact point of a reduced model,
-        which stands for it; rows add up to one. None where they are all there is.
+        Share of each contact point of the structure in each contact point of a reduced model, which
+        are weighted means of these; rows add up to 1. None where both are the same points.
     notes : tuple of str
-        Sentences that users should read about how the system was made.
+        Sentences for users about how the system was made.
     made_for : str
-        What a reduced model was made for, in words, where it is good for nothing else; empty for a
-        system that may be loaded in any way.
+        Loads that a reduced model is restricted to, in words; empty for a system that may be loaded
+        in any way.
 
-    ``C`` may be None (no damping), ``w`` a list, ``beta`` one number.
+    ``C`` may be None (no damping), ``w`` a list, and ``beta`` a number for all points.
 
     Raises
     ------
     InputError
-        For shapes that do not fit, matrices that are complex, not symmetric or not finite, limits
-        below zero and beta not above it.
+        For shapes that do not fit, matrices that are complex, not symmetric or not finite,
+        negative limits, and a beta that is not positive.
     """
 
     M: Matrix
@@ -168,15 +168,15 @@ class System:
         refuse(problems)
 
     def check_any_load(self, what: str) -> None:
-        """Refuse a reduced model that was made for one load, for an analysis of others (`what`).
+        """Refuse a reduced model that was made for its own loads, for an analysis of other loads.
 
-        Its modes, friction points and law suit the slip under that load: elsewhere it may err by
-        any amount, and nothing tells how much.
+        Its modes, friction points and law suit the slip under its own loads. Under others its error
+        is unknown and may be large. ``what`` names the analysis in the message.
 
         Raises
         ------
         InputError
-            Saying what it was made for, and what to give instead.
+            If the system is such a model; it states the loads, and what to give instead.
         """
         if self.made_for:
             raise InputError(
@@ -188,7 +188,7 @@ class System:
 
     @property
     def joint_points(self) -> list[IntArray]:
-        """Numbers of the contact points with friction, for each joint that has any."""
+        """Numbers of the contact points with friction, for each joint that has such points."""
         parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
         return [np.flatnonzero(part) for part in parts if part.any()]
 
@@ -284,17 +284,17 @@ class System:
         )
 
     def in_unknowns(self, new: ChangeOfUnknowns) -> System:
-        """Same system in other unknowns, one of which each slip row picks.
+        """Same system in other unknowns, among which are the slips.
 
         ``new`` is from :func:`skfem_joint.unknowns.change_of_unknowns`; its outer unknowns are
-        those of this system.
+        those of this system. Each slip row then picks a single unknown.
         """
         return self._with(new.forward, selection(new.slips, new.forward.shape[1]))
 
     def with_slips_as_unknowns(self) -> tuple[System, ChangeOfUnknowns]:
-        """Same system whose unknowns are the slips and the displacements that slips leave.
+        """Same system whose unknowns are the slips and the displacements that they leave free.
 
-        Each slip row then picks an unknown of its own. Second comes the change of unknowns.
+        Each slip row then picks an unknown of its own. Also returns the change of unknowns.
 
         Raises
         ------
@@ -344,13 +344,13 @@ class System:
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
         contact : SlipRows, optional
-            From `contact` or `point_friction`, or a sum of them; each of their names is a joint.
+            From `contact` or `point_friction`, or a sum of them. Each of their names is a joint.
         loads : mapping, optional
-            By name: a vector of shape (N,) or one degree of freedom, and the amplitude (N): one of
-            :mod:`skfem_joint.loads`, or a plain function of time (s).
+            By name: a vector of shape (N,) or the number of a degree of freedom, and the amplitude
+            (N), a shape of :mod:`skfem_joint.loads` or a plain function of time (s).
         points : mapping, optional
-            What to observe by name: a row of shape (N,) or one degree of freedom. The loads'
-            vectors are observed under their names in any case.
+            Displacements to observe, by name: a row of shape (N,) or the number of a degree of
+            freedom. Loads are observed in any case, under their names.
 
         Returns
         -------
@@ -360,15 +360,11 @@ class System:
         Raises
         ------
         InputError
-            For shapes that do not fit, matrices that are complex, not symmetric or indefinite, such
-            as gyroscopic ones, numbers that are no degrees of freedom, and slip rows that depend on
-            each other.
+            For shapes that do not fit, matrices that are complex, not symmetric (such as
+            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, and slip rows
+            that depend on each other.
         """
-        factors = {"stiffness_damping": stiffness_damping, "mass_damping": mass_damping}
-        check_some(NOT_NEGATIVE, **factors)
-        if damping_ratio is not None:
-            others = {"C": C is not None, "stiffness": stiffness_damping, "mass": mass_damping}
-            refuse(ratio_problems(damping_ratio, others))
+        _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
         n = square["M"].shape[0]
         fixed = dof_numbers(fixed, n)
@@ -381,8 +377,8 @@ class System:
             for on, (vector, amplitude) in (loads or {}).items()
         )
         joints, J = joined.joints
-        seen = {load.on: load.vector for load in applied}
-        seen |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        rows = {load.on: load.vector for load in applied}
+        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
             C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),
@@ -391,8 +387,8 @@ class System:
             w=joined.w,
             beta=joined.beta,
             loads=applied,
-            P=sparse.csr_array(np.reshape(list(seen.values()), (len(seen), n))),
-            points=tuple(seen),
+            P=sparse.csr_array(np.reshape(list(rows.values()), (len(rows), n))),
+            points=tuple(rows),
             directions=joined.directions,
             J=J,
             joints=joints,
@@ -405,11 +401,12 @@ class System:
     def with_damping_ratio(self, ratio: float) -> System:
         """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
-        The ratio is met at two frequencies: the first natural frequency with all joints stuck (or
-        loose, where nothing vibrates otherwise), and the highest frequency of the harmonic loads.
-        The third natural frequency takes the latter's place if there is none, or if it is within a
-        tenth of the first. Between the two frequencies damping is lower, beyond them higher;
-        ``notes`` say by how much. The system must be sparse, with slip rows that pick unknowns.
+        Damping has the ratio at two frequencies: the first natural frequency with all joints stuck
+        (or loose, if nothing vibrates otherwise), and the highest frequency of the harmonic loads.
+        The third natural frequency replaces the latter if no load is harmonic, or if the two are
+        within a tenth of each other. Between the two frequencies damping is lower, beyond them
+        higher; ``notes`` state by how much. The system must be sparse, with slip rows that pick
+        unknowns.
 
         Raises
         ------
@@ -450,11 +447,22 @@ class System:
         return np.ascontiguousarray(rows.T)
 
 
+def _check_damping(C: Matrix, stiffness: float, mass: float, ratio: float | None) -> None:
+    """Refuse wrong factors of the damping, and a ratio beside factors or a matrix ``C``."""
+    check_some(NOT_NEGATIVE, stiffness_damping=stiffness, mass_damping=mass)
+    if ratio is not None:
+        others = {"C": C is not None, "stiffness": stiffness, "mass": mass}
+        refuse(ratio_problems(ratio, others))
+
+
 def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray:
-    """Vector of shape (n,), given as such or by the number of one unknown, from ``first`` on."""
+    """Vector of shape (n,), given as such, or a unit vector by the number of its unknown.
+
+    Numbers count from ``first``.
+    """
     array = np.asarray(value)
     real = as_real(array, what)
-    # A list of one whole number is a vector where there is one unknown.
+    # A list with a single whole number is a vector if there is a single unknown.
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):
         return np.bincount(dof_numbers(array, n, what, first), minlength=n).astype(float)
     if real.shape != (n,) or not np.isfinite(real).all():
@@ -479,7 +487,7 @@ def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
 
 
 def _joined(contact: SlipRows, n: int) -> SlipRows:
-    """Slip rows with real entries, which must be of ``n`` unknowns."""
+    """Slip rows with real entries; InputError if they do not act on ``n`` unknowns."""
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "held")}
     refuse(
         f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
@@ -490,7 +498,7 @@ def _joined(contact: SlipRows, n: int) -> SlipRows:
 
 
 def _check_enough_mass(M: Matrix, unknowns: int) -> None:
-    """Refuse a sparse mass of fewer entries than unknowns, before memory is taken for each."""
+    """Refuse a sparse mass with fewer entries than unknowns, before memory is taken for these."""
     if sparse.issparse(M) and M.nnz < unknowns:
         raise InputError(
             f"M: is not positive definite: found {M.nnz} entries, for {unknowns} unknowns that "
@@ -543,8 +551,8 @@ def _check_definite(system: System, damped: bool) -> None:
 def _takes_energy(C: Matrix) -> bool:
     """Whether a symmetric matrix is positive semidefinite, but for round-off.
 
-    It is divided by the roots of its diagonal on both sides, so that the units of its unknowns do
-    not count. The pivots are those of its sum with 1e-9 of the unit matrix. Diagonal entries below
+    It is divided by the roots of its diagonal on both sides, so that the units of the unknowns do
+    not matter, and 1e-9 of the unit matrix is added before it is factorised. Diagonal entries below
     1e-12 of the largest are round-off.
     """
     C = sparse.csr_array(C)

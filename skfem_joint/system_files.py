@@ -1,8 +1,8 @@
-"""Systems in files: one ``.npz`` of plain arrays, which nothing that can run code loads.
+"""Systems in ``.npz`` files of plain arrays, without pickles: loading them runs no code.
 
-A member ``M`` is a dense array; a sparse one is stored as `scipy.sparse.save_npz` does, as
-``M/data``, ``M/indices`` and so on. The member ``description`` is a text in JSON: the form of the
-file, names, notes, which arrays there are, and the shape of each load over time.
+A dense array is a member such as ``M``. A sparse matrix is stored as by `scipy.sparse.save_npz`, in
+members ``M/data``, ``M/indices`` and so on. The member ``description`` is a text in JSON: the form
+of the file, names, notes, and the shape of each load over time.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ from skfem_joint.files import replacing
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
 from skfem_joint.system import AppliedLoad, System
 
-#: Form of the files. Files of another form are refused.
-_FORM = 1
-_KIND = "skfem_joint system"
+_KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "P", "directions", "T", "J", "shares")
 _NAMES = ("points", "joints", "notes")
 #: Shapes of loads that are numbers alone.
@@ -46,8 +44,8 @@ _PLAIN = {
 def save(system: System, path: str | Path) -> Path:
     """Save a system to a file: matrices, contact, loads, names and basis.
 
-    A reduced or condensed system keeps its ``T``, by which its runs are expanded to the structure,
-    and what its contact points stand for. What `load` gives integrates to the same bits.
+    A reduced or condensed system keeps its ``T``, which expands its runs to the structure, and the
+    ``shares`` of its contact points. The system that `load` returns integrates to the same bits.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def save(system: System, path: str | Path) -> Path:
         Full, condensed or reduced. Its loads are shapes of the package, such as `Harmonic` or
         `Table`.
     path : str or Path
-        File, ``.npz``; what was there is replaced when the new one is whole.
+        File, ``.npz``; an existing file is replaced when the new file is complete.
 
     Returns
     -------
@@ -65,8 +63,8 @@ def save(system: System, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        For a load that is a plain function of time or a shape of one's own, a name without the
-        ending ``.npz``, and a file that cannot be written.
+        If a load is a plain function of time or a shape of the user, if the name does not end on
+        ``.npz``, and if the file cannot be written.
     """
     path = _checked(path)
     arrays: dict[str, Any] = {}
@@ -79,7 +77,7 @@ def save(system: System, path: str | Path) -> Path:
         shape = _described(load.amplitude, f"load {number}", load.on, arrays)
         described.append({"on": load.on, "amplitude": shape})
     texts = {name: list(getattr(system, name)) for name in _NAMES}
-    content = {"kind": _KIND, "form": _FORM, "loads": described, "made_for": system.made_for}
+    content = _KIND | {"loads": described, "made_for": system.made_for}
     arrays["description"] = np.array(json.dumps(content | texts))
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
@@ -103,7 +101,7 @@ def load(path: str | Path) -> System:
     Raises
     ------
     InputError
-        If the file cannot be read, is damaged or none of these.
+        If the file cannot be read, is damaged, or holds no saved system.
     """
     path = _checked(path)
     if not path.is_file():
@@ -112,10 +110,10 @@ def load(path: str | Path) -> System:
         with path.open("rb") as file:
             arrays = npz_arrays(file)
         content = json.loads(str(arrays.pop("description")))
-        if content["kind"] != _KIND:
+        if content["kind"] != _KIND["kind"]:
             raise ValueError("it holds something else")
-        if content["form"] != _FORM:
-            raise ValueError(f"it has form {content['form']!r}, this version reads {_FORM}")
+        if content["form"] != _KIND["form"]:
+            raise ValueError(f"it has form {content['form']!r}, this version reads {_KIND['form']}")
         system = _system(content, arrays)
         if arrays:
             raise ValueError(f"it holds {min(arrays)!r:.100}, which no system has")
@@ -148,7 +146,7 @@ def _described(
         values = {x.name: float(getattr(amplitude, x.name)) for x in fields(amplitude)}
         return {"shape": kind, **values}
     if type(amplitude) is MultiHarmonic:
-        parts = [_described(one, member, on, arrays) for one in amplitude.components]
+        parts = [_described(part, member, on, arrays) for part in amplitude.components]
         return {"shape": kind, "components": parts}
     if type(amplitude) is Scaled:
         of = _described(amplitude.of, member, on, arrays)
@@ -164,7 +162,7 @@ def _described(
 
 
 def _system(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> System:
-    """System from a description and arrays, which are taken out; ValueError or InputError."""
+    """System from a description and arrays, which are removed from the mapping as they are used."""
     size = sum(array.nbytes for array in arrays.values())
     values: dict[str, Any] = {name: _matrix(name, arrays, size) for name in _ARRAYS}
     for name in ("M", "C", "K", "B", "w", "beta", "P", "directions", "J"):
@@ -182,13 +180,14 @@ def _system(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Syst
     values["directions"] = values["directions"].astype(np.int64)
     names = {name: tuple(_text(text) for text in _list(content[name])) for name in _NAMES}
     applied = tuple(
-        _load(one, f"load {number}", arrays) for number, one in enumerate(_list(content["loads"]))
+        _load(described, f"load {number}", arrays)
+        for number, described in enumerate(_list(content["loads"]))
     )
     return System(loads=applied, made_for=_text(content["made_for"]), **(values | names))
 
 
 def _matrix(name: str, arrays: dict[str, NDArray[Any]], size: int) -> Any:
-    """Dense or sparse array of a name, taken out of the ``arrays``; None if it is not there."""
+    """Dense or sparse array of a name, removed from the ``arrays``; None if there is none."""
     parts = {key: arrays.pop(key) for key in list(arrays) if key.startswith(f"{name}/")}
     if name in arrays:
         if parts:
@@ -202,17 +201,21 @@ def _matrix(name: str, arrays: dict[str, NDArray[Any]], size: int) -> Any:
     return sparse_array(lambda part: parts[f"{name}/{part}"], size)
 
 
-def _load(one: Mapping[str, Any], member: str, arrays: dict[str, NDArray[Any]]) -> AppliedLoad:
+def _load(
+    described: Mapping[str, Any], member: str, arrays: dict[str, NDArray[Any]]
+) -> AppliedLoad:
     vector = arrays.pop(member)
     if vector.ndim != 1 or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
         raise ValueError(f"{member} is no vector of finite numbers")
-    return AppliedLoad(vector, _amplitude(one["amplitude"], member, arrays), _text(one["on"]))
+    return AppliedLoad(
+        vector, _amplitude(described["amplitude"], member, arrays), _text(described["on"])
+    )
 
 
 def _amplitude(
     described: Mapping[str, Any], member: str, arrays: dict[str, NDArray[Any]]
 ) -> Amplitude:
-    """Shape of a load from what `_described` made of it."""
+    """Shape of a load from its description by `_described`."""
     given = dict(described)
     kind = _text(given.pop("shape"))
     make: Callable[..., Amplitude]
@@ -221,8 +224,8 @@ def _amplitude(
         given = {name: _number(value) for name, value in given.items()}
     elif kind == "MultiHarmonic":
         make = MultiHarmonic
-        parts = [_amplitude(one, member, arrays) for one in _list(given["components"])]
-        if not all(isinstance(one, Harmonic) for one in parts):
+        parts = [_amplitude(part, member, arrays) for part in _list(given["components"])]
+        if not all(isinstance(part, Harmonic) for part in parts):
             raise ValueError(f"{member} has components that are no harmonics")
         given["components"] = parts
     elif kind == "Scaled":

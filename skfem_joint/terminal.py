@@ -1,4 +1,4 @@
-"""Output streams of a command: there where they were closed, and plain whatever names hold."""
+"""Output streams of a command that exist even if closed, and print no control characters."""
 
 from __future__ import annotations
 
@@ -9,26 +9,25 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 from unicodedata import category
 
-# Categories of Unicode: control and format characters, line and paragraph separators.
-_OBEYED = ("Cc", "Cf", "Zl", "Zp")
-
 
 def printable(text: str) -> str:
-    r"""Text in which characters that a terminal would obey are written as escapes, such as \x1b.
+    r"""Text with escapes, such as \x1b, in place of characters that would control a terminal.
 
-    These are control characters but for line ends and tabs, and marks that change the direction of
-    writing or break lines.
+    These are control characters other than line ends and tabs, and marks that change the direction
+    of writing or break lines.
     """
     if text.isprintable():
         return text
+    # Unicode's control and format characters, line and paragraph separators.
+    controls = ("Cc", "Cf", "Zl", "Zp")
     return "".join(
-        c.encode("unicode_escape").decode() if c not in "\n\t" and category(c) in _OBEYED else c
+        c.encode("unicode_escape").decode() if c not in "\n\t" and category(c) in controls else c
         for c in text
     )
 
 
 class Plain:
-    """Stream that writes `printable` text; ``stream`` is the one that it writes to."""
+    """Wrapper of a ``stream`` that makes all text `printable`."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -43,7 +42,7 @@ class Plain:
 
 
 def unfiltered(stream: Any) -> TextIO:
-    """The stream behind a `Plain` one, for what draws on a terminal; others as they are."""
+    """Stream inside a `Plain` wrapper, for drawing on a terminal; other streams unchanged."""
     behind: TextIO = stream.stream if isinstance(stream, Plain) else stream
     return behind
 
@@ -52,13 +51,13 @@ def unfiltered(stream: Any) -> TextIO:
 def plain_streams() -> Iterator[None]:
     """Make the output streams plain while the block runs.
 
-    What a terminal cannot show is written as escapes too. Streams that were closed when the process
-    began lead nowhere.
+    Characters that the terminal cannot show are escaped too. Streams that were closed when the
+    process began discard their text.
     """
     _open_closed()
     before = sys.stdout, sys.stderr
     for stream in before:
-        with suppress(AttributeError):  # a stream that is not a terminal's may have no encoding
+        with suppress(AttributeError):  # not every stream has an encoding
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     plain: Any = [Plain(stream) for stream in before]
     sys.stdout, sys.stderr = plain
@@ -69,7 +68,7 @@ def plain_streams() -> Iterator[None]:
 
 
 def _open_closed() -> None:
-    """Open streams that are closed to nowhere, lest files that are opened take their numbers."""
+    """Open closed streams on the null device, so that files do not take their numbers."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             try:

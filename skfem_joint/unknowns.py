@@ -1,10 +1,10 @@
-"""Changes of unknowns, after which each slip row picks one unknown.
+"""Changes of unknowns that make each slip an unknown.
 
 Displacements u that obey ``u[fixed] = 0`` and ``H u = 0`` (contact that stays closed), with slips
 ``s = B u``, are written ``u = T q``. The unknowns q are the slips and those displacements that
 neither slips nor constraints determine. Forces on q are ``T^T f``, so that the reaction of a joint
-on the other body is equal, opposite and on the same line. Supports, edges, faces, rigid bases and
-other bodies are treated alike.
+on the other body is equal, opposite and on the same line. This serves supports, edges, faces, rigid
+bases and other bodies alike.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from skfem_joint.errors import InputError
 
 @dataclass(frozen=True)
 class ChangeOfUnknowns:
-    """Outer and inner unknowns of one system, and how each follow from the other.
+    """Maps between two sets of unknowns of a system, the outer and the inner ones.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def dof_numbers(given: Any, n: int, where: str = "fixed", first: int = 0) -> Int
     n : int
         Number of all degrees of freedom.
     where : str
-        What a message calls them.
+        Name of the numbers in messages.
     first : int
         Number of the first degree of freedom in ``given``.
 
@@ -63,7 +63,7 @@ def dof_numbers(given: Any, n: int, where: str = "fixed", first: int = 0) -> Int
     InputError
         If they are not whole numbers in range, such as a mask.
     """
-    # Arrays have a method `all` too, which does something else.
+    # `DofsView.all` returns the numbers; the method `all` of arrays is another.
     view = not isinstance(given, np.ndarray) and hasattr(given, "all")
     numbers = np.asarray(given.all() if view else given)
     if numbers.dtype.kind not in "iuf":
@@ -154,7 +154,7 @@ def _clean(A: Matrix) -> sparse.csr_array:
 
 
 def _matched(rows: sparse.csr_array) -> IntArray:
-    """Choose for each row an unknown of its own, with large coefficients in total."""
+    """Unknown of each row, all different, such that the sum of their coefficients is largest."""
     if rows.shape[0] == 0:
         return np.zeros(0, dtype=np.intp)
     # Before version 1.15 scipy takes 32-bit indices only, but sparse products have 64-bit ones.
@@ -170,7 +170,7 @@ def _matched(rows: sparse.csr_array) -> IntArray:
 
 
 def _inverse(A: sparse.csr_array) -> sparse.csr_array:
-    """Inverse of a square matrix whose graph falls apart into small blocks."""
+    """Inverse of a square matrix that is block diagonal, with small blocks, in another order."""
     if A.nnz == A.shape[0] and np.array_equal(A.indices, np.arange(A.nnz)):
         return sparse.csr_array(sparse.diags_array(1.0 / A.data))
     _, block = connected_components(A, directed=False)
@@ -195,7 +195,7 @@ def _inverse(A: sparse.csr_array) -> sparse.csr_array:
 def congruent(A: Matrix, T: Matrix) -> Matrix:
     """Symmetric product ``T^T A T``.
 
-    A slice of A where a sparse T only selects unknowns, which is faster and exact.
+    If a sparse T only selects unknowns the product is a slice of A, which is faster and exact.
     """
     if isinstance(T, np.ndarray):
         product = T.T @ (A @ T)
@@ -210,7 +210,7 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
 
 
 def stacked(parts: Sequence[Matrix], n: int) -> sparse.csr_array:
-    """Stack sparse rows; without any the matrix is empty, with ``n`` columns."""
+    """Sparse rows of all parts, with ``n`` columns; the matrix is empty if there are no parts."""
     if not parts:
         return sparse.csr_array((0, n))
     return sparse.csr_array(sparse.vstack([sparse.csr_array(part) for part in parts]))

@@ -1,7 +1,7 @@
-"""Numbers that users give: whether each is one, and in the range that it must be in.
+"""Checks of numbers that users give: their type and their range.
 
-The tables of a scene are checked by pydantic; these are for those who call from Python. (pydantic
-takes a tenth of a second to import, and refuses the whole numbers of numpy.)
+They are for calls from Python; pydantic checks the tables of a scene. (It takes a tenth of a second
+to import, and refuses the whole numbers of numpy.)
 """
 
 from __future__ import annotations
@@ -19,11 +19,21 @@ from skfem_joint.errors import InputError, refuse
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of numbers that a value may be."""
+    """Kind of numbers that a value may be.
 
-    words: str  #: what is allowed, to follow "must be"
-    holds: Callable[[float], bool]  #: whether a number is in range; false for nan
-    whole: bool = False  #: whether only whole numbers will do
+    Attributes
+    ----------
+    words : str
+        Description for messages, after "must be".
+    holds : callable
+        Whether a number is in range; false for nan.
+    whole : bool
+        Whether only whole numbers are allowed.
+    """
+
+    words: str
+    holds: Callable[[float], bool]
+    whole: bool = False
 
     def __contains__(self, value: object) -> bool:
         if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -33,7 +43,7 @@ class Kind:
         return bool(self.holds(float(value)))
 
 
-#: Kinds of numbers: all are finite, but a beta.
+#: Kinds of numbers; all but a beta must be finite.
 FINITE = Kind("a finite number", math.isfinite)
 POSITIVE = Kind("> 0 and finite", lambda x: 0.0 < x < math.inf)
 NOT_NEGATIVE = Kind(">= 0 and finite", lambda x: 0.0 <= x < math.inf)
@@ -45,24 +55,24 @@ WHOLE = Kind(">= 0, a whole number", lambda x: x >= 0.0, whole=True)
 
 
 def between(low: float, high: float, why: str = "") -> Kind:
-    """Kind of numbers from the lowest to the highest that is allowed."""
+    """Kind of numbers from ``low`` to ``high``."""
     return Kind(f"from {low:g} to {high:g}{why}", lambda x: low <= x <= high)
 
 
 def at_least(count: int, why: str = "") -> Kind:
-    """Kind of whole numbers from the lowest that is allowed."""
+    """Kind of whole numbers from ``count`` on."""
     return Kind(f">= {count}, a whole number{why}", lambda x: x >= count, whole=True)
 
 
 def problems(where: str, value: Any, kind: Kind, *words: str) -> Iterator[str]:
-    """Sentence about a value that is neither of a kind nor one of the words; none if it is."""
+    """Sentence about a value that is neither of the kind nor one of the words, if it is wrong."""
     if isinstance(value, str) and value in words:
         return
     if value not in kind:
-        found = f"{value}" if isinstance(value, Real) else repr(value)
+        shown = f"{value}" if isinstance(value, Real) else repr(value)
         others = "".join(f"{word!r}, or " for word in words)
-        found = found if len(found) <= 60 else f"{found[:57]}..."
-        yield f"{where}: found {found}, must be {others}{kind.words}"
+        shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+        yield f"{where}: found {shown}, must be {others}{kind.words}"
 
 
 def check(where: str, value: Any, kind: Kind, *words: str) -> None:
@@ -71,7 +81,7 @@ def check(where: str, value: Any, kind: Kind, *words: str) -> None:
 
 
 def check_some(kind: Kind, **values: Any) -> None:
-    """Raise InputError with a sentence for each value that is given, not None, and not right."""
+    """Raise InputError with a sentence for each wrong value; None passes."""
     refuse(
         problem
         for where, value in values.items()
@@ -81,7 +91,7 @@ def check_some(kind: Kind, **values: Any) -> None:
 
 
 def check_each(where: str, values: Any, kind: Kind) -> None:
-    """Raise InputError for the first of several values that is not of a kind, or if none is given.
+    """Raise InputError for the first value that is not of a kind, or if there are no values.
 
     ``values`` may be any sequence or array of one dimension.
     """

@@ -16,7 +16,17 @@ import skfem_joint
 
 PACKAGE = Path(skfem_joint.__file__).parent
 #: The ground modules, which need none of the folders.
-GROUND = {"array_files", "arrays", "compiling", "errors", "files", "loads", "processes", "progress"}
+GROUND = {
+    "array_files",
+    "arrays",
+    "compiling",
+    "errors",
+    "files",
+    "load_tables",
+    "loads",
+    "processes",
+    "progress",
+}
 GROUND |= {"terminal", "values"}
 #: A module may import from its own of these and from those before: "ground" and "" are modules of
 #: the package itself.

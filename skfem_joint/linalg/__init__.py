@@ -1,1 +1,1 @@
-"""Linear algebra: compressed rows, factors (of bands and of any pattern), Schur complements."""
+"""Linear algebra: compressed rows, factors along bands and of any pattern, Schur complements."""

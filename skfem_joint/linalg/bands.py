@@ -31,10 +31,10 @@ class BandSettings:
         A wider band is not factorised: with 280 rows solutions take longer than those of a factor
         for any pattern.
     narrow : int
-        No order with a narrower band is looked for.
+        With a band as narrow as this no further order is tried.
     unblocked : int
-        LAPACK factorises bands up to this column by column. Solutions with the upper factor then
-        take two thirds of the time that they take with the lower one.
+        LAPACK factorises bands up to this height column by column. Solutions with the upper factor
+        then take two thirds of the time of the lower factor.
     """
 
     widest: int = 128
@@ -78,7 +78,10 @@ class BandFactor:
 
 
 class Band:
-    """Pattern of symmetric matrices, arranged along as narrow a band as is easily found.
+    """Pattern of symmetric matrices, arranged along a narrow band.
+
+    Two or three orders of the unknowns are tried: the given one, Cuthill and McKee's, and one that
+    starts from the far end of the structure.
 
     Parameters
     ----------
@@ -108,8 +111,8 @@ class Band:
         given = int(np.abs(rows - columns).max()) + 1, np.arange(n), rows, columns
         corner = placed(reverse_cuthill_mckee(pattern, symmetric_mode=True))
         known = [given, corner]
-        # From its end a strip has half the band that it has from a corner; the third order is tried
-        # only where the given one is not already that good.
+        # From its end a strip has half the band that it has from a corner. The third order is tried
+        # only where the given order is not already as good.
         moderate = SETTINGS.narrow < min(given[0], corner[0]) <= 2 * SETTINGS.widest
         if moderate and given[0] > 0.6 * corner[0]:
             known.append(placed(_from_far_end(pattern, corner[1])))
@@ -158,9 +161,9 @@ def _from_far_end(pattern: sparse.csr_matrix, order: IntArray) -> IntArray:
 
 
 def _levels(pattern: sparse.csr_matrix, starts: IntArray) -> tuple[IntArray, IntArray]:
-    """Unknowns in the order of their distance in the graph from ``starts``, and that distance."""
+    """Unknowns in the order of their distance in the graph from ``starts``, and these distances."""
     n, indices = pattern.shape[0], np.concatenate([pattern.indices, starts])
-    # One more unknown, which is joined to all starts.
+    # An additional unknown is connected to all starts.
     entries = np.ones(indices.size), indices, np.append(pattern.indptr, indices.size)
     order, before = breadth_first_order(sparse.csr_matrix(entries, shape=(n + 1, n + 1)), n)
     place = np.argsort(order)[before[order[1:]]]

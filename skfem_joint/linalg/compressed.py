@@ -40,7 +40,7 @@ def as_compressed(A: Matrix) -> Matrix:
 
 
 def compressed_rows(A: Matrix) -> CompressedRows:
-    """Compressed rows of a dense or sparse matrix; zeros of a dense one are left out."""
+    """Compressed rows of a dense or sparse matrix; zeros of a dense matrix are left out."""
     rows = sparse.csr_array(A) if isinstance(A, np.ndarray) else as_compressed(A)
     start, column = rows.indptr.astype(np.int64), rows.indices.astype(np.int64)
     return CompressedRows(start, column, rows.data.astype(float))

@@ -1,4 +1,4 @@
-"""Factors of symmetric matrices, dense and sparse: along a narrow band, else of any pattern."""
+"""Factors of symmetric matrices: dense, sparse along a narrow band, and sparse of any pattern."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SETTINGS = FactorSettings()
 
 
 def factorised(A: Any) -> Any:
-    """Solver of A x = b, from one factorisation.
+    """Solver of A x = b, which factorises A once.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def factorised(A: Any) -> Any:
 
 
 class Factoriser:
-    """`factorised` for a sequence of matrices; equal patterns are arranged along a band once."""
+    """`factorised` for a sequence of matrices; the order of a pattern that repeats is kept."""
 
     def __init__(self) -> None:
         self._pattern: tuple[IntArray, IntArray] | None = None
@@ -110,7 +110,7 @@ def pardiso() -> Any:
 
 
 def _of_any_pattern(A: Any) -> Any:
-    """Solver by PARDISO where it is installed, pays and succeeds; by SuperLU otherwise."""
+    """Solver by PARDISO for large matrices if it is installed and succeeds, else by SuperLU."""
     if A.shape[0] >= SETTINGS.large and (library := pardiso()) is not None:
         try:
             return _by_pardiso(A, library)
@@ -124,8 +124,8 @@ def _by_pardiso(A: Any, library: Any) -> Callable[[FloatArray], FloatArray]:
     """Solver by PARDISO; its memory is freed with the solver."""
     solver = library.PyPardisoSolver(mtype=2)  # symmetric positive definite, by its upper triangle
     upper = sparse.csr_matrix(sparse.triu(A, format="csr"))
-    # 1: not the default parameters; 2: ordered by METIS; 8: no iterative refinement, which makes a
-    # solution take twice as long.
+    # 1: parameters are given; 2: order by METIS; 8: no iterative refinement, with which a solution
+    # takes twice as long.
     for place, value in {1: 1, 2: 2, 8: 0}.items():
         solver.set_iparm(place, value)
     solver.factorize(upper)

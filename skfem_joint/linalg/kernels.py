@@ -53,7 +53,7 @@ def bands(A: Any) -> Bands:
 
 
 def aligned(*sizes: int) -> list[FloatArray]:
-    """Arrays of zeros that begin at a cache line; loops over others take a fifth longer."""
+    """Arrays of zeros that begin at a cache line; loops over other arrays take a fifth longer."""
     line = 8  # numbers in a line of the cache
     memory = np.zeros(sum(sizes) + line * (2 * len(sizes) + 1))
     arrays, at = [], -(memory.ctypes.data // memory.itemsize) % line
@@ -135,7 +135,7 @@ def times(A: Any, x: FloatArray) -> FloatArray:
 
 @compiled_inside
 def largest_of(x):
-    """Largest magnitude; four maxima side by side, because one waits for the one before."""
+    """Largest magnitude, from four maxima side by side: a single one would wait for itself."""
     n = x.size - x.size % 4
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for i in range(0, n, 4):
@@ -247,7 +247,7 @@ def _mark_reached(x, limit):
 
 @compiled_inside
 def cholesky(A):
-    """Overwrite the lower triangle of A by its factor; False where it is not positive definite.
+    """Overwrite the lower triangle of A by its factor; False if A is not positive definite.
 
     The diagonal takes the reciprocals of the factor's, so that later loops need not divide.
     """

@@ -35,13 +35,13 @@ class SchurSettings:
     most_dense : int
         Most kept unknowns of a dense Schur complement.
     square_per_entry : float
-        The square of their number may be this many times the number of entries of the matrix:
-        beyond, products with the dense complement cost more than those with the sparse matrix.
+        Largest square of the number of kept unknowns, over the number of entries of the matrix. For
+        more unknowns products with the dense complement cost more than with the sparse matrix.
     fewest_sparse : int
-        A complement of at least so many unknowns stays sparse, if few of them meet the interior: at
-        most half of them, and no more than the rows of the widest band.
+        A complement of at least so many unknowns stays sparse if few of them are coupled to the
+        interior: at most half of them, and no more than the rows of the widest band.
     block : int
-        Right sides that are solved for at once while a dense complement is made.
+        Right sides that are solved for together while a dense complement is made.
     """
 
     most_dense: int = 1200
@@ -54,7 +54,7 @@ SETTINGS = SchurSettings()
 
 
 def condensing_pays(A: Any, kept: IntArray) -> bool:
-    """Whether problems that change A on its ``kept`` unknowns alone are cheaper condensed."""
+    """Whether problems that change A on its ``kept`` unknowns alone are cheaper if condensed."""
     if isinstance(A, np.ndarray):
         return kept.size < len(A)
     most = min(SETTINGS.most_dense, np.sqrt(SETTINGS.square_per_entry * A.nnz))
@@ -64,7 +64,7 @@ def condensing_pays(A: Any, kept: IntArray) -> bool:
 def condensed(A: Any, kept: IntArray, most: int = 0) -> Uncondensed:
     """Schur complement of A on its ``kept`` unknowns where that pays, else A itself.
 
-    With at most ``most`` kept unknowns it is made in any case.
+    With at most ``most`` kept unknowns the complement is made in any case.
     """
     if kept.size <= most or condensing_pays(A, kept):
         return SchurComplement(A, kept)
@@ -72,7 +72,7 @@ def condensed(A: Any, kept: IntArray, most: int = 0) -> Uncondensed:
 
 
 def _narrow_border(A: Any, kept: IntArray) -> IntArray:
-    """Places among the kept unknowns of those that meet the interior, if they are few of many."""
+    """Places of the kept unknowns that are coupled to the interior; empty if they are too many."""
     if isinstance(A, np.ndarray) or kept.size < SETTINGS.fewest_sparse:
         return np.zeros(0, dtype=np.intp)
     others = np.setdiff1d(np.arange(A.shape[0]), kept)
@@ -82,7 +82,7 @@ def _narrow_border(A: Any, kept: IntArray) -> IntArray:
 
 
 class Uncondensed:
-    """The interface of `SchurComplement` for a matrix that is not condensed: all is kept."""
+    """The interface of `SchurComplement` for a matrix of which all unknowns are kept."""
 
     def __init__(self, A: Any) -> None:
         self.A, self._factorise = A, Factoriser()
@@ -121,7 +121,7 @@ class SchurComplement(Uncondensed):
     ----------
     A : ndarray or sparse array, shape (n, n)
     kept : ndarray of int, shape (k,)
-        Sorted.
+        Kept unknowns in increasing order.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class SchurComplement(Uncondensed):
     solve_interior : callable
         Solver of A_rr.
     complement : ndarray or csr_array, shape (k, k)
-        S; sparse if many unknowns are kept and few of them meet the interior.
+        S; sparse if many unknowns are kept and few of them are coupled to the interior.
     """
 
     def __init__(self, A: Any, kept: IntArray) -> None:
@@ -178,8 +178,8 @@ class SchurComplement(Uncondensed):
 def _dense_complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
     """Dense Schur complement.
 
-    For large matrices it is the product of the last pivot blocks of one factorisation of A with the
-    kept unknowns last, instead of a solution with A_rr for each kept unknown.
+    For large matrices it is the product of the last pivot blocks of a factorisation of A that has
+    the kept unknowns last. That replaces a solution with A_rr for each kept unknown.
     """
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):

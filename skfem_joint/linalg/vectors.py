@@ -1,8 +1,8 @@
-"""Operations on vectors that formulas are written in once, for NumPy and for compiled loops.
+"""Operations on vectors for functions that run both in Python and in compiled loops.
 
-A function that uses only these, loops over few entries and slices runs as it is in Python, on
-sparse or dense matrices. Compiled, it gets the loops of :mod:`skfem_joint.linalg.kernels` in their
-place, which allocate nothing. So :mod:`skfem_joint.stepping.energy` needs no second version.
+A function that uses only these operations, slices, and loops over few entries runs in Python on
+sparse or dense matrices. In compiled code the loops of :mod:`skfem_joint.linalg.kernels` replace
+the operations, and allocate no memory. So :mod:`skfem_joint.stepping.energy` has a single version.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 - a chain (H tridiagonal, each slip an unknown):
   :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
 - any other H with each slip an unknown:
-  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, condensed to the contact where
-  that is cheaper;
-- dense H with slips that depend on each other, as reduction makes them:
+  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, or
+  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper;
+- dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
 """
@@ -14,6 +14,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
 
 
@@ -27,10 +30,9 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
     points : ContactPoints
     kind : str
         "linear", "chain", "contact" or "dense", see
-        :func:`skfem_joint.stepping.arrangement.arranged`. The compiler is loaded for the last three
-        only.
+        :func:`skfem_joint.stepping.arrangement.arranged`. Only the last three load the compiler.
     condense : bool
-        Whether a problem of kind "contact" may be condensed to the contact, which pays where it is
+        Whether a problem of kind "contact" may be condensed to the contact. That pays if it is
         minimised more than once.
     """
     if kind == "linear":
@@ -43,6 +45,9 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
         from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
         return PrimalDualNewton(H, points)
-    from skfem_joint.minimise.truncated_newton import TruncatedNewton, truncated_newton
+    from skfem_joint.minimise.condensed_newton import CondensedNewton
+    from skfem_joint.minimise.truncated_newton import TruncatedNewton
 
-    return truncated_newton(H, points) if condense else TruncatedNewton(H, points)
+    limited = np.unique(points.unknowns[points.on_rows(points.w) > 0.0])
+    pays = condense and condensing_pays(H, limited)
+    return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)

@@ -1,6 +1,7 @@
-"""What the compiled loop over steps needs of a compiled step problem: two generic functions.
+"""Protocol of step problems that are minimised inside the compiled loop over time steps.
 
-Each method with compiled steps implements both for its own kind of problem, a named tuple.
+The loop calls two generic functions, `minimise_step` and `slips`. Each method with compiled steps
+implements both for a named tuple of its own, which holds the problem.
 """
 
 # mypy: allow-untyped-defs
@@ -32,9 +33,9 @@ class Places(NamedTuple):
 def row_order(directions: NDArray[np.int64]) -> tuple[IntArray, IntArray]:
     """Order of slip rows and points in which loops along points need no branches.
 
-    First rows of all points come before the second rows of those that have one, and these points
-    come first. ``directions``, (m,), is 1 or 2 for each point. Returns the row at each place,
-    (rows,), and the point at each place, (m,).
+    The first rows of all points come before the second rows. Points with two rows come first.
+    ``directions``, (m,), is 1 or 2 for each point. Returns the row at each place, (rows,), and the
+    point at each place, (m,).
     """
     first = np.cumsum(directions) - directions
     pair = directions == 2
@@ -43,7 +44,7 @@ def row_order(directions: NDArray[np.int64]) -> tuple[IntArray, IntArray]:
 
 
 class Outcome(NamedTuple):
-    """Work and residual of one compiled minimisation.
+    """Work and residual of a compiled minimisation.
 
     Attributes
     ----------
@@ -69,14 +70,14 @@ class Outcome(NamedTuple):
 def minimise_step(problem, workspace, right, v, tolerance):
     """Minimise from the velocity ``v`` of the step before; returns an `Outcome`.
 
-    Leaves velocity and friction in ``workspace.velocity`` and ``workspace.force``. What the
-    workspace remembers for later steps is changed only if the minimisation converged.
+    The velocity and the friction are left in ``workspace.velocity`` and ``workspace.force``. Values
+    that the workspace keeps for later steps change only if the minimisation converged.
     """
     raise NotImplementedError
 
 
-def slips(problem, x, room):
-    """Slip of all rows of a problem from displacements ``x``: in ``room``, or ``x`` itself."""
+def slips(problem, x, out):
+    """Slip of all rows from displacements ``x``: written to ``out``, or ``x`` itself."""
     raise NotImplementedError
 
 
@@ -94,7 +95,7 @@ class CompiledStepProblem(StepProblem, Protocol):
     places : Places
         Of the system's rows and points among those of the kernel.
     steps_per_second : int
-        Steps that surely take less than a second.
+        Number of steps that take less than a second on any computer.
     """
 
     kernel: Any

@@ -1,15 +1,15 @@
 """Front elimination, for chains: H is tridiagonal, and each unknown has at most one slip row.
 
 Under set-valued Coulomb friction a point that sticks separates its neighbours, so that elimination
-can decide stick and slip on its way. Towards a meeting point at rest each point slips if it would
-with its inner neighbour at the velocity of before, and on the way back each obeys its law. One such
-pass moves a slip front over any number of nodes, where Newton's method moves it by about one. The
-first pass starts from rest: from the velocities of the last step, passes may alternate between two
-wrong states.
+can decide between stick and slip as it proceeds. It runs from both ends to a meeting point at rest.
+On the way in, a point slips if it would with its inner neighbour at its previous velocity; on the
+way back each point obeys its law. Such a pass moves a slip front over any number of nodes, Newton's
+method by about one node. The first pass starts from rest: from the velocities of the last step,
+passes may alternate between two wrong states.
 
-Where a law is regularised, or passes fail, :mod:`skfem_joint.minimise.minty_newton` solves the
-problem, from the parameters extrapolated over the last two steps. After a slow step it starts, for
-a while, from Coulomb's solution (on short chains) or nested (on long ones).
+If a law is regularised, or the passes fail, :mod:`skfem_joint.minimise.minty_newton` solves the
+problem. It starts from parameters extrapolated over the last two steps. For some steps after a slow
+step it starts from Coulomb's solution (on short chains) or from coarser chains (on long chains).
 """
 
 # numba infers the types of compiled functions:
@@ -40,19 +40,19 @@ class FrontSettings(NamedTuple):
     Attributes
     ----------
     passes : int
-        Most passes; where so many are not enough, more seldom are.
+        Most passes; more passes seldom help.
     round_off : float
         Accepted residual in units of the forces that are added up.
     kappa : float
         Scale of the graph's parameter times the largest velocity that friction can change in a
-        step, max |H^-1 w|. Measured: 1 to 5 do; from 10 on steps fail to converge, and scales taken
+        step, max |H^-1 w|. Measured: 1 to 5 work; from 10 on steps fail to converge, and scales
         from the diagonal of H fail on fine meshes because they grow with the mesh.
     shortest : int
         Shorter chains are not coarsened.
     slow, persistence : int
-        Iterations that make a step slow, and the steps after one for which the start is another.
+        A step with more iterations is slow; the special start serves so many steps after it.
     longest : int
-        Longest chain whose other start is Coulomb's solution.
+        Longest chain for which the special start is Coulomb's solution.
     """
 
     passes: int = 8
@@ -108,16 +108,16 @@ class Chain(NamedTuple):
 
 
 class ChainWorkspace(NamedTuple):
-    """What steps of a chain remember, and arrays that they work in.
+    """Values that steps of a chain keep for later steps, and arrays to work in.
 
     Attributes
     ----------
     parameter, old_parameter : ndarray, shape (n,)
-        Parameters of the graph at the last step and the one before.
+        Parameters of the graph at the last step and at the step before.
     scale : ndarray, shape (1,)
-        The kappa that they belong to, s/m.
+        The kappa of these parameters, s/m.
     wary : ndarray of int, shape (1,)
-        Steps left in which not to start from the steps before.
+        Remaining steps with the special start that follows a slow step.
     middle : ndarray of int, shape (1,)
         Node at which eliminations met last.
     velocity, force : ndarray, shape (n,)
@@ -165,7 +165,7 @@ def chain_workspace(n: int) -> ChainWorkspace:
 
 
 def _levels_of(n: int) -> NDArray[np.int64]:
-    """Where the levels of a chain of ``n`` unknowns begin, and where the last one ends."""
+    """Begin of each level of a chain of ``n`` unknowns, and the end of the last level."""
     starts = [0, n]
     while n >= SETTINGS.shortest:
         n = (n + 1) // 2
@@ -220,8 +220,8 @@ def _halved(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Galerkin projection of a chain on every second node: P^T H P and P^T w.
 
-    P has 1 at a coarse node and 1/2 at its neighbours. Written out, because a step size that is
-    used once should not cost more than its steps.
+    P has 1 at a coarse node and 1/2 at its neighbours. The products are written out because sparse
+    products would take longer than a few steps.
     """
     diagonal = np.concatenate([[0.0], H0, [0.0]])
     off = np.concatenate([[0.0], H1, [0.0]])  # off[i] couples nodes i - 1 and i
@@ -260,18 +260,18 @@ def _meeting_point(v, middle):
 def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
     """Eliminate from both ends to the meeting point, deciding stick and slip on the way.
 
-    A point slips if it would with its inner neighbour at the velocity that ``v`` has for it.
-    Leaves the sign of the slip in ``slip`` and, in ``v``, the velocity with the inner neighbour
-    at rest. Runs of points in the same state have loops of their own: the next point then need
-    not wait for the decision on the one before.
+    A point slips if it would with its inner neighbour at the velocity that ``v`` has for it. The
+    sign of the slip is left in ``slip``, and in ``v`` the velocity with the inner neighbour at
+    rest. Runs of points in the same state have loops of their own, so that a point need not wait
+    for the decision on the previous point.
     """
-    # Unsigned indices, which wrap: signed ones are checked for counting from an array's end.
-    one, end = np.uint64(1), np.uint64(middle)
+    # Indices are unsigned and wrap around: numba tests signed indices for counting from the end.
+    forward, end = np.uint64(1), np.uint64(middle)
     t = g[end]
     diagonal = H0[end]
     for side in range(2):
-        way = one if side == 0 else -one
-        inner = np.uint64(0) if side == 0 else -one  # H1[j + inner] is inside of point j
+        way = forward if side == 0 else -forward
+        inner = np.uint64(0) if side == 0 else -forward  # H1[j + inner] is inside of point j
         j = np.uint64(0) if side == 0 else np.uint64(v.size - 1)
         first = j  # where the stretch of slipping points begins
         x = 0.0
@@ -308,11 +308,11 @@ def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
 @compiled_inside
 def _outwards(H0, H1, w, hold, pivot, g, v, slip, middle):
     """Go back to the ends: each point obeys its law at the inner neighbour's new velocity."""
-    one, start = np.uint64(1), np.uint64(middle)
+    forward, start = np.uint64(1), np.uint64(middle)
     for side in range(2):
-        way = one if side == 1 else -one
-        inner = np.uint64(0) if side == 0 else -one
-        end = -one if side == 0 else np.uint64(v.size)
+        way = forward if side == 1 else -forward
+        inner = np.uint64(0) if side == 0 else -forward
+        end = -forward if side == 0 else np.uint64(v.size)
         i = start + way
         x = v[start]
         while i != end:
@@ -342,7 +342,7 @@ def _outwards(H0, H1, w, hold, pivot, g, v, slip, middle):
 
 @compiled_inside
 def _friction_and_residual(H0, H1, w, g, v, friction, r):
-    """Friction that holds the points at rest and opposes the others, and what it leaves over."""
+    """Friction that holds the points at rest and opposes the others, and the residual."""
     last = v.size - 1
     r[0] = H0[0] * v[0] - g[0]
     if last > 0:
@@ -357,7 +357,7 @@ def _friction_and_residual(H0, H1, w, g, v, friction, r):
 
 @compiled_inside
 def _beyond(x, bound):
-    """How many entries are larger than a bound, or not numbers."""
+    """Number of entries that are larger than a bound, or not numbers."""
     count = 0
     for i in range(x.size):
         count += not abs(x[i]) <= bound
@@ -365,14 +365,16 @@ def _beyond(x, bound):
 
 
 @compiled
-def eliminate_fronts(
-    H0, H1, w, hold, pivot, stretch, kappa, g, s, v, sigma, slip, r, middle, tolerance
-):
-    """Passes of elimination that decide stick and slip on their way, the first from rest.
+def eliminate_fronts(chain, workspace, g, hold, tolerance):
+    """Passes of elimination that decide between stick and slip, the first from rest.
 
-    Returns the number of passes, whether the last one solves the problem, and the node at which it
-    met. Results are in ``v``, ``sigma`` and ``s``; ``slip`` and ``r`` are worked in.
+    ``g`` is the right side, (n,), and ``hold`` the largest force at which each point sticks, N.
+    Returns the number of passes, and whether the last pass solves the problem. Results are in
+    ``velocity``, ``force`` and ``new_parameter`` of the workspace.
     """
+    H0, H1, w, pivot, stretch = chain.H0, chain.H1, chain.w, chain.pivot, chain.stretch
+    v, sigma, s = workspace.velocity, workspace.force, workspace.new_parameter
+    slip, r, middle = workspace.work[2], workspace.work[4], workspace.middle[0]
     bound = tolerance * largest_of(g)
     for i in range(v.size):
         v[i] = 0.0
@@ -393,32 +395,22 @@ def eliminate_fronts(
     if converged:
         for i in range(v.size):
             sigma[i] = sigma[i] / w[i] if hold[i] > 0.0 else 0.0
-            s[i] = kappa * v[i] + sigma[i]
-    return passes, converged, middle
+            s[i] = chain.kappa * v[i] + sigma[i]
+    workspace.middle[0] = middle
+    return passes, converged
 
 
 @compiled_for(minimise_step, Chain)
 def _minimise_chain(problem, workspace, right, v, tolerance):
-    """Fronts where no law is regularised or the last steps were slow; then Newton on the graph."""
+    """Passes of elimination for Coulomb friction or after slow steps; then Newton on the graph."""
     chain, n = problem, right.size
-    s, s_new, slip, r = (
-        workspace.parameter,
-        workspace.new_parameter,
-        workspace.work[2],
-        workspace.work[4],
-    )
+    s, s_new = workspace.parameter, workspace.new_parameter
     v_new, sigma_new, wary = workspace.velocity, workspace.force, workspace.wary[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
     if chain.mixed == 2:
-        count, converged, workspace.middle[0] = eliminate_fronts(
-            chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
-        )  # fmt: skip
+        count, converged = eliminate_fronts(chain, workspace, right, chain.hold, tolerance)
     elif wary > 0 and n <= SETTINGS.longest:
-        count, near, workspace.middle[0] = eliminate_fronts(
-            chain.H0, chain.H1, chain.w, chain.w, chain.pivot, chain.stretch, chain.kappa, right,
-            s_new, v_new, sigma_new, slip, r, workspace.middle[0], tolerance,
-        )  # fmt: skip
+        count, near = eliminate_fronts(chain, workspace, right, chain.w, tolerance)
         if near:
             graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
     if not converged:
@@ -443,8 +435,8 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
 
 
 @compiled_for(slips, Chain)
-def _slips_of_chain(problem, x, room):
-    """The unknowns themselves: each is a slip, of a point without friction where it is none."""
+def _slips_of_chain(problem, x, out):
+    """The unknowns themselves; those that are no slips count as points without friction."""
     return x
 
 
@@ -461,7 +453,7 @@ class FrontElimination:
     points : ContactPoints
         Each row of ``B`` picks an unknown of its own.
     workspace : ChainWorkspace, optional
-        Shared with problems of other matrices; a new one if not given.
+        Shared with problems of other matrices; made if not given.
     """
 
     remembered = ("parameter", "old_parameter", "scale", "wary", "middle")
@@ -478,7 +470,7 @@ class FrontElimination:
         w[contact] = points.w
         self._matrix = matrix
         self.kernel = build_chain(matrix, w, self._by_unknown(points.beta))
-        self._law = points.beta, self.kernel  # of the last call of `minimise` with another one
+        self._law = points.beta, self.kernel  # of the last call of `minimise` with another law
         self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
         self.steps_per_second = max(1, 200_000 // n)
 
@@ -509,7 +501,7 @@ class FrontElimination:
         space.scale[:] = chain.kappa
 
     def compile(self) -> None:
-        """See `StepProblem`; what steps remember is left alone."""
+        """See `StepProblem`; values kept for later steps do not change."""
         FrontElimination(self.H, self.points).minimise(np.zeros(self.limits.size))
 
     def minimise(
@@ -533,11 +525,7 @@ class FrontElimination:
         converged, residual, unknown = False, 0.0, 0
         g = np.ascontiguousarray(g)
         if chain.mixed == 2:
-            passes, converged, space.middle[0] = eliminate_fronts(
-                chain.H0, chain.H1, chain.w, chain.hold, chain.pivot, chain.stretch, chain.kappa, g,
-                space.new_parameter, space.velocity, space.force, space.work[2], space.work[4],
-                space.middle[0], tolerance,
-            )  # fmt: skip
+            passes, converged = eliminate_fronts(chain, space, g, chain.hold, tolerance)
         if not converged:
             space.rights[: g.size] = g
             space.new_parameter[:] = space.parameter if chain.mixed < 2 else 0.0

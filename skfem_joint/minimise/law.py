@@ -14,9 +14,9 @@ depends on its norm; its potential is psi of the norm.
 This is the only place of the law. Everything derives from the scalar functions of its first
 section, in terms of the normalised speed z = beta |v|: force, slope, potential, inverse, and two
 facts about the law's graph. A new law of the same kind (no memory, odd, rising to 1) replaces that
-section. The rest of the module is what the solvers evaluate:
+section. The rest of the module serves the solvers:
 
-- at one point: `sigma`, `slope`, `psi`, `sticks`, and `resolvent`, the solution of
+- at a point: `sigma`, `slope`, `psi`, `sticks`, and `resolvent`, the solution of
   k v + sigma(v) = x, with which a point is relaxed while its neighbours stay;
 - along many points of a compiled loop: `forces`, and the graph of the law in a parameter s
   (Minty's): `graph` gives v(s) and sigma(s) with derivatives, `graph_parameters` is its inverse;
@@ -45,9 +45,8 @@ REGULAR, COULOMB, FREE = 0, 1, 2
 _TWO_OVER_PI = 2.0 / pi
 _TAN_1 = tan(pi / 8.0)
 _TAN_3 = tan(3.0 * pi / 8.0)
-#: Coefficients of arctan(t) / t - 1 in t^2, from the highest power down: interpolation at the
-#: Chebyshev nodes of |t| <= tan(pi/8), computed with 60 digits.
-_HIGHEST = 0.015113765096600925
+#: Coefficients of arctan(t) / t - 1 in powers of t^2 below the 12th, from the highest down. They
+#: interpolate at the Chebyshev nodes of |t| <= tan(pi/8), and were computed with 60 digits.
 _LOWER = (
     -0.03338782450121195, 0.04499500728984032, -0.05217312574061591, 0.05876834004614161,
     -0.06666205259976526, 0.07692281099937744, -0.09090908059031191, 0.11111111085322109,
@@ -69,7 +68,7 @@ def arctangent(z):
     offset = 0.5 * pi if steep else (0.25 * pi if middle else 0.0)
     t = numerator / denominator
     q = t * t
-    p = _HIGHEST
+    p = 0.015113765096600925  # coefficient of the 12th power
     for c in _LOWER:
         p = p * q + c
     return offset + (t + t * (q * p))
@@ -83,7 +82,7 @@ def force_of(z):
 
 @compiled_inside
 def force_alone(z):
-    """`force_of` by the library's arctangent: faster where points are evaluated one at a time."""
+    """`force_of` by the library's arctangent: faster for a point alone, outside of loops."""
     return _TWO_OVER_PI * atan(z)
 
 
@@ -111,7 +110,7 @@ WIDTH = 0.5 * pi
 # The parameter of the graph compares the law with z / (z + 1), whose resolvent has a closed form.
 # That law need not be close; it must rise to 1 in a width of the same order.
 
-# At one point
+# At a point
 
 
 @compiled
@@ -148,7 +147,7 @@ def psi(v, beta):
 def sticks(force, limit):
     """Whether a Coulomb point at rest stays at rest: friction up to the limit balances the force.
 
-    It is the one rule of sticking: of single points, of slip fronts on chains, of restarts.
+    All methods use this rule: for single points, for slip fronts on chains, and for restarts.
     """
     return abs(force) <= limit
 
@@ -197,7 +196,7 @@ def graph(kind, mixed, kappa, inverse_beta, s, v, force, dv, dforce):
     For Coulomb friction v and sigma solve kappa v + sigma = s (Minty's parametrisation). For the
     regularised law v solves this with the comparison law z / (z + 1), z = beta v, which has a
     closed form, and sigma is the law's force at that v: the point lies on the law's graph to
-    round-off, for one square root and one arctangent. Both v(s) and sigma(s) have bounded slopes
+    round-off, for a square root and an arctangent. Both v(s) and sigma(s) have bounded slopes
     however large beta is, so that a Newton iteration on s does not degrade. Points without friction
     have v = s / kappa.
 
@@ -220,7 +219,7 @@ def graph(kind, mixed, kappa, inverse_beta, s, v, force, dv, dforce):
             m = abs(s[i])
             b = m - 1.0 - k
             root = sqrt(b * b + 4.0 * k * m)
-            beyond = b > 0.0  # of the two forms of the root, the one without cancellation
+            beyond = b > 0.0  # choose the form of the root without cancellation
             z = (b + root if beyond else 2.0 * m) / (2.0 * k if beyond else root - b)
             dz = (z + 1.0) / root
             v[i] = copysign(z * inverse_beta[i], s[i])

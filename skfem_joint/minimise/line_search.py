@@ -1,11 +1,11 @@
-"""The exact line search that both Newton methods on velocities use.
+"""The exact line search of both Newton methods on velocities.
 
 Along a direction d the objective has the derivative
 
     linear + length * quadratic + d/dlength sum w psi(|B (v + length d)|),
 
-which rises with the length. Its root is bracketed and found by regula falsi with a margin. Only the
-derivative is used, so that the round-off of the objective itself sets no limit.
+which rises with the length. Its root is bracketed and computed by regula falsi with a margin. Only
+the derivative is used, so that the round-off of the objective itself sets no limit.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -24,12 +24,12 @@ class SearchSettings(NamedTuple):
     Attributes
     ----------
     trials : int
-        Most lengths that are tried; each cuts the bracket by at least the margin.
+        Largest number of lengths tried; each cuts the bracket by at least the margin.
     margin : float
-        Share of the bracket at both ends that a trial keeps away from.
+        Share of the bracket at each end in which no length is tried.
     short, beyond : float
-        A length is accepted where the derivative has fallen to this share of its first value, short
-        of the minimum and beyond it.
+        A length is accepted if the derivative has fallen to this share of its first value: short of
+        the minimum, and beyond it.
     """
 
     trials: int = 60
@@ -50,8 +50,8 @@ def friction_slope(line, length):
 def line_search(line, slope_0, linear, quadratic):
     """Length along a direction at which the objective is nearly least, and the evaluations.
 
-    ``slope_0`` is the derivative at length 0. The full step is accepted wherever it is short of the
-    minimum. Also returns whether the last evaluation was at the length that is returned.
+    ``slope_0`` is the derivative at length 0. The full step is accepted if it is short of the
+    minimum. Third comes whether the last evaluation was at the length that is returned.
     """
     if not slope_0 < 0.0:
         return 1.0, 0, False  # no descent left but round-off: the full step

@@ -1,16 +1,16 @@
-"""Newton's method on the law's graph, for chains: three tiers, each tried when the last one stalls.
+"""Newton's method on the law's graph, for chains: three tiers, each tried if the last has failed.
 
 The unknown is the parameter s of the law's graph (Minty's, :func:`skfem_joint.minimise.law.graph`),
 not the velocity: v(s) and sigma(s) are smooth with bounded slopes however steep the law is.
 
-1. Newton from the start that is given. Coulomb points that flip between stick and slip in a cycle
-   are flipped one at a time once their number no longer falls, which ends after finitely many flips
-   (Judice and Pires, Computers Ops Res. 21, 1994).
-2. Nested iteration: the same problem on a hierarchy of coarser chains (Galerkin), each level
-   starting from the one below it. The slip front then moves by a few nodes only on each level, and
-   the work stays proportional to the number of nodes.
-3. Gauss-Seidel sweeps on the convex objective, which decrease it and converge from anywhere, with
-   Newton steps accepted only where they decrease it further.
+1. Newton from the given start. Coulomb points may flip between stick and slip in a cycle. Once the
+   number of flips no longer falls only a single point is flipped at a time, which ends after
+   finitely many flips (Judice and Pires, Computers Ops Res. 21, 1994).
+2. Nested iteration: the same problem on a hierarchy of coarser chains (Galerkin). Each level starts
+   from the solution on the next coarser level. The slip front then moves by a few nodes only on
+   each level, and the work stays proportional to the number of nodes.
+3. Gauss-Seidel sweeps on the convex objective, which decrease it and converge from any start, with
+   Newton steps accepted only if they decrease it further.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
@@ -46,11 +46,11 @@ class TierSettings(NamedTuple):
     level : int
         Newton iterations on each level.
     level_tolerance : float
-        Tolerance on coarse levels, whose solutions are starts only.
+        Tolerance on coarse levels, whose solutions only serve as starts.
     free_flips : int
         Iterations after which flips between stick and slip are watched.
     patience : int
-        Iterations in which the number of flips may fail to fall before they are done one at a time.
+        Iterations in which the number of flips may fail to fall before single flips are made.
     sweeps, newton_steps : int
         Descents of the third tier, and Newton steps in each.
     round_off : float
@@ -85,7 +85,7 @@ def _residual(H0, H1, w, g, v, sigma, r):
     row = 0
     for i in range(n):
         size = abs(r[i])
-        if not size <= largest and largest == largest:  # once not a number, it stays so
+        if not size <= largest and largest == largest:  # if not a number, it stays so
             largest = size
             row = i
     return largest, row
@@ -106,11 +106,11 @@ def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
 
     No pivoting: the matrix is symmetric positive definite up to its column scaling (with unit
     columns where Coulomb points stick). Elimination runs from both ends to the middle: two
-    independent chains of divisions take little longer than one.
+    independent sequences of divisions take little longer than a single sequence of the same length.
     """
     n = r.size
     middle = n // 2
-    # What the points before take from the next one's pivot and right side, from both ends.
+    # Updates of the next pivot and right side by the eliminated points, from both ends.
     taken, moved, other_taken, other_moved = 0.0, 0.0, 0.0, 0.0
     for j in range(middle):
         # From the first row down ...
@@ -234,7 +234,7 @@ def _sweep(chain, g, v, sigma, s):
 
 @compiled
 def _descend(chain, g, s, work, trial, tolerance):
-    """Third tier: sweeps, and Newton steps accepted where the objective decreases; as `_newton`."""
+    """Third tier: sweeps, and Newton steps that decrease the objective; returns as `_newton`."""
     n = chain.start[1]
     v, sigma = work[0, :n], work[1, :n]
     # Plain integers: numba compiles a function once more for each literal argument.
@@ -260,7 +260,7 @@ def _descend(chain, g, s, work, trial, tolerance):
 
 @compiled
 def _nested(chain, g, s, work, tolerance):
-    """Second tier: solve coarse to fine, each level from the one below it; as `_newton`."""
+    """Second tier: solve from coarse to fine; returns the same as `_newton`."""
     start = chain.start
     levels = start.size - 1
     for k in range(levels - 1):

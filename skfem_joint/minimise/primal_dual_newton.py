@@ -7,13 +7,13 @@ method runs on the velocity itself, with an exact line search on the strictly co
 
 It is globally convergent for a finite beta, and never failed on reduced models.
 
-The law's slope at an iterate says little of a point whose velocity has been thrown out of the law's
-steep part. The tangent used here lies between force over velocity and that slope, in the ratio in
-which the force that the last iteration predicted lies between zero and the law's: the primal-dual
-Newton method (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20, 1999), which has the same fixed point
-and order. Two bolted solids with 44 unknowns took 11 iterations a step with the slope alone and 48
-evaluations of friction, and take 7.2 and 10 with it; 9.0 and 12, a tenth faster, where a factor is
-reused while it reduces the residual tenfold. Only iterations that make a new factor are counted.
+Far from v = 0 the arctangent is almost flat, and Newton's method with its slope overshoots. The
+tangent used here lies between force over velocity and that slope, in the ratio in which the force
+predicted by the last iteration lies between zero and the law's. This is the primal-dual Newton
+method (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20, 1999). It has the same solution and order
+of convergence. Two bolted solids with 44 unknowns took 11 iterations a step with the slope alone
+and 48 evaluations of friction, and take 7.2 and 10 with it; 9.0 and 12, a tenth faster, where a
+factor is reused while it reduces the residual tenfold. Only iterations with a new factor count.
 
 Set-valued Coulomb friction, for quasi-static increments, is the limit of ever steeper laws.
 """
@@ -64,8 +64,8 @@ class PrimalDualSettings(NamedTuple):
     steeper : tuple of float
         Coulomb friction: beta times the largest slip of the laws in turn.
     stiffest : float
-        The last law is no steeper than makes its stiffness this many times the least stiffness,
-        which round-off would hide beyond.
+        Largest stiffness of the last law over the least stiffness of the structure, which round-off
+        would hide if the law were steeper.
     """
 
     iterations: int = 200
@@ -107,7 +107,7 @@ class Dense(NamedTuple):
 
 
 class DenseWorkspace(NamedTuple):
-    """What steps remember, what the last one found, and arrays to work in.
+    """Values that steps keep for later steps, results of the last step, and arrays to work in.
 
     Attributes
     ----------
@@ -116,13 +116,13 @@ class DenseWorkspace(NamedTuple):
     old_force : ndarray, shape (rows,)
         Normalised friction before the last step.
     predicted : ndarray, shape (rows,)
-        Friction as the last iteration predicted it, or the last two steps, N.
+        Friction predicted by the last iteration, or extrapolated from the last two steps, N.
     velocity, force, slip : ndarray, shape (n,), (rows,) and (rows,)
         Result of the last minimisation: velocity, normalised friction, slip velocity.
     size, ratio : ndarray, shape (m,)
-        Norms of slip vectors, and force over norm; empty where all points have one row.
+        Norms of slip vectors, and force over norm; empty if each point has a single row.
     r, A, d_slip, trial, weight, scaled, cross : ndarray
-        Worked in.
+        Arrays to work in.
     """
 
     old_velocity: Any
@@ -318,7 +318,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     """Minimise the step's objective, from the velocity extrapolated over the last two steps.
 
     The minimiser is left in ``space.velocity``, its slips in ``space.slip`` and its forces in
-    ``space.force``, each with one entry for each slip row.
+    ``space.force``, with an entry for each slip row.
     """
     space = workspace
     H, contact = problem
@@ -349,9 +349,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
             break
-        if (
-            iteration == 0 or not largest < SETTINGS.reuse * last
-        ):  # else the last factor is used again
+        if iteration == 0 or not largest < SETTINGS.reuse * last:  # else reuse the last factor
             tangents += 1
             _tangent(H, contact, slip, sigma, space)
             if not cholesky(A):
@@ -391,9 +389,9 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
 
 
 @compiled_for(slips, Dense)
-def _slips_of_dense(problem, x, room):
-    _slip(problem.contact.B, x, room)
-    return room
+def _slips_of_dense(problem, x, out):
+    _slip(problem.contact.B, x, out)
+    return out
 
 
 @compiled
@@ -414,7 +412,7 @@ class PrimalDualNewton:
     points : ContactPoints
         Any slip rows.
     workspace : DenseWorkspace, optional
-        Shared with problems of other matrices; a new one if not given.
+        Shared with problems of other matrices; made if not given.
     """
 
     remembered = ("old_velocity", "old_force", "predicted")
@@ -448,7 +446,7 @@ class PrimalDualNewton:
         """See `CompiledStepProblem`: nothing depends on the matrix."""
 
     def compile(self) -> None:
-        """See `StepProblem`; what steps remember is left alone."""
+        """See `StepProblem`; values kept for later steps do not change."""
         none = np.zeros(len(self.H))
         PrimalDualNewton(self.H, self.points)._minimise(none, none, 1.0)
 
@@ -461,7 +459,7 @@ class PrimalDualNewton:
     ) -> Minimum:
         """See `StepProblem`; Coulomb friction is approached by ever steeper laws.
 
-        The last one is as steep as the largest slip of the one before asks for.
+        The steepness of each law follows from the largest slip under the law before.
         """
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 1.0)
         coulomb = np.isinf(law)
@@ -520,7 +518,7 @@ class PrimalDualNewton:
         return self._stuck
 
     def _from_stuck(self, g: FloatArray) -> FloatArray:
-        """Start where nothing is known: springs at all points in place of friction."""
+        """Solution with springs at all points in place of friction, as a start."""
         return np.asarray(self._stiff()[0](g))
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:

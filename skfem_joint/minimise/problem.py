@@ -1,4 +1,4 @@
-"""The step problem: one strictly convex minimisation for every implicit step.
+"""The step problem: the strictly convex minimisation that every implicit step is.
 
     minimise over v:   1/2 v H v - g v + sum_p w_p psi(|(B v)_p|)
 
@@ -10,7 +10,7 @@ contact points; quasi-static increments have the stiffness and the increment of 
 `StepProblem` is the protocol; :func:`skfem_joint.minimise.choice.step_problem` chooses the method.
 
 Two extensions fit into this form. Contact that opens adds a convex term of the normal velocity at
-each point: a further row of the point in B, and one more summand beside psi. A spring in series
+each point: a further row of the point in B, and a further summand beside psi. A spring in series
 with friction changes psi of a point (to its Moreau envelope, still convex) and so its block of the
 tangent. Both would enter where a method evaluates a point: force, block of the tangent, and
 relaxation of the point alone.
@@ -105,7 +105,7 @@ class ContactPoints:
         return (self.w > 0.0) & np.isinf(self.beta)
 
     def at_rest(self, slip: FloatArray) -> BoolArray:
-        """Points with Coulomb friction whose ``slip``, (rows,), is zero, (m,): these may stick."""
+        """Whether each point, (m,), may stick: Coulomb friction and zero ``slip``, (rows,)."""
         if not self._coulomb.any():
             return self._coulomb
         resting: BoolArray = slip_norms(slip, self.directions) == 0.0
@@ -159,26 +159,26 @@ class StepProblem(Protocol):
         """Value at ``v`` of what is minimised, W."""
 
     def with_matrix(self, H: Any) -> StepProblem:
-        """Same points with another matrix; what is remembered of earlier steps is shared."""
+        """Same points with another matrix; values kept from earlier steps are shared."""
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """All that later minimisations depend on beside their arguments, for a checkpoint."""
+        """Values that later minimisations depend on beside their arguments, for a checkpoint."""
 
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See that arrays are such as `saved` gives; ValueError naming what is not."""
+        """Check arrays for what `saved` returns; ValueError names the first that is wrong."""
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
-        """Take up what `saved` gave."""
+        """Continue with the values that `saved` returned."""
 
     def forget(self) -> None:
-        """Drop all that earlier minimisations left: the next one depends on its arguments alone."""
+        """Drop all values of earlier minimisations: the next depends on its arguments alone."""
 
     def compile(self) -> None:
-        """Compile all that `minimise` needs, without minimising."""
+        """Compile all functions that `minimise` calls, without minimising."""
 
 
 class LinearProblem:
-    """Step problem without friction: one factor, one solution for each right side."""
+    """Step problem without friction: a linear system, factorised once."""
 
     def __init__(self, H: Any, points: ContactPoints) -> None:
         self.H, self.points, self.factorizations = H, points, 1

@@ -1,19 +1,19 @@
 """Truncated nonsmooth Newton method, for problems in which each slip is an unknown.
 
-The matrix is large and sparse, or dense once everything but the contact has been condensed. The
-method (Graeser and Kornhuber, J. Comput. Math. 27, 2009; Graeser, Sack and Sander, Int. J. Numer.
-Methods Eng. 2018) repeats two parts until the forces balance:
+The matrix is large and sparse, or dense after condensation to the contact. The method (Graeser and
+Kornhuber, J. Comput. Math. 27, 2009; Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018)
+repeats two parts until the forces balance:
 
-1. contact points are relaxed one after another, each with its law solved exactly;
-2. one Newton step on all points but those that stick by Coulomb friction, with an exact line
-   search. If the search stops short, points whose slip would reverse are set to rest and the step
-   is recomputed for the others, if that lowers the objective further: one such point would block
-   all the others.
+1. contact points are relaxed in turn, each with its law solved exactly;
+2. a Newton step on all points but those that stick by Coulomb friction, with an exact line search.
+   If the search stops short, points whose slip would reverse are set to rest and the step is
+   recomputed for the others, if that lowers the objective further: a single such point would block
+   all others.
 
-Each part lowers the objective, so that the iteration converges from any start whatever beta is. It
-needs no parameter. Newton's systems are solved by conjugate gradients. The preconditioner is the
-factor of an earlier tangent where the law acts as it did then, and the diagonal where it does not;
-that factor serves for several iterations.
+Each part lowers the objective, so that the iteration converges from any start for any beta.
+Newton's systems are solved by conjugate gradients. The preconditioner is the factor of an earlier
+tangent where the law acts as it did then, and the diagonal where it does not; that factor serves
+for several iterations.
 
 Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
 1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton steps with solves and factors for
@@ -23,27 +23,30 @@ unknowns have changed, 4.2 with 33 and 0.1 while ten do. A factor costs ten solv
 band, thirty elsewhere.
 """
 
-# numba infers the types of compiled functions:
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-calls
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from math import hypot, inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.arrays import BoolArray, FloatArray, check_like
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.factors import BlockFactors
-from skfem_joint.linalg.kernels import Full, subtract_column, subtract_product, times
-from skfem_joint.linalg.schur import SchurComplement, condensing_pays
-from skfem_joint.minimise.law import across, potential, resolvent, sigma, slope
-from skfem_joint.minimise.line_search import friction_slope, line_search
+from skfem_joint.linalg.kernels import Full, subtract_product, times
+from skfem_joint.minimise.law import potential
+from skfem_joint.minimise.point_loops import (
+    PointLine,
+    add_blocks,
+    friction_round_off,
+    search_along,
+    subtract_friction,
+    sweep_over,
+    tangent_blocks,
+)
 from skfem_joint.minimise.problem import ContactPoints, Minimum
 
 
@@ -55,29 +58,25 @@ class NewtonSettings(NamedTuple):
     iterations : int
         Most iterations.
     sweeps : int
-        Sweeps of relaxation in each; see what was measured in the module's docstring.
+        Sweeps of relaxation in each iteration; measured in the module's docstring.
     most_solves : int
-        Most solves for one Newton step.
+        Most solves for a Newton step.
     patience : int
-        The kept factor is given up when a Newton step takes more solves than this.
+        A new factor is made if a Newton step takes more solves than this.
     forcing : float
         Newton's systems are solved until their residual is this share of the right side.
     changed : int
-        Unknowns whose diagonal has halved or doubled from which on the kept factor is not tried: of
+        If the diagonal of so many unknowns has halved or doubled the kept factor is not tried: of
         178 trials with more, 3 took no more than four solves.
     few : int
-        Moving unknowns of a dense system up to which a factor of its own costs less than that.
+        For up to so many moving unknowns of a dense system a new factor costs less than iterations.
     round_off : float
         Accepted residual in units of the forces that are added up.
-    stiffest : float
-        Largest tangent across a slip over the diagonal: round-off of larger ones is singular along
-        the slip.
     nothing : float
         Forces, N, that count as none: products of smaller ones underflow.
     softer, roughly : float
-        Without a start, the start is the minimiser for a law of this share of the steepness, found
-        to this tolerance: slip of a plate with 20,000 unknowns as far as a load's peak then takes 7
-        iterations instead of 14.
+        If no start is given, it is the minimiser for a law of this share of the steepness, to this
+        tolerance: a plate with 20,000 unknowns under a load's peak then takes 7 iterations, not 14.
     """
 
     iterations: int = 100
@@ -88,189 +87,12 @@ class NewtonSettings(NamedTuple):
     changed: int = 32
     few: int = 512
     round_off: float = 16 * float(np.finfo(np.float64).eps)
-    stiffest: float = 1e8
     nothing: float = 1e-140
     softer: float = 1e-2
     roughly: float = 0.1
 
 
 SETTINGS = NewtonSettings()
-
-# Compiled loops over points. A point slips in one or two directions: its unknowns are ``first[p]``
-# and, unless that is -1, ``second[p]``. ``stiff[p]`` is the largest eigenvalue of its block of H.
-# Symmetric blocks of points are stored as (11, 12, 22), shape (points, 3); of a point with one
-# direction only the first entry counts.
-
-
-@compiled_inside
-def _relax(p, first, second, stiff, w, beta, r, s, v):
-    """Minimise over the velocity of one point; ``r`` and ``s`` are its residual without friction.
-
-    With two directions the block is replaced by its largest eigenvalue times the identity. That
-    bounds the objective from above and touches it at the present velocity, so that the objective
-    cannot grow; its minimiser has the direction of the force.
-    """
-    i = first[p]
-    j = second[p]
-    x = r + stiff[p] * v[i]
-    if j < 0:
-        v[i] = resolvent(x / w[p], stiff[p] / w[p], beta[p])[0]
-        return
-    y = s + stiff[p] * v[j]
-    size = hypot(x, y)
-    speed = resolvent(size / w[p], stiff[p] / w[p], beta[p])[0]
-    v[i] = speed * (x / size) if size != 0.0 else 0.0
-    v[j] = speed * (y / size) if size != 0.0 else 0.0
-
-
-@compiled
-def _sweep(A, first, second, stiff, w, beta, r, v, backward):
-    """Relax all points one after another, in place; r = g - A v is updated with v.
-
-    Points that stay at rest cost nothing.
-    """
-    n = first.size
-    for k in range(n):
-        p = n - 1 - k if backward else k
-        i = first[p]
-        j = second[p]
-        x = v[i]
-        y = v[j] if j >= 0 else 0.0
-        _relax(p, first, second, stiff, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
-        if v[i] != x:
-            subtract_column(A, i, v[i] - x, r)
-        if j >= 0 and v[j] != y:
-            subtract_column(A, j, v[j] - y, r)
-
-
-@compiled_inside
-def _size(first, second, p, v):
-    """Norm of a vector at a point."""
-    return abs(v[first[p]]) if second[p] < 0 else hypot(v[first[p]], v[second[p]])
-
-
-@compiled
-def _subtract_friction(first, second, w, beta, v, r, friction, held):
-    """Subtract friction from the residual ``r`` = g - A v; returns its largest entry and where.
-
-    An entry that is not a number counts as the largest. The friction of a Coulomb point at rest
-    balances the residual as far as the limit allows. ``held`` marks the unknowns of such points;
-    ``friction`` takes the normalised force by unknown.
-    """
-    held[:] = False
-    for p in range(first.size):
-        speed = _size(first, second, p, v)
-        holds = beta[p] == inf and speed == 0.0
-        size = 1.0 / max(w[p], _size(first, second, p, r)) if holds else sigma(speed, beta[p])
-        for i in (first[p], second[p]):
-            if i >= 0:
-                held[i] = holds
-                # Divided by the speed, whose inverse may be infinite.
-                moving = v[i] / speed * size if speed != 0.0 else 0.0
-                friction[i] = r[i] * size if holds else moving
-                r[i] -= w[p] * friction[i]
-    largest = 0.0
-    where = 0
-    for i in range(r.size):
-        if not abs(r[i]) <= largest:
-            largest = abs(r[i])
-            where = i
-            if largest != largest:
-                break
-    return largest, where
-
-
-@compiled
-def _tangent(first, second, stiff, w, beta, v, out):
-    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead."""
-    for p in range(first.size):
-        i = first[p]
-        j = second[p]
-        out[p, :] = 0.0
-        speed = _size(first, second, p, v)
-        if beta[p] == inf and speed == 0.0:
-            continue
-        along = w[p] * slope(speed, beta[p])
-        beside = w[p] * across(speed, beta[p])
-        if beta[p] == inf:
-            beside = min(beside, SETTINGS.stiffest * stiff[p])
-        out[p, 0] = out[p, 2] = along
-        if j >= 0 and speed > 0.0:
-            x = v[i] / speed
-            y = v[j] / speed
-            out[p, 0] = beside + (along - beside) * x * x
-            out[p, 1] = (along - beside) * x * y
-            out[p, 2] = beside + (along - beside) * y * y
-
-
-class _Line(NamedTuple):
-    """Line v + length d through the velocities of points, for the search along it."""
-
-    first: Any
-    second: Any
-    w: Any
-    beta: Any
-    v: Any
-    d: Any
-
-
-@compiled_for(friction_slope, _Line)
-def _slope_along(line, length):
-    """Derivative of sum w psi(|v + length d|) along the direction ``d``, W."""
-    total = 0.0
-    for p in range(line.first.size):
-        i = line.first[p]
-        j = line.second[p]
-        x = line.v[i] + length * line.d[i]
-        y = 0.0 if j < 0 else line.v[j] + length * line.d[j]
-        beside = 0.0 if j < 0 else line.d[j]
-        speed = hypot(x, y)
-        if speed > 0.0:
-            work = x * line.d[i] + y * beside
-            total += line.w[p] * sigma(speed, line.beta[p]) * work / speed
-    return total
-
-
-@compiled
-def _search(line, linear, quadratic):
-    """Length along a line, and the evaluations of friction that finding it took."""
-    slope_0 = linear + friction_slope(line, 0.0)
-    length, trials, _ = line_search(line, slope_0, linear, quadratic)
-    return length, trials + 1
-
-
-@compiled
-def _round_off(first, second, w, beta, v):
-    """Largest of w (sigma + slope |v|), N: what round-off of a velocity does to the friction."""
-    largest = 0.0
-    for p in range(first.size):
-        change = 1.0
-        if beta[p] != inf:
-            speed = _size(first, second, p, v)
-            change += speed * slope(speed, beta[p])
-        largest = max(largest, w[p] * change)
-    return largest
-
-
-@compiled
-def _add_blocks(first, second, blocks, x, y):
-    """Add the product of the points' blocks with ``x`` to ``y``."""
-    for p in range(first.size):
-        i = first[p]
-        j = second[p]
-        y[i] += blocks[p, 0] * x[i]
-        if j >= 0:
-            y[i] += blocks[p, 1] * x[j]
-            y[j] += blocks[p, 1] * x[i] + blocks[p, 2] * x[j]
-
-
-# The method
-
-
-def truncated_newton(H: Any, points: ContactPoints) -> TruncatedNewton | CondensedNewton:
-    """Step problem in which each slip is an unknown, condensed to the contact where that pays."""
-    kept = np.unique(points.unknowns[points.on_rows(points.w) > 0.0])
-    return CondensedNewton(H, points) if condensing_pays(H, kept) else TruncatedNewton(H, points)
 
 
 class TruncatedNewton:
@@ -286,7 +108,7 @@ class TruncatedNewton:
     Attributes
     ----------
     first, second : ndarray of int, shape (points with friction,)
-        Unknowns of each point with friction; ``second`` is -1 where it slips in one direction.
+        Unknowns of each point with friction; ``second`` is -1 if it slips in a single direction.
     kept : tuple of ndarray, or None
         Tangents and held unknowns of the factor that is kept, on which further solutions depend.
     """
@@ -304,7 +126,7 @@ class TruncatedNewton:
         order = np.argsort(first, kind="stable")
         self._order = order = order[points.w[order] > 0.0]
         self.first, self.second = first[order], second[order]
-        self.w, self.beta = np.array(points.w, dtype=float)[order], self._law(points.beta)
+        self.w, self.beta = np.array(points.w, dtype=float)[order], self.law_of(points.beta)
         self.both = self.second >= 0
         self.pairs = i, j = self.first[self.both], self.second[self.both]
         self.diagonal = diagonal = H.diagonal()
@@ -316,7 +138,7 @@ class TruncatedNewton:
         self.limited[self.first] = self.limited[j] = True
         self.factors = BlockFactors(H, self.first, self.second)
 
-    def _law(self, beta: FloatArray) -> FloatArray:
+    def law_of(self, beta: FloatArray) -> FloatArray:
         """Scaling constants of the points with friction, from those of all points."""
         return np.array(beta, dtype=float)[self._order]
 
@@ -330,12 +152,12 @@ class TruncatedNewton:
         laws = none, none, nothing, nothing
         x, y, z = np.zeros((3, self.H.shape[0]))
         subtract_product(self.rows, x, y)
-        _sweep(self.rows, none, none, nothing, nothing, nothing, x, y, False)
-        _subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
-        _tangent(none, none, nothing, nothing, nothing, x, block)
-        _search(_Line(*laws, x, y), 0.0, 1.0)
-        _round_off(*laws, x)
-        _add_blocks(none, none, block, x, y)
+        sweep_over(self.rows, none, none, nothing, nothing, nothing, x, y, False)
+        subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
+        tangent_blocks(none, none, nothing, nothing, nothing, x, block)
+        search_along(PointLine(*laws, x, y), 0.0, 1.0)
+        friction_round_off(*laws, x)
+        add_blocks(none, none, block, x, y)
         potential(nothing, nothing)
 
     def minimise(
@@ -357,13 +179,13 @@ class TruncatedNewton:
         force: float,
     ) -> Minimum:
         """`minimise` where the tolerance also refers to a ``force`` (N) on condensed unknowns."""
-        law = self.beta if beta is None else self._law(beta)
+        law = self.beta if beta is None else self.law_of(beta)
         if start is None:
             start = self._start(g, law, force)
         return self._minimise(g, start, tolerance, law, force)
 
     def _start(self, g: FloatArray, law: FloatArray, force: float) -> FloatArray:
-        """Rough minimiser for a softer law; rest under Coulomb friction, or where it is better."""
+        """Rough minimiser for a softer law; rest if that is better, or under Coulomb friction."""
         rest = np.zeros_like(g)
         if np.isinf(law).any():
             return rest
@@ -385,10 +207,10 @@ class TruncatedNewton:
         for iteration in range(SETTINGS.iterations):
             for sweep in range(SETTINGS.sweeps):
                 backward = bool((sweep + iteration) % 2)
-                _sweep(self.rows, *points, self.stiff, self.w, law, r, v, backward)
+                sweep_over(self.rows, *points, self.stiff, self.w, law, r, v, backward)
             r = g - times(self.H, v)
             left = r.copy()
-            residual, where = _subtract_friction(*points, self.w, law, v, r, friction, held)
+            residual, where = subtract_friction(*points, self.w, law, v, r, friction, held)
             evaluations += SETTINGS.sweeps + 1
             if not np.isfinite(residual):
                 break
@@ -417,7 +239,7 @@ class TruncatedNewton:
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
         """See `StepProblem`."""
-        return self._objective(v, g, self.beta if beta is None else self._law(beta))
+        return self._objective(v, g, self.beta if beta is None else self.law_of(beta))
 
     def _objective(self, v: FloatArray, g: FloatArray, law: FloatArray) -> float:
         return float(v @ (0.5 * times(self.H, v) - g)) + self.friction_potential(v, law)
@@ -435,12 +257,12 @@ class TruncatedNewton:
         ``left`` is g - H v, ``r`` the same less friction; unknowns that are ``held`` rest.
         """
         tangents = np.zeros((self.first.size, 3))
-        _tangent(self.first, self.second, self.stiff, self.w, law, v, tangents)
+        tangent_blocks(self.first, self.second, self.stiff, self.w, law, v, tangents)
         r[held] = 0.0
         d, solves = self._newton_direction(r, tangents, held)
         along = times(self.H, d)
-        line = _Line(self.first, self.second, self.w, law, v, d)
-        length, evaluations = _search(line, -float(d @ left), float(d @ along))
+        line = PointLine(self.first, self.second, self.w, law, v, d)
+        length, evaluations = search_along(line, -float(d @ left), float(d @ along))
         return d, along, length, solves, evaluations
 
     def _reverses(self, v: FloatArray, d: FloatArray) -> BoolArray:
@@ -460,13 +282,13 @@ class TruncatedNewton:
         stop = np.where(reverses, -v, 0.0)
         r = g - times(self.H, v + stop)
         left, friction, held = r.copy(), np.zeros_like(r), np.zeros_like(reverses)
-        _subtract_friction(self.first, self.second, self.w, law, v + stop, r, friction, held)
+        subtract_friction(self.first, self.second, self.w, law, v + stop, r, friction, held)
         d, _, length, solves, trials = self._newton_step(v + stop, left, r, held | reverses, law)
         return stop + length * d, solves, trials
 
     def _round_off(self, v: FloatArray, g: FloatArray, law: FloatArray) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
-        size += float(_round_off(self.first, self.second, self.w, law, v))
+        size += float(friction_round_off(self.first, self.second, self.w, law, v))
         return SETTINGS.round_off * size
 
     def _newton_direction(
@@ -537,7 +359,7 @@ class TruncatedNewton:
             p = z + product / before * p
             before = product
             image = times(self.H, p)
-            _add_blocks(self.first, self.second, tangents, p, image)
+            add_blocks(self.first, self.second, tangents, p, image)
             image[held] = 0.0
             step = product / float(p @ image)
             d += step * p
@@ -570,90 +392,3 @@ class TruncatedNewton:
     def forget(self) -> None:
         """See `StepProblem`."""
         self.kept = self.factor = None
-
-
-class CondensedNewton:
-    """`TruncatedNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
-
-    Attributes
-    ----------
-    schur : SchurComplement
-        Of H, on the unknowns of points with friction.
-    contact : TruncatedNewton
-        The problem of these unknowns.
-    """
-
-    def __init__(self, H: Any, points: ContactPoints) -> None:
-        self.H, self.points = H, points
-        limited = points.on_rows(points.w) > 0.0
-        self._limited = np.flatnonzero(limited)
-        self._points = np.flatnonzero(points.w > 0.0)
-        self.schur = SchurComplement(H, np.unique(points.unknowns[limited]))
-        some = self._points
-        acting = ContactPoints(
-            points.B[self._limited], points.directions[some], points.w[some], points.beta[some]
-        )
-        self.contact = TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
-
-    @property
-    def factorizations(self) -> int:
-        """Matrices factorised so far, that of the interior included."""
-        return self.contact.factorizations + 1
-
-    def with_matrix(self, H: Any) -> CondensedNewton:
-        """See `StepProblem`."""
-        return CondensedNewton(H, self.points)
-
-    def compile(self) -> None:
-        """See `StepProblem`."""
-        self.contact.compile()
-
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
-        """See `StepProblem`."""
-        law = self.contact.beta if beta is None else self.contact._law(beta[self._points])
-        friction = self.contact.friction_potential(v[self.schur.kept], law)
-        return float(v @ (0.5 * (self.H @ v) - g)) + friction
-
-    def minimise(
-        self,
-        g: FloatArray,
-        start: FloatArray | None = None,
-        tolerance: float = 1e-11,
-        beta: FloatArray | None = None,
-    ) -> Minimum:
-        """See `StepProblem`."""
-        schur, force = self.schur, float(np.abs(g).max())
-        right, interior = schur.restrict(g)
-        inner = self.contact.minimise_beside(
-            right,
-            None if start is None else start[schur.kept],
-            tolerance,
-            None if beta is None else beta[self._points],
-            force,
-        )
-        v, friction = schur.extend(inner.v, interior), np.zeros(self.points.B.shape[0])
-        friction[self._limited] = inner.sigma
-        return replace(
-            inner,
-            v=v,
-            sigma=friction,
-            converged=inner.converged and bool(np.all(np.isfinite(v))),
-            counts=inner.counts | {"linear_solves": inner.counts["linear_solves"] + 2},
-            where=int(schur.kept[inner.where]),
-        )
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """See `StepProblem`."""
-        return self.contact.saved()
-
-    def check(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        self.contact.check(saved)
-
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        self.contact.restore(saved)
-
-    def forget(self) -> None:
-        """See `StepProblem`."""
-        self.contact.forget()

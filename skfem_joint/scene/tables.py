@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, Tag, ValidationInfo, mo
 
 from skfem_joint import loads
 from skfem_joint.errors import InputError
+from skfem_joint.load_tables import read_table
 from skfem_joint.scene.messages import LIST, NUMBER, TABLE, WORD, mistake
 from skfem_joint.scene.values import (
     A_LIST,
@@ -237,7 +238,7 @@ class TableLoad(_Load):
     def _read(self, info: ValidationInfo) -> Self:
         folder: Path = (info.context or {}).get("folder", Path())
         try:
-            self._table = loads.read_table(folder / self.file)
+            self._table = read_table(folder / self.file)
         except InputError as error:
             raise mistake("\n".join(error.problems), "file") from error
         return self

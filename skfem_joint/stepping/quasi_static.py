@@ -35,6 +35,7 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.condensed_newton import CondensedNewton
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally

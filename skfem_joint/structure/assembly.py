@@ -113,6 +113,6 @@ def interleaved(blocks: Sequence[Sequence[sparse.csr_array]]) -> sparse.csr_arra
 
 
 def _symmetric(block: Any) -> sparse.csr_array:
-    """Block without the round-off by which the sums of its two halves differ."""
+    """Exactly symmetric block: round-off makes the two halves of a sum differ."""
     A = sparse.csr_array(block)
     return sparse.csr_array(0.5 * (A + A.T))

@@ -3,8 +3,8 @@
 A body of dimension 1, 2 or 3 has the strain energy ``across (lambda tr(eps)^2 / 2 + mu eps : eps)``
 by length, area or volume of the mesh, and the mass ``across rho``. ``across`` is the area of a
 bar's section, the thickness of a plate, or 1 for a solid. Under plane stress lambda is replaced by
-2 lambda mu / (lambda + 2 mu); a bar has lambda = E and mu = 0, so that it is strained along itself
-only. The weak form and its assembly are in :mod:`skfem_joint.structure.assembly`.
+2 lambda mu / (lambda + 2 mu). A bar has lambda = E and mu = 0, so that only axial strain counts.
+The weak form and its assembly are in :mod:`skfem_joint.structure.assembly`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from skfem_joint.structure.checks import one_of, overlap, wrong_name
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.values import POISSON, POSITIVE, problems
 
-#: Sizes across the mesh that a body of each dimension has.
+#: Names of the sizes across the mesh, by the dimension of the body.
 SECTION = {1: ("width", "thickness"), 2: ("thickness",), 3: ()}
 
 
@@ -147,8 +147,8 @@ class Body(Nodes):
     def _strain_basis(self) -> skfem.Basis:
         """Basis whose quadrature is exact for products of gradients of the shape functions.
 
-        Gradients on simplices are polynomials of one order less: fewer points do. In bars that
-        saves less than making another basis costs.
+        Gradients on simplices are polynomials of lower order, so that fewer points suffice. For
+        bars another basis would cost more than it saves.
         """
         if not self.is_simplex or self.dim == 1:
             return self.basis

@@ -1,4 +1,4 @@
-"""Checks of words and names, in the words of the messages that users read."""
+"""Checks of words and names, with messages for users."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ KINDS = ("region", "boundary", "point")
 
 
 def one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong with a word that must be one of the allowed ones."""
+    """Yield a sentence if a word is not among the allowed words."""
     if value not in allowed:
         yield f"{where}: found {value!r}, must be one of {', '.join(allowed)}"
 
 
 def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> list[str]:
-    """What is wrong with a name that must belong to a part of the mesh of one of the kinds."""
+    """What is wrong with the name of a part of the mesh, which must be of some of the kinds."""
     tables: dict[str, Mapping[str, Any]] = {
         "region": mesh.regions, "boundary": mesh.boundaries, "point": mesh.points
     }  # fmt: skip

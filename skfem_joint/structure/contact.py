@@ -54,7 +54,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
     # Contact that stays closed holds the direction in which a free node does not slip.
     closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
-    # It also holds nodes of a pressed border that supports keep from slipping, where left free.
+    # It also holds nodes of a pressed border that supports keep from slipping, in free directions.
     outwards[node] = 0.0
     outwards[held] = 0.0
     still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)

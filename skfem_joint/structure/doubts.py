@@ -1,4 +1,4 @@
-"""Sentences about bodies that are allowed but look like a slip of the user."""
+"""Warnings about bodies that are allowed but suggest a mistake of the user."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from itertools import product
 import numpy as np
 
 from skfem_joint.structure.body import SECTION, Body
+from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import Joint
-from skfem_joint.structure.preload import Clamp
 from skfem_joint.system import System
 
 
 @dataclass(frozen=True)
 class Usual:
-    """Ranges beyond which `check` doubts a value.
+    """Ranges of values outside which `check` warns.
 
     Attributes
     ----------
@@ -25,15 +25,15 @@ class Usual:
     size : tuple of float
         Largest extent of a structure, m: a millimetre to a hundred metres.
     slenderness : tuple of float
-        Length over thickness or width. A body outside was probably drawn in other units.
+        Length over thickness or width. A body outside this range was probably drawn in other units.
     per_wavelength : float
-        Fewest elements in the length of a wave that they can carry.
+        Least number of elements in the length of a wave.
     spanning, opposite : float
-        Elements that reach from side to side are reported from this share of all on; two sides
-        are opposite where the cosines of their normals with a direction and its opposite exceed
-        the second number.
+        Elements that reach from side to side are reported above this share of all elements. Two
+        sides are opposite if the cosines of their normals with a direction and with its opposite
+        exceed the second number.
     straightened : float
-        Change of an area or a mass by straight edges from which on smaller elements are asked for.
+        Change of an area or a mass by straight edges above which smaller elements are advised.
     """
 
     modulus: tuple[float, float] = (1e6, 2e12)
@@ -50,7 +50,7 @@ USUAL = Usual()
 
 
 def unusual_values(body: Body) -> Iterator[str]:
-    """Sentences about material and sizes that no structure has in SI units."""
+    """Sentences about material and sizes that suggest other units than SI."""
     for name, (least, most), unit, steel in (
         ("E", USUAL.modulus, "Pa", "2e11"),
         ("density", USUAL.density, "kg/m3", "7850"),
@@ -105,7 +105,7 @@ def locking(body: Body) -> Iterator[str]:
         return
     mesh = body.mesh.mesh
     part = body.facet_basis(mesh.boundary_facets())
-    # The directions of a cube's corners, edges and faces; read backwards they are their opposites.
+    # Directions of the corners, edges and faces of a cube; in reverse order they are opposite.
     directions = np.array([*product((-1.0, 0.0, 1.0), repeat=body.dim)])
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1.0)[:, np.newaxis]
     cosines = part.normals[..., 0].T @ directions.T
@@ -128,8 +128,8 @@ def straightened(
 ) -> Iterator[str]:
     """Sentences about areas and mass that change because curved edges are made straight.
 
-    Counted are the mass and the size of each part that is a joint, is pressed by a bolt, or is one
-    of the loaded places, whose names ``loads`` are those of `AppliedLoad`.
+    These are the mass and the size of each part that is a joint, is pressed by a bolt, or is
+    loaded; ``loads`` are names of `AppliedLoad`.
     """
     mesh, change = body.mesh, body.mesh.straightened
     if change is None:

@@ -1,4 +1,4 @@
-"""Joints as users describe them, and what can be wrong with them before their nodes are known."""
+"""Joints as users describe them, and checks that need no nodes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Joint:
 
     @property
     def name(self) -> str:
-        """Name of the joint: that of the part which is pressed."""
+        """Name of the joint: the name of the pressed part."""
         return self.on
 
     @property
@@ -72,7 +72,7 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
-    """What is wrong with joints on a mesh, as far as it shows without their nodes."""
+    """What is wrong with joints on a mesh, without regard to their nodes."""
     outer = mesh.mesh.boundary_facets()
     allowed = {1: ("region",), 2: ("region", "boundary"), 3: ("boundary",)}[mesh.dim]
     earlier: dict[str, list[Joint]] = {"region": [], "boundary": []}
@@ -108,7 +108,7 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
 
 
 def _touching_twice(mesh: NamedMesh, joint: Joint, earlier: Sequence[Joint]) -> Iterator[str]:
-    """Refuse a face that two joints use: a face touches one other thing."""
+    """Refuse a face that two joints use: a face can touch only a single body or base."""
     table = mesh.boundaries
     for other in earlier:
         crossed = (other.on, joint.against), (other.against, joint.on)

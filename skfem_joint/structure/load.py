@@ -29,7 +29,7 @@ class Load:
     on : str, optional
         Point, boundary or region.
     amplitude : Amplitude or callable
-        Whole force (N) as a function of time (s): one of :mod:`skfem_joint.loads`, or a plain
+        Whole force (N) as a function of time (s): a shape of :mod:`skfem_joint.loads`, or a plain
         function.
     direction : tuple of float, optional
         Direction of the force; its length does not count. Bars do not need it.
@@ -81,7 +81,7 @@ def under_loads(
         Contact points of each joint.
     loads : sequence of AppliedLoad
     rows : mapping of str to ndarray, shape (n,)
-        What is observed, by name: displacements as rows on the unknowns.
+        Observed displacements by name, as rows on the unknowns.
     damping_ratio : float, optional
         See `System.with_damping_ratio`.
     notes : iterable of str
@@ -146,7 +146,7 @@ def load_problems(
     """What is wrong with the places, directions and quantities of loads, and observed points."""
     dim = mesh.dim
     wrong = (p for on in points or () for p in wrong_name(mesh, on, KINDS, "points"))
-    problems = [*islice(wrong, 20)]  # no more are listed: a script may give thousands
+    problems = [*islice(wrong, 20)]  # a script may give thousands of names
     for load in loads:
         problems += one_of(
             f"{load.label}: quantity", load.quantity, ("force", "traction", "pressure")

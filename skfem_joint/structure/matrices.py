@@ -1,4 +1,4 @@
-"""A structure that is given by its matrices, as another finite-element program exports them."""
+"""A structure given by matrices that another finite-element program has exported."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ COLUMNS = 10
 class MatrixModel:
     """Matrices with joints between pairs of nodes.
 
-    Analyses use it as they use a `Structure`, see `AnyStructure`. Positions of nodes are not known,
-    so that there are no fields, pictures and active lengths.
+    Analyses use it like a `Structure`, see `AnyStructure`. The positions of the nodes are unknown,
+    so that fields, pictures and active lengths are not available.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class MatrixModel:
 
     @property
     def body(self) -> None:
-        """None: matrices do not tell where their nodes are."""
+        """None: the positions of the nodes are unknown."""
 
     def meshed(self, purpose: str) -> NoReturn:
         """Refuse, because geometry is needed for the purpose.
@@ -229,9 +229,9 @@ class MatrixModel:
     ) -> tuple[list[int], list[int]]:
         """Degrees of freedom that closed contact and slips of pairs determine.
 
-        They are those of the first node, or of the second where the first has none (-1) or other
-        pairs have taken it. ``counts`` are the numbers of closed and of slip directions of each
-        pair, ``moving`` (pairs, 2, 3) the free degrees of freedom.
+        They belong to the first node of a pair. Where it has none (-1), or another pair has taken
+        it, that of the second node is used. ``counts`` are the numbers of closed and of slip
+        directions of each pair, ``moving`` (pairs, 2, 3) the free degrees of freedom.
         """
         held: list[int] = []
         free: list[int] = []
@@ -250,14 +250,14 @@ class MatrixModel:
         return held, free
 
     def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
-        """Sparse system of equations under loads; observed are all loads, and ``points``.
+        """Sparse system of equations under loads.
 
-        All points are observed if none are given.
+        Displacements at all loads are observed, and those of ``points``: all points, if not given.
 
         Raises
         ------
         InputError
-            For unknown names, loads with a direction or a base, and what a support holds.
+            For unknown names, loads with a direction or a base, and points that a support holds.
         """
         problems = [*self._wrong_loads(loads)]
         observed = list(self.points) if points is None else list(points)
@@ -328,7 +328,7 @@ class MatrixModel:
             return []
         at = np.where(there[..., np.newaxis], loose[np.where(there, dofs, 0).astype(np.intp)], 0.0)
         slips = (at[:, 0] - at[:, 1]) * two_sided[:, np.newaxis, np.newaxis]
-        # The motions that slip least; as many of them as rigid motions of the whole are checked.
+        # The motions with least slip are checked, as many as the whole has rigid motions.
         least = np.linalg.svd(slips.reshape(-1, loose.shape[1]))[2][-whole:].T
         moved = np.abs(at @ least).max(axis=(0, 1, 2))
         share = np.linalg.norm(slips @ least, axis=1) / np.where(moved > 0.0, moved, 1.0)
@@ -351,7 +351,7 @@ class MatrixModel:
 
 
 def _on_surfaces(joint: Joint) -> Iterator[str]:
-    """Refuse what a joint between pairs of nodes cannot have."""
+    """Refuse keys that a joint between pairs of nodes cannot have."""
     for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
         if getattr(joint, name) != usual:
             yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"

@@ -1,4 +1,4 @@
-"""What structures on a mesh and structures given by matrices have in common."""
+"""The interface of structures, whether given on a mesh or by matrices."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from skfem_joint.system import System
 class AnyStructure(Protocol):
     """A jointed structure, given by a mesh (`Structure`) or by matrices (`MatrixModel`).
 
-    What needs geometry takes a `Structure`, which `meshed` gives, or the `body`, which is None if
-    the structure is given by matrices.
+    Functions that need geometry use the `Structure` that `meshed` returns, or the ``body``, which
+    is None if the structure is given by matrices.
     """
 
     @property
@@ -73,7 +73,7 @@ class AnyStructure(Protocol):
         """Sentences about the preload, and about bodies that friction alone holds."""
 
     def unusual(self, system: System) -> list[str]:
-        """Sentences about what looks like a slip of the user."""
+        """Sentences about what suggests a mistake of the user."""
 
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""
@@ -83,7 +83,7 @@ class AnyStructure(Protocol):
 
 
 def doubts(structure: AnyStructure, system: System) -> list[str]:
-    """Sentences about values, size, loads and joints that are allowed but look like a slip."""
+    """Sentences about values, size, loads and joints that suggest a mistake of the user."""
     sentences = [*system.notes, *structure.unusual(system)]
     if not structure.patches:
         sentences.append("There is no joint: nothing slips, the structure is linear.")

@@ -3,7 +3,7 @@
 The nodes are the degrees of freedom of the scalar element: vertices, and for second order the
 middles of edges, facets and cells. Linear sub-cells between the nodes carry pressures, areas and
 pictures, because their hat functions are positive where shape functions of second order are not.
-The functions at the end find the element in which a point lies, and interpolate there.
+The functions at the end search for the element in which a point lies, and interpolate there.
 """
 
 from __future__ import annotations
@@ -21,9 +21,6 @@ from scipy.spatial import cKDTree
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.mesh.cells import Cell, cell_of, split
-
-# Segments or triangles that cover a cell of so many corners, whatever their order.
-_PARTS = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}
 
 
 @dataclass(frozen=True)
@@ -204,9 +201,9 @@ def values_in(
 
 
 def feet(grid: Nodes, name: str, points: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
-    """Nearest points (k, dim) of a region or boundary, and before them their elements (k,).
+    """Elements (k,) and nearest points (k, dim) of a region or boundary, for k given points.
 
-    A point is NaN where none is within ``reach`` (m).
+    A nearest point is NaN if it is farther away than ``reach`` (m).
     """
     element, _, nearest = _elements_at(grid, name, points)
     far = np.isnan(nearest).any(axis=1)
@@ -220,10 +217,10 @@ def _elements_at(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Nearest element (k,), gap (k,) and nearest place (k, dim) for each of k points.
 
-    Of several elements in which a point lies, the first is taken. A point may lie outside the part
-    by a tenth of the size of the element beside it: curved borders of two meshes differ by as much.
-    There the interpolation extrapolates, and the gap is 0. Elements are searched for within
-    ``reach`` (m) beyond that; places are NaN where there is none.
+    If a point lies in several elements the first is taken. A point may lie outside the part by a
+    tenth of the size of the element beside it, because curved borders of two meshes differ by that
+    much; there the interpolation extrapolates, and the gap is 0. The search extends ``reach`` (m)
+    beyond that; places are NaN where there is no element.
     """
     allowed = 0.1
     mesh = grid.mesh.mesh
@@ -242,7 +239,10 @@ def _elements_at(
     cell = np.repeat(np.arange(len(corners)), [len(members) for members in points_of_cell])
     near = np.fromiter(chain.from_iterable(points_of_cell), np.intp)
     beside = corners[cell]
-    parts = _PARTS[corners.shape[1]]
+    # Segments or triangles that cover a cell with so many corners, in any order of these.
+    parts = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}[
+        corners.shape[1]
+    ]
     foot = _nearest([_foot(beside[:, part], points[near]) for part in parts], points[near])
     distance = np.linalg.norm(foot - points[near], axis=1)
     size = np.linalg.norm(beside - np.roll(beside, 1, axis=1), axis=-1).max(axis=1)

@@ -1,9 +1,10 @@
-"""The contact manifold: where a joint acts, which nodes are pressed, by what force, on what.
+"""The contact manifold: surface of a joint, its pressed nodes, their forces and slip directions.
 
 A joint on a region lies on its base with the cells (a strut, a plate in plan); a joint on a
 boundary is pressed with the facets (the edge of a plate seen from the side, a face of a solid). The
 slip directions of a node are perpendicular to its contact normal and to the directions that
-supports hold. A strut has one, a plate in plan two, an edge one, a face two. Contact stays closed.
+supports hold: a single direction on a strut and an edge, two on a plate in plan and a face. Contact
+stays closed.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ SMALL = 1e-9
 
 @dataclass(frozen=True)
 class Pressed:
-    """What clamping bolts give to a joint; values are 0 at nodes that are not its own.
+    """Pressure of a joint by clamping bolts; values are 0 at nodes outside the joint.
 
     Attributes
     ----------
@@ -66,8 +67,8 @@ class Patch:
     area : ndarray, shape (k,)
         Share of each node in the contact area, m2.
     directions : ndarray, shape (k, d, dim)
-        Unit slip directions, perpendicular to each other. A node with fewer than d has zeros in
-        the last ones.
+        Unit slip directions, perpendicular to each other. A node with fewer than d directions has
+        zeros in place of the last.
     normal : ndarray, shape (k, dim), or None
         Outward normals of facets; None where cells lie on their base.
     held_force, held_area : float
@@ -75,7 +76,7 @@ class Patch:
     held_nodes : ndarray of int
         Numbers of these nodes.
     held_normal : ndarray, shape (held nodes, dim), or None
-        Their normals; where a support leaves them free, closed contact holds them on the base.
+        Normals of these nodes; in directions that supports leave free closed contact holds them.
     cells : ndarray of int, shape (c, corners)
         Linear sub-cells of the contact, by node numbers.
     other : sparse array, shape (k, N), or None
@@ -106,7 +107,7 @@ class Patch:
         return float(self.normal_force.sum()) + self.held_force
 
     def relative(self, displacement: FloatArray) -> FloatArray:
-        """Displacement of the contact nodes relative to what they are pressed on, (..., k, dim).
+        """Displacement of the contact nodes relative to the other body or base, (..., k, dim).
 
         ``displacement`` holds the values at all nodes, (..., N, dim).
         """
@@ -120,7 +121,7 @@ class Patch:
 def manifold_of(
     grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray | None]:
-    """Sub-cells on which a joint acts, and what is known of them.
+    """Sub-cells on which a joint acts, with their elements, depths and normals.
 
     Parameters
     ----------
@@ -204,8 +205,8 @@ def _tangents(normals: FloatArray, overall: FloatArray) -> FloatArray:
     """Tangents (k, dim - 1, dim) at unit normals (k, dim), which vary little from node to node.
 
     ``overall`` (dim,) is the sum of all normals. In the plane tangents have a positive component
-    along x, or along y where the border as a whole is perpendicular to x. In space the first one
-    is the projection of the axis to which the border is most nearly parallel.
+    along x, or along y where the border as a whole is perpendicular to x. In space the first
+    tangent is the projection of the axis to which the border is most nearly parallel.
     """
     if normals.shape[1] == 2:
         t = np.stack([normals[:, 1], -normals[:, 0]], axis=1)
@@ -263,7 +264,7 @@ def make_patch(
     numbering: IntArray,
     preloaded: Pressed | None = None,
 ) -> Patch:
-    """Contact points of one joint.
+    """Contact points of a joint.
 
     Parameters
     ----------
@@ -342,7 +343,7 @@ def _other(
 ) -> sparse.csr_array:
     """Displacement of the other body at the pressed nodes, shape (k, N), from that of its nodes.
 
-    ``opposite`` (N, N) is the same for all nodes where a preload has found it already.
+    ``opposite`` (N, N) is the same for all nodes, if a preload has computed it before.
     """
     supported = pressed[held[pressed].any(axis=1)]
     if supported.size:

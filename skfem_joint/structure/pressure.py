@@ -71,7 +71,7 @@ class PressureTable:
 
 @dataclass(frozen=True)
 class Bolt:
-    """One bolt that presses a joint on a ring around its axis.
+    """A bolt that presses a joint on a ring around its axis.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Bolt:
 
 @dataclass(frozen=True)
 class Bolts:
-    """Bolts that press one joint.
+    """Bolts that press a joint.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> 
 def _ramp(f: FloatArray) -> FloatArray:
     """Means over simplices of max(0, f) times each hat; f (n, 2 or 3) are values at the corners.
 
-    If one corner alone is positive, max(0, f) is a multiple of a hat on the part of the simplex at
+    If a single corner is positive, max(0, f) is a multiple of a hat on the part of the simplex at
     that corner. If more are positive, max(0, f) = f + max(0, -f).
     """
     n, count = f.shape

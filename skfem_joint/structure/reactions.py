@@ -1,4 +1,4 @@
-"""How vibration changes the normal forces of contact that stays closed."""
+"""Change of the normal forces by vibration, in contact that stays closed."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from skfem_joint.unknowns import change_of_unknowns
 class Reactions:
     """Change of normal forces, ``K u + M a - F f``, where contact is closed and pressed.
 
-    Each of the k forces is the sum over a node and those beside it: with elements of second order
-    the reaction of a single node says nothing about the pressure.
+    Each of the k forces is the sum over a node and its neighbours: with elements of second order
+    the reaction of a single node is no measure of the pressure.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def reactions(
     F : ndarray, shape (N, loads)
         Load vectors.
     cells : ndarray of int, shape (cells, corners), optional
-        Degrees of freedom that belong to one cell of the contact, whose reactions are summed.
+        Degrees of freedom of each cell of the contact, whose reactions are summed.
     """
     M, K = matrices
     n, h = K.shape[0], rows.held.shape[0]

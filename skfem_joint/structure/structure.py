@@ -21,11 +21,12 @@ from skfem_joint.slips import SlipRows
 from skfem_joint.structure import doubts
 from skfem_joint.structure.body import Body, Material
 from skfem_joint.structure.checks import KINDS, wrong_name
+from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.patch import Patch, check_shared, make_patch
-from skfem_joint.structure.preload import Clamp, Preload, clamp_problems, cuts, preload
+from skfem_joint.structure.preload import Preload, preload
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
@@ -50,7 +51,7 @@ class Structure:
         `load_meshes`.
     material : Material
     width : float, optional
-        Of a bar, m; it lies on its base with it.
+        Of a bar, m; a joint on a bar has this width.
     thickness : float, optional
         Of a bar or a plate, m.
     plane : {"stress", "strain"}
@@ -70,7 +71,7 @@ class Structure:
     regions : mapping
         ``{region: {"E": ..., "thickness": ...}}``: values that differ in a region.
     free : bool
-        Whether bodies may float; otherwise a body that nothing holds is refused.
+        Whether bodies may float; otherwise bodies without any support are refused.
     body : Body
         The elastic bodies alone, made from the values above.
 
@@ -78,7 +79,7 @@ class Structure:
     ------
     InputError
         For values out of range, names that the mesh does not have or that are of another kind,
-        joints that overlap or whose bodies do not, and bodies that nothing holds.
+        joints that overlap or whose bodies do not, and bodies without any support.
     """
 
     mesh: NamedMesh
@@ -217,7 +218,7 @@ class Structure:
         ]
 
     def unusual(self, system: System) -> list[str]:
-        """Sentences about mesh, values, size and waves that look like a slip of the user."""
+        """Sentences about mesh, values, size and waves that suggest a mistake of the user."""
         loads = [load.on for load in system.loads]
         return [
             *self.mesh.notes,
@@ -300,25 +301,26 @@ class Structure:
     def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
         """Sparse system of equations under loads.
 
-        Rows of ``P`` are first one for each load, named as what it acts on: the displacement that
-        it works on. A load at the same place in another direction gets ".2" and so on. Rows of
-        what is observed follow: "name" in one dimension, else "name.x" and so on.
+        ``P`` first has a row for each load, named after the part that it acts on: the displacement
+        in the work of the load. A load at the same place in another direction has ".2" added to its
+        name, and so on. Rows of the observed displacements follow: "name" in one dimension, else
+        "name.x" and so on.
 
-        An accelerated base becomes the inertia force of all mass (N), named "mass_x", which works
-        on the mean displacement by mass. A traction or pressure becomes its force on the whole
-        area (N); a pressure works on the mean displacement inwards.
+        An accelerated base is replaced by the inertia force of all mass (N), named "mass_x"; its
+        displacement is the mean weighted by mass. A traction or pressure is replaced by its force
+        on the whole area (N); the displacement of a pressure is the mean displacement inwards.
 
         Parameters
         ----------
         loads : sequence of Load
         points : sequence of str, optional
-            What is observed: points, or boundaries and regions by their mean displacement. All
-            points that can move, if not given.
+            Names of observed points, boundaries and regions, the latter two by their mean
+            displacement. All points that can move, if not given.
 
         Raises
         ------
         InputError
-            For unknown names, directions that do not fit, and loads on what cannot move.
+            For unknown names, directions that do not fit, and loads on parts that cannot move.
         """
         refuse(load_problems(self.mesh, loads, points))
         T, (M, _) = self.T, self.matrices()

@@ -12,6 +12,7 @@ from skfem_joint.minimise.front_elimination import (
     Chain,
     FrontElimination,
     build_chain,
+    chain_workspace,
     eliminate_fronts,
 )
 from skfem_joint.minimise.problem import ContactPoints
@@ -93,12 +94,11 @@ def passes(H0: Any, H1: Any, w: Any, g: Any, middle: int) -> tuple[int, bool, An
     """Solution by passes alone: number, converged, v, sigma and s."""
     n = g.size
     chain = chain_of(H0, H1, w, np.full(n, np.inf))
-    s, v, sigma, slip, r = np.zeros((5, n))
-    count, converged, _ = eliminate_fronts(
-        chain.H0[:n], chain.H1[:n], chain.w[:n], chain.hold, chain.pivot, chain.stretch,
-        chain.kappa, g, s, v, sigma, slip, r, middle, 1e-12,
-    )  # fmt: skip
-    return int(count), bool(converged), v, sigma, s - chain.kappa * v
+    space = chain_workspace(n)
+    space.middle[0] = middle
+    count, converged = eliminate_fronts(chain, space, g, chain.hold, 1e-12)
+    inside = space.new_parameter - chain.kappa * space.velocity
+    return int(count), bool(converged), space.velocity, space.force, inside
 
 
 @pytest.mark.parametrize("ends", ["left", "right", "left and right"])

@@ -1,0 +1,105 @@
+"""Truncated Newton method on the Schur complement of the unknowns in contact.
+
+Friction acts on the slips alone. All other unknowns are eliminated once, and the method runs on a
+smaller matrix, which is mostly dense, for any number of right sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.truncated_newton import TruncatedNewton
+
+
+class CondensedNewton:
+    """`TruncatedNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
+
+    Attributes
+    ----------
+    schur : SchurComplement
+        Of H, on the unknowns of points with friction.
+    contact : TruncatedNewton
+        The problem of these unknowns.
+    """
+
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        self.H, self.points = H, points
+        limited = points.on_rows(points.w) > 0.0
+        self._limited = np.flatnonzero(limited)
+        self._points = np.flatnonzero(points.w > 0.0)
+        self.schur = SchurComplement(H, np.unique(points.unknowns[limited]))
+        some = self._points
+        acting = ContactPoints(
+            points.B[self._limited], points.directions[some], points.w[some], points.beta[some]
+        )
+        self.contact = TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices factorised so far, that of the interior included."""
+        return self.contact.factorizations + 1
+
+    def with_matrix(self, H: Any) -> CondensedNewton:
+        """See `StepProblem`."""
+        return CondensedNewton(H, self.points)
+
+    def compile(self) -> None:
+        """See `StepProblem`."""
+        self.contact.compile()
+
+    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+        """See `StepProblem`."""
+        law = self.contact.beta if beta is None else self.contact.law_of(beta[self._points])
+        friction = self.contact.friction_potential(v[self.schur.kept], law)
+        return float(v @ (0.5 * (self.H @ v) - g)) + friction
+
+    def minimise(
+        self,
+        g: FloatArray,
+        start: FloatArray | None = None,
+        tolerance: float = 1e-11,
+        beta: FloatArray | None = None,
+    ) -> Minimum:
+        """See `StepProblem`."""
+        schur, force = self.schur, float(np.abs(g).max())
+        right, interior = schur.restrict(g)
+        inner = self.contact.minimise_beside(
+            right,
+            None if start is None else start[schur.kept],
+            tolerance,
+            None if beta is None else beta[self._points],
+            force,
+        )
+        v, friction = schur.extend(inner.v, interior), np.zeros(self.points.B.shape[0])
+        friction[self._limited] = inner.sigma
+        return replace(
+            inner,
+            v=v,
+            sigma=friction,
+            converged=inner.converged and bool(np.all(np.isfinite(v))),
+            counts=inner.counts | {"linear_solves": inner.counts["linear_solves"] + 2},
+            where=int(schur.kept[inner.where]),
+        )
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """See `StepProblem`."""
+        return self.contact.saved()
+
+    def check(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`."""
+        self.contact.check(saved)
+
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+        """See `StepProblem`."""
+        self.contact.restore(saved)
+
+    def forget(self) -> None:
+        """See `StepProblem`."""
+        self.contact.forget()

@@ -1,0 +1,149 @@
+"""Frictionless unilateral contact with rigidly closed gaps, by a primal-dual active set method.
+
+    minimise over u:   1/2 u K u - f u    with   G u <= gap
+
+The pressures p are the multipliers. A set of closed gaps is assumed and the linear problem with
+these equations is solved. Then gaps whose pressure pulls are opened and gaps that penetrate are
+closed, until no gap changes (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). The linear
+problem is solved by an augmented Lagrangian: a stiff spring in each closed gap, and iterations for
+the multipliers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.linalg.schur import Uncondensed, condensed
+
+
+@dataclass(frozen=True)
+class ActiveSetSettings:
+    """Numbers of the contact solve.
+
+    Attributes
+    ----------
+    stiffness : float
+        Stiffness of closed contact over that of the elements. It speeds up the iteration for the
+        multipliers, which make contact exactly rigid.
+    shift : float
+        Part of the stiffness' diagonal that is added to its factors, so that they exist while too
+        few nodes touch to hold every body.
+    largest_schur : int
+        Unknowns up to which the stiffness is condensed to those in contact; their Schur complement
+        is dense (0.2 GB at 5000).
+    active_sets : int
+        Most sets of touching nodes that are tried.
+    corrections : int
+        Most corrections of a solution.
+    tolerance : float
+        Share of the forces that may be left out of balance.
+    round_off : float
+        Pressures and penetrations below this part of the largest are zero.
+    """
+
+    stiffness: float = 1e5
+    shift: float = 1e-10
+    largest_schur: int = 5000
+    active_sets: int = 100
+    corrections: int = 20
+    tolerance: float = 1e-9
+    round_off: float = 1e-8
+
+
+SETTINGS = ActiveSetSettings()
+
+
+@dataclass(frozen=True)
+class UnilateralContact:
+    """Minimum of ``1/2 u K u - f u`` with ``G u <= gap``, or ``G u = gap`` where tied.
+
+    Attributes
+    ----------
+    K : sparse array, shape (n, n)
+    G : sparse array, shape (m, n)
+    area, gap : ndarray, shape (m,)
+        Integrals of the hat of each node over the faces that may touch, m2, and of its hat times
+        the initial gap, m3.
+    tied : ndarray of bool, shape (m,)
+    force : ndarray, shape (n,)
+    """
+
+    K: Matrix
+    G: Matrix
+    area: FloatArray
+    gap: FloatArray
+    tied: BoolArray
+    force: FloatArray
+
+    @cached_property
+    def penalty(self) -> FloatArray:
+        """Stiffness of closed contact, Pa/m3."""
+        size = abs(self.G)
+        mean = np.asarray(size @ self.K.diagonal()) / np.asarray(size.sum(axis=1)).ravel()
+        return np.asarray(SETTINGS.stiffness * mean / self.area**2)
+
+    @cached_property
+    def _open(self) -> Uncondensed:
+        """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
+        K = sparse.csr_array(self.K + SETTINGS.shift * sparse.diags_array(self.K.diagonal()))
+        return condensed(K, np.unique(self.G.indices), SETTINGS.largest_schur)
+
+    def solve(self) -> tuple[FloatArray, FloatArray, int]:
+        """Displacement (m), pressure (Pa), and the number of sets of touching nodes tried."""
+        active = np.ones(self.area.size, dtype=bool)
+        u, p = np.zeros(self.force.size), np.zeros(self.area.size)
+        seen: set[bytes] = set()
+        for count in range(1, SETTINGS.active_sets + 1):
+            u, p, left = self._with_closed(active, u, np.where(active, p, 0.0))
+            opening = self.gap - self.G @ u
+            moved = self.area * max(np.abs(u).max(), np.abs(self.gap / self.area).max())
+            pulls = active & ~self.tied & (p < -SETTINGS.round_off * np.abs(p).max())
+            enters = ~active & (opening < -SETTINGS.round_off * moved)
+            wrong = np.flatnonzero(pulls | enters)
+            if not wrong.size and left < SETTINGS.tolerance:
+                return u, np.maximum(p, 0.0), count
+            if not wrong.size:
+                raise ConvergenceError(
+                    f"preload: a share of {left:.2g} of the clamp forces is left out of balance; "
+                    "do supports and contact hold every body?"
+                )
+            # If a set comes again, change one node at a time (Murty, Opsearch 11, 1974).
+            flipped = wrong[-1:] if active.tobytes() in seen else wrong
+            seen.add(active.tobytes())
+            active[flipped] ^= True
+        raise ConvergenceError(
+            f"preload: the nodes that touch were not found in {SETTINGS.active_sets} tries; "
+            f"{wrong.size} of {self.area.size} still change; refine the mesh of the pressed faces, "
+            "or see whether bodies are held"
+        )
+
+    def _with_closed(
+        self, active: BoolArray, u: FloatArray, p: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """Displacement and pressure for a given set of closed contact, by an augmented Lagrangian.
+
+        The residual is corrected with one factor until it stops falling. Third comes the share of
+        the clamp forces that is left out of balance.
+        """
+        G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
+        solve = self._open.solver(G.T @ sparse.diags_array(penalty) @ G)
+        p, last = p[active], np.inf
+        for _ in range(SETTINGS.corrections):
+            r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u
+            left = float(np.abs(r).max() / np.abs(self.force).max())
+            if apart.size and u.any():
+                left += float(np.abs(apart / self.area[active]).max() / np.abs(u).max())
+            if left > 0.5 * last and left < SETTINGS.tolerance:
+                break
+            last = min(last, left)
+            du = solve(r + G.T @ (penalty * apart))
+            u, p = u + du, p + penalty * (G @ du - apart)
+        whole = np.zeros(active.size)
+        whole[active] = p
+        return u, whole, left
