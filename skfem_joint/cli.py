@@ -221,17 +221,28 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
     from skfem_joint.analysis.description import describe
     from skfem_joint.scene import load_scene, load_sweep
+    from skfem_joint.scene.reading import has_sweep
     from skfem_joint.stepping.resolution import check_resolution
     from skfem_joint.structure import doubts
 
-    scene = load_scene(options.scene)
+    # All of it is checked before it is called valid.
+    swept = load_sweep(options.scene) if has_sweep(options.scene) else None
+    alone: list[str] = []
+    try:
+        scene = load_scene(options.scene)
+    except InputError as error:
+        if swept is None:
+            raise
+        scene = swept.scenes[0]
+        alone = [
+            f"The above describes the sweep's first scene, {swept.label(0)}. Without the values of "
+            f"the sweep only the command sweep can run this file: {error}"
+        ]
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
         check_resolution(system, scene.time_step, scene.n_steps)
-    # All of it is checked before it is called valid.
-    swept = None if scene.sweep is None else load_sweep(options.scene)
     found = describe(scene)
-    notes = *doubts(scene.structure(), system), *found.doubts
+    notes = *doubts(scene.structure(), system), *found.doubts, *alone
     need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
@@ -473,7 +484,7 @@ def _sweep(options: argparse.Namespace) -> int:
     files = sweeps.write(swept, rows, out)
     failed = [row for row in rows if row.failure]
     for row in failed:
-        print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
+        print(f"Scene {row.number}, {swept.label(row.number)}: {row.failure}\n")
     print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
     doubts = sweeps.doubtful(rows)
     if any(doubts.values()):

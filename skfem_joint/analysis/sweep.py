@@ -150,7 +150,7 @@ def _finished(
                 scene = scenes[number]  # goes without its matrices, and fields that nobody sees
                 output = {"vtk": False, "plots": False}
                 try:
-                    sent = pool.submit(_run, scene.light(output=output))
+                    sent = pool.submit(_run, scene.unassembled(output=output))
                     running[sent] = number
                 except BrokenExecutor:
                     broken.append(number)

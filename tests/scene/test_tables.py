@@ -84,7 +84,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     "friction = 0.7": [
         ('friction = 0.7\nlaw = "coulomb"\nbeta = 1e5', "joint[0].beta", "100000", "'coulomb'"),
         ('friction = 0.7\nnormal_force = "even"', "joint[0].normal_force", "or 'equal'"),
-        ("friction = 0.7\naxis = [0, 0.0]", "joint[0].axis", "nowhere"),
+        ("friction = 0.7\naxis = [0, 0.0]", "joint[0].axis", "no direction"),
         ("friction = 0.7\naxis = [1, 0, 0, 0]", "joint[0].axis", "a list of 4"),
     ],
     "[[load]]": [
