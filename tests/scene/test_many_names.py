@@ -11,8 +11,9 @@ from mesh_files import msh22
 from scene_texts import written
 
 import skfem_joint as sj
-from skfem_joint.mesh.named import LONGEST_NAME, MOST_NAMES
 from skfem_joint.structure import MatrixModel
+
+MOST_NAMES, LONGEST_NAME = 10_000, 127
 
 
 def bar_of(count: int, folder: Path, longest: str = "") -> Path:
