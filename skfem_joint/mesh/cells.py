@@ -288,8 +288,8 @@ def find_bodies(
     if double.any():
         raise ValueError(
             f"{double.sum()} nodes of one body lie in one place with another node that is not "
-            f"joined to them, the first at {spot(xyz[nodes[np.argmax(double)]])}: the body would be "
-            "cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
+            f"joined to them, the first at {spot(xyz[nodes[np.argmax(double)]])}: the body would "
+            "be cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
         )
     return body
 
