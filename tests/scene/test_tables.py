@@ -236,8 +236,12 @@ def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):
     by_step = ("cycles = 3", "duration = 1.0\nstep = 1e-3")
     for text, direction in (("", None), ("\ndirection = [0, -3e15]", (0.0, -3e15))):
         scene = scene_of((HARMONIC, load(kind, keys + text)), by_step)
-        (found,) = scene.loads()
-        assert (found.on, found.amplitude, found.direction) == ("free_end", expected, direction)
+        (arrived,) = scene.loads()
+        assert (arrived.on, arrived.amplitude, arrived.direction) == (
+            "free_end",
+            expected,
+            direction,
+        )
         assert (scene.time_step, scene.n_steps, scene.cycle_steps) == (1e-3, 1000, None)
         assert scene.cycle_period == expected.period
 
