@@ -13,7 +13,7 @@ import math
 import struct
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -277,14 +277,7 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     used = np.zeros(len(position), dtype=np.bool_)
     used[corners] = True
     vertex = np.where(used, np.cumsum(used) - 1, -1)
-    for name, parts in others.items():
-        off = (vertex[parts] < 0).any(axis=1)
-        if off.any():
-            raise ValueError(not_a_side(name, position[parts[np.argmax(off)]]))
-        if parts.shape[1] == 1 and np.unique(parts).size != 1:
-            raise ValueError(
-                f"point name {name!r} marks {np.unique(parts).size} nodes: give each its own"
-            )
+    _check_sides(others, vertex, position)
     p = np.ascontiguousarray(_plain(position[used], cell.dim))
     t = np.ascontiguousarray(vertex[corners[:, kept]])
     mesh = from_parts(
@@ -312,6 +305,21 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         notes += of_edges
     notes = [f"{path}: {note}" for note in notes]
     return replace(mesh, path=path, notes=tuple(notes), straightened=change)
+
+
+def _check_sides(others: Mapping[str, IntArray], vertex: IntArray, position: FloatArray) -> None:
+    """Refuse groups of sides or points with nodes of no element, and points on several nodes.
+
+    ``vertex`` is the vertex at each node, -1 for nodes without one.
+    """
+    for name, parts in others.items():
+        off = (vertex[parts] < 0).any(axis=1)
+        if off.any():
+            raise ValueError(not_a_side(name, position[parts[np.argmax(off)]]))
+        if parts.shape[1] == 1 and np.unique(parts).size != 1:
+            raise ValueError(
+                f"point name {name!r} marks {np.unique(parts).size} nodes: give each its own"
+            )
 
 
 def _plain(xyz: FloatArray, dim: int) -> FloatArray:

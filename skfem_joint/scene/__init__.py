@@ -4,9 +4,9 @@
 `matrices` and `sweep_table` have its tables, with the keys and their meanings; `values` has the
 types of values; `reading` reads files; `messages` words mistakes; `keys` is the reference of keys.
 
-All units are SI units. Unknown keys, NaN and infinity are refused. The tables check what a scene
-says by itself, the structure that is built from them what depends on the mesh. Each mistake is one
-line, ::
+All units are SI units. Unknown keys, NaN and infinity are refused. The tables check everything that
+does not depend on the mesh; the structure that is built from them checks the rest. Each mistake is
+one line, ::
 
     scene.toml: load[0].frequency: found -5, must be > 0
 

@@ -105,7 +105,8 @@ def _tables(
             own['"TABLE.KEY"'] = any_name
         needed = form.get("required", ())
         rows = tuple(_key(name, part, name in needed) for name, part in own.items())
-        head, _, rest = " ".join(form["description"].split()).partition("``: ")
+        own_words, _, _ = form["description"].partition("\nAttributes\n")
+        head, _, rest = " ".join(own_words.split()).partition("``: ")
         yield KeyTable(path, head.removeprefix("``"), rest, rows)
         for name, part in own.items():
             inner = tables_in(part.get("additionalProperties", part), defs)

@@ -162,6 +162,7 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
     )
     where = key_path(path)
     tables, field = _follow(location, root)
+    kinds = [value for table in tables for value in _kinds(table)]
     match kind:
         case "scene":
             where = ".".join(filter(None, [where, context["key"]]))
@@ -175,10 +176,8 @@ def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
             needed = f": {field['description']}" if field and "description" in field else ""
             return [f"{where}: missing, must be given{needed}"]
         case "union_tag_not_found":
-            kinds = [kind for table in tables for kind in _kinds(table)]
             return [f"{where}.kind: missing, must be one of {listed(kinds)}"]
         case "union_tag_invalid":
-            kinds = [kind for table in tables for kind in _kinds(table)]
             given, hint = value_text(error["input"]["kind"]), closest(context["tag"], kinds)
             must_be = f"must be one of {context['expected_tags']}{hint}"
             return [f"{where}.kind: found {given}, {must_be}"]

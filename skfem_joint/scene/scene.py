@@ -41,8 +41,9 @@ TABLES_OF_SYSTEM = TABLES_OF_STRUCTURE | {"load", "output"}
 class Scene(SceneTable):
     """A whole scene, of any dimension, as `load_scene` reads it from a file with its mesh.
 
-    Its attributes are its tables; ``skfem-joint keys`` lists their keys with units, defaults and
-    meanings. A scene made directly from wrong values raises a ``pydantic.ValidationError``.
+    Its attributes are its tables. ``skfem-joint keys`` lists their keys with units, defaults and
+    meanings, which the docstrings of the tables' classes have too. A scene that is made directly
+    from wrong values raises a ``pydantic.ValidationError``.
     """
 
     title: str = key("heading of the results", "")

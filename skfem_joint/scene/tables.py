@@ -117,7 +117,7 @@ class DampingTable(SceneTable):
     stiffness: NotNegative = key("factor of the stiffness matrix, s", 0.0)
     mass: NotNegative = key("factor of the mass matrix, 1/s", 0.0)
     ratio: float | None = key(
-        "damping ratio, a share of the critical damping, in place of both factors",
+        "damping ratio; a share of the critical damping, in place of both factors",
         None,
         gt=0,
         lt=1,
@@ -265,7 +265,7 @@ AnyLoad: TypeAlias = Annotated[
 class TimeTable(SceneTable):
     """``[time]``: cycles or until, and steps_per_cycle; or duration and step."""
 
-    cycles: Count | None = key("length of the run in cycles, the common periods of the loads", None)
+    cycles: Count | None = key("number of cycles; a cycle is the common period of the loads", None)
     until: Literal["steady"] | None = key(
         "'steady' computes a cycle of the steady vibration, in place of cycles", None
     )

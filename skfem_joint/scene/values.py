@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from inspect import cleandoc
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -19,6 +20,14 @@ class SceneTable(BaseModel):
     """Base of all tables of a scene: immutable, no unknown keys, no conversions, finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Append the meanings of the keys to the docstring of a table, so that help has them."""
+        super().__pydantic_init_subclass__(**options)
+        meanings = (f"{name}\n    {field.description}" for name, field in cls.model_fields.items())
+        lines = [cleandoc(cls.__doc__ or ""), "", "Attributes", "----------", *meanings]
+        cls.__doc__ = "\n".join(lines)
 
 
 def key(meaning: str, default: Any = ..., *, allowed: str = "", **limits: Any) -> Any:
