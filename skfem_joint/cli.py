@@ -220,29 +220,17 @@ def _keys(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
     from skfem_joint.analysis.description import describe
-    from skfem_joint.scene import load_scene, load_sweep
-    from skfem_joint.scene.reading import has_sweep
+    from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.stepping.resolution import check_resolution
     from skfem_joint.structure import doubts
 
     # All of it is checked before it is called valid.
-    swept = load_sweep(options.scene) if has_sweep(options.scene) else None
-    alone: list[str] = []
-    try:
-        scene = load_scene(options.scene)
-    except InputError as error:
-        if swept is None:
-            raise
-        scene = swept.scenes[0]
-        alone = [
-            f"The above describes the sweep's first scene, {swept.label(0)}. Without the values of "
-            f"the sweep only the command sweep can run this file: {error}"
-        ]
+    scene, swept, sweep_notes = load_with_sweep(options.scene)
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
         check_resolution(system, scene.time_step, scene.n_steps)
     found = describe(scene)
-    notes = *doubts(scene.structure(), system), *found.doubts, *alone
+    notes = *doubts(scene.structure(), system), *found.doubts, *sweep_notes
     need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "

@@ -167,11 +167,6 @@ class Swept:
         return _label(self.values[number])
 
 
-def has_sweep(path: str | Path) -> bool:
-    """Whether a scene file has a table ``[sweep]``; `InputError` if it cannot be read."""
-    return "sweep" in _read_toml(Path(path))
-
-
 def load_sweep(path: str | Path) -> Swept:
     """Read a scene file with a ``[sweep]`` and make its scenes, each checked as by `load_scene`.
 
@@ -211,6 +206,39 @@ def load_sweep(path: str | Path) -> Swept:
     if labels:
         raise InputError([_of_scenes(*problem) for problem in labels.items()])
     return Swept(sweep, tuple(values), tuple(scenes))
+
+
+def load_with_sweep(path: str | Path) -> tuple[Scene, Swept | None, list[str]]:
+    """Read a scene file and the scenes of its sweep, if it has one.
+
+    A key that the sweep gives need not stand in the file's own tables. The file is then no valid
+    scene by itself, and the first scene of the sweep takes its place.
+
+    Returns
+    -------
+    scene : Scene
+        Scene of the file, or the first scene of the sweep.
+    swept : Swept or None
+        Scenes of the sweep; None without ``[sweep]``.
+    notes : list of str
+        A sentence that says so if the first scene of the sweep is returned.
+
+    Raises
+    ------
+    InputError
+        As `load_sweep` if there is a ``[sweep]``, otherwise as `load_scene`.
+    """
+    swept = load_sweep(path) if "sweep" in _read_toml(Path(path)) else None
+    try:
+        return load_scene(path), swept, []
+    except InputError as error:
+        if swept is None:
+            raise
+        note = (
+            f"The scene described is the sweep's first, {swept.label(0)}. Without the values of "
+            f"the sweep the file is no valid scene, and only the command sweep takes it: {error}"
+        )
+        return swept.scenes[0], swept, [note]
 
 
 def _replaced(table: Any, key: str, value: Any, where: str, depth: int = 0) -> Any:
