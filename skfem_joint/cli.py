@@ -222,19 +222,18 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
     from skfem_joint.analysis.asked import plan_of
     from skfem_joint.analysis.description import describe
-    from skfem_joint.scene import load_scene, load_sweep
+    from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
 
-    scene = load_scene(options.scene)
+    # All of it is checked before it is called valid.
+    scene, swept, sweep_notes = load_with_sweep(options.scene)
     system = scene.system()
     if not scene.accuracy.asked:  # which shortens the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
-    # All of it is checked before it is called valid.
-    swept = None if scene.sweep is None else load_sweep(options.scene)
     found = describe(scene)
-    notes = *doubts(scene.structure(), system), *found.doubts
+    notes = *doubts(scene.structure(), system), *found.doubts, *sweep_notes
     need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
@@ -472,7 +471,7 @@ def _sweep(options: argparse.Namespace) -> int:
     files = sweeps.write(swept, rows, out)
     failed = [row for row in rows if row.failure]
     for row in failed:
-        print(f"Scene {row.number}, {swept.named(row.number)}: {row.failure}\n")
+        print(f"Scene {row.number}, {swept.label(row.number)}: {row.failure}\n")
     print(f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed.")
     doubts = sweeps.doubtful(rows)
     if any(doubts.values()):

@@ -203,6 +203,16 @@ def test_check_calls_nothing_valid_before_a_sweep_is(scene, capsys):
     refused(["check", str(path)], capsys, "joint[7].friction")
 
 
+def test_check_takes_a_key_that_stands_in_the_sweep_alone(scene, capsys):
+    path = scene(("frequency = 500.0\n", ""), more='\n[sweep]\n"load[0].frequency" = [400, 500]\n')
+    assert cli.main(["check", str(path)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the sweep's first, load[0].frequency = 400" in said
+    assert "load[0].frequency: missing" in said
+    assert "The sweep has 2 scenes, each valid." in said
+    refused(["run", str(path), "--out", "out"], capsys, "load[0].frequency: missing")
+
+
 @pytest.mark.parametrize(
     ("error", "status"),
     [(ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],

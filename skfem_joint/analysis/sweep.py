@@ -173,7 +173,7 @@ def _finished(
                 number = waiting.popleft()
                 scene = scenes[number]
                 # It is sent without its matrices, and stores no fields, which nobody would see.
-                light = scene.light(output={"vtk": False, "plots": False})
+                light = scene.unassembled(output={"vtk": False, "plots": False})
                 try:
                     running[pool.submit(_run, light)] = number
                 except BrokenExecutor:

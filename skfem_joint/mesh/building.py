@@ -1,4 +1,4 @@
-"""Bars, plates and boxes of equal elements in consecutive strips along x."""
+"""Meshes of bars, plates and boxes, of consecutive strips along x with equal elements each."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
-from skfem_joint.mesh.named import NamedMesh, make, name_problems
+from skfem_joint.mesh.named import NamedMesh, from_parts, name_problems
 from skfem_joint.values import COUNT, FINITE, POSITIVE
 
 #: Name, length along x (m) and number of elements along x.
 Strip = tuple[str, float, int]
-#: A side, or a side and the strip to which it is limited.
-Place = str | tuple[str, str]
-# Sides perpendicular to x, y and z, with scikit-fem's names.
+#: A side, or a side and the strip to whose edge it is limited.
+Side = str | tuple[str, str]
+# Sides perpendicular to x, y and z, by scikit-fem's names.
 _SIDES = ("left", "right", "bottom", "top", "front", "back")
 
 
@@ -34,17 +34,17 @@ def build_bar(
     Parameters
     ----------
     regions : sequence of (str, float, int)
-        Name, length (m) and number of elements, from the first end on. A name used more than once
-        is one region with several parts.
+        Name, length (m) and number of elements of each region, from the first end on. Parts with
+        the same name make one region.
     points : mapping of str to float, optional
-        Position along the bar (m) by point name; it must coincide with a node.
+        Position along the bar (m) by point name; each must coincide with a node.
     origin : sequence of three float
-        Position of the first end in space, m; it places bars that are merged.
+        Position of the first end in space, m, which matters for bars that are merged.
 
     Raises
     ------
     InputError
-        All mistakes in names, lengths and numbers together.
+        For all mistakes in names, lengths and numbers together.
     """
     return _built("line", regions, (), (), 1, origin, points, {})
 
@@ -58,19 +58,19 @@ def build_plate(
     kind: Literal["quadrilateral", "triangle"] = "quadrilateral",
     order: int = 1,
     prefix: str = "",
-    boundaries: Mapping[str, Place] | None = None,
+    boundaries: Mapping[str, Side] | None = None,
     points: Mapping[str, Sequence[float]] | None = None,
 ) -> NamedMesh:
     """Rectangle of consecutive strips along x, each of equal elements.
 
-    Vertices and elements are numbered column by column, upwards in each. Triangles share a cell in
-    pairs, with diagonals that alternate.
+    Vertices and elements are numbered column by column, upwards in each. Each cell of the grid is
+    one quadrilateral or two triangles, whose diagonals alternate.
 
     Parameters
     ----------
     strips : sequence of (str, float, int)
         Region name, length along x (m) and number of elements along x, from the left on, e.g.
-        ``[("linear", 0.5, 50), ("joint", 0.1, 10)]``. A name used more than once is one region.
+        ``[("linear", 0.5, 50), ("joint", 0.1, 10)]``. Strips with the same name make one region.
     width : float
         Size along y, m.
     elements : int
@@ -80,12 +80,12 @@ def build_plate(
     kind : {"quadrilateral", "triangle"}
         Kind of the elements.
     order : {1, 2}
-        Of the displacement.
+        Order of the displacement.
     prefix : str
         Prefix of the names of the default boundaries, e.g. "upper_".
     boundaries : mapping of str to str or (str, str), optional
         By name: a side ("left", "right", "bottom", "top"), or a side and the strip to whose edge
-        it is limited, e.g. ``{"contact": ("bottom", "joint")}``. Default: the four sides under
+        it is limited, e.g. ``{"contact": ("bottom", "joint")}``. By default the four sides with
         their own names.
     points : mapping of str to (float, float), optional
         Positions (m) by point name; each must coincide with a vertex.
@@ -93,7 +93,7 @@ def build_plate(
     Raises
     ------
     InputError
-        All mistakes in names, sizes and numbers together, then those in positions.
+        For all mistakes in names, sizes and numbers together, then for those in positions.
     """
     return _built(kind, strips, (width,), (elements,), order, origin, points, boundaries, prefix)
 
@@ -107,14 +107,15 @@ def build_box(
     kind: Literal["hexahedron", "tetrahedron"] = "hexahedron",
     order: int = 1,
     prefix: str = "",
-    boundaries: Mapping[str, Place] | None = None,
+    boundaries: Mapping[str, Side] | None = None,
     points: Mapping[str, Sequence[float]] | None = None,
 ) -> NamedMesh:
-    """Box of consecutive strips along x, each of equal elements; six tetrahedra share a cell.
+    """Box of consecutive strips along x, each of equal elements.
 
-    Parameters and errors are those of `build_plate`, with three coordinates, and with sizes (m) and
-    numbers of elements along y and z. The sides are "left" and "right" (x), "bottom" and "top" (y),
-    "front" and "back" (z), as scikit-fem calls them.
+    Each cell of the grid is one hexahedron or six tetrahedra. Parameters and errors are those of
+    `build_plate`, with three coordinates, and with sizes (m) and numbers of elements along y and z.
+    The sides are "left" and "right" (x), "bottom" and "top" (y), "front" and "back" (z), as in
+    scikit-fem.
     """
     return _built(kind, strips, size, elements, order, origin, points, boundaries, prefix)
 
@@ -127,16 +128,18 @@ def _built(
     order: int,
     origin: Sequence[float],
     points: Mapping[str, Any] | None,
-    boundaries: Mapping[str, Place] | None,
+    boundaries: Mapping[str, Side] | None,
     prefix: str = "",
 ) -> NamedMesh:
-    """Grid of any dimension; the coordinate of a bar starts at 0, whatever its origin."""
+    """Mesh of a grid of any dimension; the coordinate of a bar starts at 0, whatever its origin."""
     if boundaries is None:
         boundaries = {prefix + side: side for side in _SIDES[: 2 + 2 * len(size)]}
-    limits = {n: (at, None) if isinstance(at, str) else at for n, at in boundaries.items()}
+    limits = {
+        name: (side, None) if isinstance(side, str) else side for name, side in boundaries.items()
+    }
     names = [name for name, _, _ in strips]
     problems = name_problems(region=names, boundary=boundaries, point=points or {})
-    problems += _mistakes(kind, strips, size, elements, order, origin, limits)
+    problems += _problems(kind, strips, size, elements, order, origin, limits)
     refuse(problems)
     counts = [count for _, _, count in strips]
     ends = np.cumsum([0.0, *(length for _, length, _ in strips)])
@@ -144,42 +147,42 @@ def _built(
     axes = [np.concatenate([*axes, ends[-1:]])]
     axes += [np.linspace(0.0, side, count + 1) for side, count in zip(size, elements, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(len(axes), -1)
-    at = np.pad(grid, ((0, 3 - len(grid)), (0, 0))).T + np.pad(origin, (0, 3 - len(origin)))
-    p = grid if len(grid) == 1 else at.T[: len(grid)]
+    xyz = np.pad(grid, ((0, 3 - len(grid)), (0, 0))).T + np.pad(origin, (0, 3 - len(origin)))
+    p = grid if len(grid) == 1 else xyz.T[: len(grid)]
     shape = [axis.size for axis in axes]
     t = _elements(kind, shape)
     strip_of = np.repeat([names.index(name) for name in names], counts)
     strip_of = np.repeat(strip_of, t.shape[1] // strip_of.size)
     try:
-        return make(
+        return from_parts(
             CELLS[kind],
             p,
             t,
-            at=at,
+            xyz=xyz,
             order=order,
             regions={name: np.flatnonzero(strip_of == names.index(name)) for name in names},
             facets=_sides(kind, t, strip_of, shape, limits, names),
             points=_vertices(p, points or {}),
             body=np.zeros(t.shape[1], dtype=np.intp),
-            as_it_is=len(axes) == 1,  # nodes of bars ascend already
+            keep_order=len(axes) == 1,  # nodes of bars ascend already
         )
     except ValueError as error:
         raise InputError(f"{kind}s: {error}") from error
 
 
 def _vertices(p: FloatArray, points: Mapping[str, Any]) -> dict[str, int]:
-    """Vertices at the given places; ValueError where there are none."""
+    """Vertex at the position of each point; ValueError if there is none."""
     vertices, problems = {}, []
-    for name, place in points.items():
-        wanted = np.atleast_1d(np.asarray(place, dtype=np.float64))
-        if wanted.shape != (len(p),):
-            problems.append(f"point {name!r} at {place}: give {len(p)} coordinates (m)")
+    for name, point in points.items():
+        position = np.atleast_1d(np.asarray(point, dtype=np.float64))
+        if position.shape != (len(p),):
+            problems.append(f"point {name!r} at {point}: give {len(p)} coordinates (m)")
             continue
-        distance = np.linalg.norm(p - wanted[:, np.newaxis], axis=0)
+        distance = np.linalg.norm(p - position[:, np.newaxis], axis=0)
         vertices[name] = int(np.argmin(distance))
         if not distance[vertices[name]] <= TOLERANCE * np.ptp(p, axis=1).max():
             problems.append(
-                f"point {name!r} at {spot(wanted)} is not on a node; the nearest one is at "
+                f"point {name!r} at {spot(position)} is not on a node; the nearest node is at "
                 f"{spot(p[:, vertices[name]])}"
             )
     if problems:
@@ -187,7 +190,7 @@ def _vertices(p: FloatArray, points: Mapping[str, Any]) -> dict[str, int]:
     return vertices
 
 
-def _mistakes(
+def _problems(
     kind: str,
     strips: Sequence[Strip],
     size: Sequence[float],
@@ -196,7 +199,7 @@ def _mistakes(
     origin: Sequence[float],
     limits: Mapping[str, tuple[str, str | None]],
 ) -> list[str]:
-    """What is wrong with the parameters of a grid, except names."""
+    """Problems of the parameters of a grid, except those of names."""
     parts = [(f"strip {name!r}", length, count) for name, length, count in strips]
     parts += zip(("width", "depth"), size, elements, strict=False)
     problems = [] if strips else ["a mesh needs at least one strip"]
@@ -205,7 +208,7 @@ def _mistakes(
             problems.append(f"length of {what} is {length}: it must be positive, finite")
         if count not in COUNT:
             problems.append(f"{what} has {count} elements: give an integer from 1 on")
-    if not all(place in FINITE for place in origin):
+    if not all(coordinate in FINITE for coordinate in origin):
         problems.append(f"origin is {origin}: it must be finite")
     kinds = [name for name, cell in CELLS.items() if cell.dim == 1 + len(size)]
     sides, names = _SIDES[: 2 + 2 * len(size)], [None, *(name for name, _, _ in strips)]
@@ -222,14 +225,6 @@ def _mistakes(
     ]
 
 
-# Corners of the elements that share an even cell of the grid, and those that share an odd one.
-_SIX = ((0, 1, 3, 4), (0, 3, 2, 4), (2, 3, 4, 6), (3, 4, 6, 7), (3, 4, 5, 7), (1, 3, 4, 5))
-_SHARED: dict[str, Any] = {
-    "triangle": (((0, 1, 2), (0, 2, 3)), ((0, 1, 3), (1, 2, 3))),
-    "tetrahedron": (_SIX, _SIX),
-}
-
-
 def _elements(kind: str, shape: Sequence[int]) -> IntArray:
     """Vertices (corners, n) of the elements of a grid whose last axis is numbered fastest."""
     node = np.arange(math.prod(shape)).reshape(shape)
@@ -239,9 +234,13 @@ def _elements(kind: str, shape: Sequence[int]) -> IntArray:
     cells = np.stack([node[tuple(box)].ravel() for box in boxes])
     if kind == grid.name:
         return np.asarray(cells, dtype=np.intp)
-    even, odd = (cells[np.array(parts)] for parts in _SHARED[kind])
+    # Corners of the grid's cells that the triangles or tetrahedra of even and odd cells have.
+    even, odd = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
+    if kind == "tetrahedron":
+        even = [[0, 1, 3, 4], [0, 3, 2, 4], [2, 3, 4, 6], [3, 4, 6, 7], [3, 4, 5, 7], [1, 3, 4, 5]]
+        odd = even
     parity = np.indices([n - 1 for n in shape]).sum(axis=0).ravel() % 2
-    t = np.where(parity == 0, even, odd).transpose(1, 2, 0)
+    t = np.where(parity == 0, cells[np.array(even)], cells[np.array(odd)]).transpose(1, 2, 0)
     return np.asarray(t.reshape(t.shape[0], -1), dtype=np.intp)
 
 
@@ -256,17 +255,17 @@ def _sides(
     """Vertices (corners, n) of the facets on the named sides of a grid."""
     if not limits:
         return {}
-    known, t2f = CELLS[kind].facets(t, math.prod(shape))
-    owner = np.empty(known.shape[1], dtype=np.intp)
+    facets, t2f = CELLS[kind].facets(t, math.prod(shape))
+    owner = np.empty(facets.shape[1], dtype=np.intp)  # strip of an element of each facet
     owner[t2f] = strip_of
     boundaries = {}
     for name, (side, strip) in limits.items():
         axis, end = divmod(_SIDES.index(side), 2)
         on_side = np.indices(shape)[axis].ravel() == end * (shape[axis] - 1)
-        chosen = on_side[known].all(axis=0)
+        chosen = on_side[facets].all(axis=0)
         if strip is not None:
             chosen &= owner == names.index(strip)
         if not chosen.any():
             raise ValueError(f"boundary {name!r}: strip {strip!r} does not reach side {side!r}")
-        boundaries[name] = known[:, chosen]
+        boundaries[name] = facets[:, chosen]
     return boundaries

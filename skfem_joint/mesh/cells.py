@@ -1,11 +1,12 @@
-"""Kinds of elements, from scikit-fem's own tables, and the checks that hold for all of them.
+"""Kinds of elements, with scikit-fem's meshes and elements, and the checks that all meshes pass.
 
-Each check raises ValueError, which states place and reason. In all functions
+A check raises ValueError, which states place and reason. In all functions
 
-- ``p``, shape (dim, n_vertices), are the positions of the vertices, m;
-- ``at``, shape (n_vertices, 3), are their positions in space, m, for messages;
+- ``p``, shape (dim, n_vertices), are the positions of the vertices in the dimension of the mesh, m;
+- ``xyz``, shape (n_vertices, 3), are their positions in space, m;
 - ``t``, shape (corners, n_elements), are the vertices of the elements;
-- ``facets``, shape (corners, n_facets), are the vertices of the facets.
+- ``facets``, shape (corners, n_facets), are the vertices of the facets;
+- ``t2f``, shape (sides, n_elements), are the facets of the elements.
 """
 
 from __future__ import annotations
@@ -24,37 +25,37 @@ from skfem.element import BOUNDARY_ELEMENT_MAP
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 
-#: Share of the mesh's size below which positions are the same: straightness, coincident nodes,
-#: positions of points.
+#: Share of the mesh's size below which two positions are the same, and a bar or plane is straight.
 TOLERANCE = 1e-9
-#: Smallest size and largest coordinate of a mesh, m: energies must neither vanish nor overflow.
-SHORTEST, LONGEST = 1e-20, 1e20
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One kind of element.
+    """Kind of element.
 
     Attributes
     ----------
     name : str
+        Name of the kind, such as "triangle".
     mesh : type
         Mesh of first order in scikit-fem.
     elements : tuple of type
         Scalar elements of first and second order in scikit-fem; their degrees of freedom are the
         nodes.
-    turned : tuple of int
-        Corners of the mirrored element.
+    mirrored : tuple of int
+        Order of the corners that mirrors the element.
     sign : int
-        Sign of scikit-fem's Jacobian determinant where that of Gmsh is positive.
+        Sign of scikit-fem's Jacobian determinant for an element whose corners have the order of
+        Gmsh.
     gmsh : tuple of int
-        Nodes in the order of Gmsh, where it differs from scikit-fem's.
+        Order in which Gmsh numbers the nodes of scikit-fem's second-order element, as far as it has
+        them; () for the same order.
     """
 
     name: str
     mesh: Any
-    elements: tuple[Any, ...]
-    turned: tuple[int, ...]
+    elements: tuple[Any, Any]
+    mirrored: tuple[int, ...]
     sign: int = 1
     gmsh: tuple[int, ...] = ()
 
@@ -76,30 +77,39 @@ class Cell:
         return np.asarray(facets, dtype=np.intp), np.asarray(t2f, dtype=np.intp)
 
 
-_HEXAHEDRON = (
-    *(0, 3, 6, 2, 1, 5, 7, 4, 10, 9, 8, 16, 15, 14, 19, 13, 12, 11, 18, 17),
-    *(21, 22, 20, 25, 23, 24, 26),
-)
-_KINDS: tuple[tuple[Any, ...], ...] = (
-    ("line", "Line", "P", (1, 0)),
-    ("triangle", "Tri", "P", (0, 2, 1)),
-    ("quadrilateral", "Quad", "", (0, 3, 2, 1)),
-    ("tetrahedron", "Tet", "P", (0, 2, 1, 3), 1, (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)),
-    ("hexahedron", "Hex", "", (1, 0, 4, 5, 2, 3, 7, 6), -1, _HEXAHEDRON),
-)
 #: Kinds of elements by name.
-CELLS: dict[str, Cell] = {
-    name: Cell(
-        *(name, getattr(skfem, f"Mesh{word}1")),
-        tuple(getattr(skfem, f"Element{word}{letter}{order}") for order in (1, 2)),
-        *rest,
+CELLS = {
+    cell.name: cell
+    for cell in (
+        Cell("line", skfem.MeshLine1, (skfem.ElementLineP1, skfem.ElementLineP2), (1, 0)),
+        Cell("triangle", skfem.MeshTri1, (skfem.ElementTriP1, skfem.ElementTriP2), (0, 2, 1)),
+        Cell(
+            "quadrilateral", skfem.MeshQuad1, (skfem.ElementQuad1, skfem.ElementQuad2), (0, 3, 2, 1)
+        ),
+        Cell(
+            "tetrahedron",
+            skfem.MeshTet1,
+            (skfem.ElementTetP1, skfem.ElementTetP2),
+            (0, 2, 1, 3),
+            gmsh=(0, 1, 2, 3, 4, 5, 6, 7, 9, 8),
+        ),
+        Cell(
+            "hexahedron",
+            skfem.MeshHex1,
+            (skfem.ElementHex1, skfem.ElementHex2),
+            (1, 0, 4, 5, 2, 3, 7, 6),
+            sign=-1,
+            gmsh=(
+                *(0, 3, 6, 2, 1, 5, 7, 4, 10, 9, 8, 16, 15, 14, 19, 13, 12, 11, 18, 17),
+                *(21, 22, 20, 25, 23, 24, 26),
+            ),
+        ),
     )
-    for name, word, letter, *rest in _KINDS
 }
 
 
 def cell_of(mesh: skfem.Mesh) -> tuple[Cell, int]:
-    """Kind and order of the elements of a scikit-fem mesh; ValueError for other kinds."""
+    """Kind of the elements of a scikit-fem mesh, and their order; ValueError for other kinds."""
     for cell in CELLS.values():
         if mesh.elem in cell.elements and len(mesh.p) == cell.dim:
             return cell, 1 + cell.elements.index(mesh.elem)
@@ -110,16 +120,17 @@ def cell_of(mesh: skfem.Mesh) -> tuple[Cell, int]:
 
 
 def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Index of the first column in each set of equal columns, and the set of each column.
+    """Index of the first column of each set of equal columns, and the number of each column's set.
 
-    The sets are sorted by the columns' content.
+    The sets are sorted by the columns' content, as by ``numpy.unique(a, axis=1)``, which takes much
+    longer for the facets of a large mesh.
     """
     order = np.lexsort(a[::-1])
     new = np.ones(order.size, dtype=np.bool_)
     new[1:] = (np.diff(a[:, order], axis=1) != 0).any(axis=0)
-    member = np.empty(order.size, dtype=np.intp)
-    member[order] = np.cumsum(new) - 1
-    return order[new], member
+    set_of = np.empty(order.size, dtype=np.intp)
+    set_of[order] = np.cumsum(new) - 1
+    return order[new], set_of
 
 
 def split(
@@ -167,10 +178,11 @@ def split(
 
 
 def _parts(places: FloatArray, corners: int) -> IntArray:
-    """Nodes of the parts of an element of second order, from the places of its nodes.
+    """Nodes of the parts of an element of second order, shape (parts, corners).
 
     The corners of the part at a corner are the middles between this corner and all others. In a
-    triangle a fourth part joins the middles of the edges.
+    triangle a fourth part joins the middles of the edges. ``places`` are the local coordinates of
+    the nodes.
     """
     half = 0.5 * (places[:corners, np.newaxis] + places[:corners])
     parts = np.argmin(np.abs(half[:, :, np.newaxis] - places).sum(axis=-1), axis=-1)
@@ -179,7 +191,10 @@ def _parts(places: FloatArray, corners: int) -> IntArray:
 
 
 def _around_diagonals(positions: FloatArray, nodes: IntArray) -> IntArray:
-    """Corners (4, 4, n) of the inner parts of tetrahedra of second order."""
+    """Nodes of the inner parts of tetrahedra of second order, shape (parts, corners, n).
+
+    They surround the shortest of the diagonals between the middles of opposite edges.
+    """
     diagonals = np.array([[4, 9], [5, 7], [6, 8]])
     rings = np.array([[5, 6, 7, 8], [4, 6, 9, 8], [4, 5, 9, 7]])
     ends = positions[:, nodes[diagonals]]
@@ -191,89 +206,102 @@ def _around_diagonals(positions: FloatArray, nodes: IntArray) -> IntArray:
 
 
 def _det(matrices: FloatArray) -> FloatArray:
-    """Determinants of matrices (n, dim, dim); in one dimension the numbers themselves."""
+    """Determinants of matrices (n, dim, dim)."""
     return matrices[:, 0, 0] if matrices.shape[1] == 1 else np.linalg.det(matrices)
 
 
 def spot(*positions: FloatArray) -> str:
-    """Positions (m) in a message."""
-    words = (", ".join(f"{value:.9g}" for value in position) for position in positions)
-    return " to ".join(f"({word}) m" for word in words)
+    """Positions (m) as text for a message."""
+    texts = (", ".join(f"{value:.9g}" for value in position) for position in positions)
+    return " to ".join(f"({text}) m" for text in texts)
 
 
-def check_shapes(cell: Cell, p: FloatArray, t: IntArray, at: FloatArray) -> BoolArray:
+def check_shapes(cell: Cell, p: FloatArray, t: IntArray, xyz: FloatArray) -> BoolArray:
     """Refuse elements that have no size, are not convex or cross themselves.
 
-    Returns whether each element runs the wrong way round, shape (n_elements,).
+    The Jacobian determinant must have the same sign at all nodes of the second-order element.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_elements,)
+        Whether each element is mirrored.
     """
     size = float(np.ptp(p, axis=1).max())
-    if size < SHORTEST:
-        raise ValueError(f"the mesh is {size:.3g} m in size: it must be {SHORTEST:g} m or more")
+    if size < 1e-20:
+        raise ValueError(f"the mesh is {size:.3g} m in size: it must be 1e-20 m or more")
     pairs = combinations(range(len(t)), 2)
     lengths = [np.linalg.norm(p[:, t[i]] - p[:, t[j]], axis=0) for i, j in pairs]
     places = cell.elements[1].doflocs
     if len(t) == cell.dim + 1:
-        places = places[:1]  # the Jacobian of a simplex is the same everywhere
+        places = places[:1]  # the Jacobian of a simplex is constant
     element, shape = cell.elements[0](), (cell.dim, len(places))
     slopes = [np.broadcast_to(element.lbasis(places.T, i)[1], shape) for i in range(len(t))]
     jacobians = (
         np.einsum("icn,cj->nij", p[:, t], slope) for slope in np.moveaxis(np.array(slopes), 2, 0)
     )
-    area = cell.sign * np.array([_det(jacobian) for jacobian in jacobians])
-    least, most = area.min(axis=0), area.max(axis=0)
+    determinants = cell.sign * np.array([_det(jacobian) for jacobian in jacobians])
+    least, most = determinants.min(axis=0), determinants.max(axis=0)
     thin = TOLERANCE * np.max(lengths, axis=0) ** cell.dim
     for wrong, reason in (
         (np.min(lengths, axis=0) <= TOLERANCE * size, "has two corners in one place"),
         ((least < -thin) & (most > thin), "crosses itself or is not convex"),
-        (np.abs(area).min(axis=0) <= thin, f"has no {cell.measure}, as a whole or at a corner"),
+        (
+            np.abs(determinants).min(axis=0) <= thin,
+            f"has no {cell.measure}, as a whole or at a corner",
+        ),
     ):
         if wrong.any():
             more = f" ({wrong.sum()} such elements)" if wrong.sum() > 1 else ""
             raise ValueError(
-                f"a {cell.name} {reason}: with corners at {spot(*at[t[:, np.argmax(wrong)]])}"
+                f"a {cell.name} {reason}: with corners at {spot(*xyz[t[:, np.argmax(wrong)]])}"
                 f"{more}. Mesh this place anew"
             )
     return np.asarray(most < 0.0)
 
 
 def find_bodies(
-    p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, at: FloatArray
+    p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, xyz: FloatArray
 ) -> IntArray:
     """Number of the body of each element, shape (n_elements,).
 
-    Elements that share facets belong to one body; bodies are numbered by their first elements.
-    Refused are elements on the same side of a facet, bodies that share a node, and two nodes of
-    one body in the same place.
+    Elements that share facets belong to the same body. Bodies are numbered by their first elements.
+    Refused are elements on the same side of a facet, bodies that share a node, and two nodes of a
+    body in the same place.
     """
-    beside = _beside(p, t, facets, t2f, at)
+    beside = _beside(p, t, facets, t2f, xyz)
     joined = beside[:, (beside >= 0).all(axis=0)]
     touching = coo_array((np.ones(joined.shape[1]), tuple(joined)), shape=(t.shape[1],) * 2)
     body = np.asarray(connected_components(touching, directed=False)[1], dtype=np.intp)
-    body_of = np.empty(len(at), dtype=np.intp)
+    body_of = np.empty(len(xyz), dtype=np.intp)
     body_of[t] = body
     shared = t[body_of[t] != body]
     if shared.size:
         raise ValueError(
-            f"elements only touch in the point {spot(at[shared[0]])}, a hinge: join them along a "
+            f"elements only touch in the point {spot(xyz[shared[0]])}, a hinge: join them along a "
             "whole side, or give them separate nodes"
         )
     nodes = np.unique(facets[:, (beside < 0).any(axis=0)])  # cracks are part of the surface
-    size = float(np.ptp(at[nodes], axis=0).max())
-    apart = np.column_stack([at[nodes], 2.0 * size * body_of[nodes]])  # bodies may overlap
+    size = float(np.ptp(xyz[nodes], axis=0).max())
+    # Bodies may overlap: a fourth coordinate keeps their nodes apart.
+    apart = np.column_stack([xyz[nodes], 2.0 * size * body_of[nodes]])
     double = cKDTree(apart).query(apart, k=2)[0][:, 1] <= TOLERANCE * size
     if double.any():
         raise ValueError(
             f"{double.sum()} nodes of one body lie in one place with another node that is not "
-            f"joined to them, the first at {spot(at[nodes[np.argmax(double)]])}: the body would be "
-            "cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
+            f"joined to them, the first at {spot(xyz[nodes[np.argmax(double)]])}: the body would "
+            "be cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
         )
     return body
 
 
 def _beside(
-    p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, at: FloatArray
+    p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, xyz: FloatArray
 ) -> IntArray:
-    """Element (2, n_facets) on each side of each facet, -1 where there is none."""
+    """Element on each side of each facet, shape (2, n_facets); -1 where there is none.
+
+    The sign of the determinant of vectors along the facet and to the element's centre tells the
+    side.
+    """
     dim, corners, centre = len(p), p[:, facets], p[:, t].mean(axis=1)
     spans = [corners[:, -1 - i] - corners[:, dim - 2 - i] for i in range(dim - 1)]
     middle = corners.mean(axis=1)
@@ -284,10 +312,10 @@ def _beside(
     uses = np.bincount(code.ravel(), minlength=2 * facets.shape[1])
     if uses.max() > 1:
         both = np.flatnonzero((code == np.argmax(uses)).any(axis=0))[:2]
-        a, b = (spot(at[t[:, element]].mean(axis=0)) for element in both)
+        a, b = (spot(xyz[t[:, element]].mean(axis=0)) for element in both)
         raise ValueError(
             f"two elements, with centres at {a} and {b}, lie on the same side of what joins them, "
-            f"{spot(*at[facets[:, np.argmax(uses) // 2]])}: the mesh branches, folds back or "
+            f"{spot(*xyz[facets[:, np.argmax(uses) // 2]])}: the mesh branches, folds back or "
             "overlaps itself, or an element is inverted. Bodies over each other must not share "
             "nodes"
         )

@@ -1,4 +1,4 @@
-"""The Gmsh format: checks of files before meshio reads them, and a writer."""
+"""Gmsh files: checks before meshio reads them, and a writer."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.arrays import IntArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import cell_of, same_columns, split
 from skfem_joint.mesh.named import NamedMesh, check_count
 
-# Nodes of each Gmsh element type: points, lines of order 1 to 10, and triangles, quadrangles,
-# tetrahedra and hexahedra of first and second order.
+# Number of nodes of each Gmsh element type that is read: points, lines of order 1 to 10, and
+# triangles, quadrangles, tetrahedra and hexahedra of first and second order.
 _NODES = {
     **{15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},
     **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27},
 }
-# Element types by dimension, corners and order.
+# Gmsh element types that are written, by dimension, number of corners and order.
 _TYPES = {
     **{(0, 1, 1): 15, (0, 1, 2): 15, (1, 2, 1): 1, (1, 2, 2): 8, (2, 3, 1): 2, (2, 3, 2): 9},
     **{(2, 4, 1): 3, (2, 4, 2): 10, (3, 4, 1): 4, (3, 4, 2): 11, (3, 8, 1): 5, (3, 8, 2): 12},
 }
-#: Physical tags, without sign, by dimension and tag of the entity.
+#: Tags of the physical groups, without sign, by dimension and tag of the entity.
 Groups = dict[tuple[int, int], set[int]]
 
 
 class _Numbers:
-    """Numbers of one section, read in turn; ValueError if more are asked for than it holds."""
+    """Numbers of a section, read in turn; ValueError if fewer are left than are to be read."""
 
     def __init__(self, body: bytes, name: str, binary: bool) -> None:
         self.name, self.binary, self.position = name, binary, 0
@@ -65,22 +65,28 @@ class _Numbers:
 
 
 def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
-    """Check a Gmsh file, and leave out what meshio would misread.
+    """Check a Gmsh file and leave out the sections that meshio would misread.
 
-    meshio allocates memory for whatever counts a file states, takes a wrong node where an element
-    names one that does not exist, keeps only one of two groups of the same name, and reads on where
-    a section is cut off. Such files are refused. meshio also refuses a file in which some entities
-    belong to no group, and empties groups of reversed curves (negative tags). Entities, results and
-    other sections are therefore left out of what it reads.
+    Refused are files that meshio would read wrongly: it allocates memory for any count that a file
+    states, takes a wrong node if an element refers to a missing node, keeps only the last of two
+    groups with the same name, and reads beyond the end of a section that is cut off.
+
+    Left out are entities, results and other sections: meshio refuses a file in which some entities
+    belong to no group, and empties groups of reversed curves (negative tags).
 
     Returns
     -------
     content : bytes
-        What meshio is to read.
+        File for meshio.
     tags : ndarray of int
         Numbers of the nodes.
     groups : dict or None
-        Physical groups of the entities, if the file states them.
+        Physical groups of the entities, if the file has a section of entities.
+
+    Raises
+    ------
+    ValueError
+        Says why the file is refused.
     """
     sections = _sections(data.removeprefix(b"\xef\xbb\xbf"))
     version, mode, size = (word.decode("ascii") for word in sections["MeshFormat"].split()[:3])
@@ -156,9 +162,9 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
     else:
         tags = Nodes.take("f8", 4 * Nodes.line())[::4]
-    used, tagged, count_read, total = [np.empty(0)], set(), 0, Elements.line()
+    used, with_tags, count_read, total = [np.empty(0)], set(), 0, Elements.line()
     while count_read < total:
-        (kind, count, n_tags) = Elements.integers("i4", 3)
+        kind, count, n_tags = Elements.integers("i4", 3)
         if not Elements.binary:  # number of the element, kind, tags
             kind, count = count, 1
         if count < 1 or n_tags < 0:
@@ -166,9 +172,9 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         width = n_tags + _nodes_of(kind) + Elements.binary
         table = Elements.take("i4", count * width).reshape(count, width)
         used.append(table[:, -_nodes_of(kind) :].ravel())
-        tagged.add(n_tags > 0)
+        with_tags.add(n_tags > 0)
         count_read += count
-    if len(tagged) > 1:  # meshio shifts the tags of those that have some
+    if len(with_tags) > 1:  # meshio shifts the tags of those that have some
         raise ValueError("some elements have tags and some have none; save it again with Gmsh")
     return tags, np.concatenate(used)
 
@@ -189,17 +195,17 @@ def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         (count,) = Elements.integers("u8", 1)
         used.append(Elements.take("u8", count * width).reshape(count, width)[:, 1:].ravel())
         count_read += count
-    held = sum(map(len, tags)), count_read
-    if held != (n_nodes, n_elements):
+    nodes = np.concatenate(tags)
+    if (nodes.size, count_read) != (n_nodes, n_elements):
         raise ValueError(
-            f"the file announces {n_nodes} nodes and {n_elements} elements and holds {held[0]} and "
-            f"{held[1]}"
+            f"the file announces {n_nodes} nodes and {n_elements} elements and holds {nodes.size} "
+            f"and {count_read}"
         )
-    return np.concatenate(tags), np.concatenate(used)
+    return nodes, np.concatenate(used)
 
 
 def _nodes_of(kind: int) -> int:
-    """Number of nodes of an element of a Gmsh type."""
+    """Number of nodes of an element type of Gmsh; ValueError for types that are not read."""
     if kind not in _NODES:
         raise ValueError(
             f"it holds elements of Gmsh type {kind} (6 is a prism, 7 a pyramid, 21 a triangle of "
@@ -212,20 +218,85 @@ def _nodes_of(kind: int) -> int:
 def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
     """Write a mesh as Gmsh 4.1 ASCII, with regions, boundaries and points as physical groups.
 
-    Elements that belong to the same regions make one entity, and facets of the same boundaries
-    another, so that overlapping groups need no repeated cells. meshio's writer would repeat them,
-    and loses groups whose entities own no nodes. Elements are written in the order in which their
-    entities first appear, those of second order with their middle nodes.
+    The elements that belong to the same regions form an entity, and so do the facets of the same
+    boundaries. Overlapping groups therefore need no repeated cells. meshio's writer would repeat
+    cells, and loses groups whose entities own no nodes. Elements are written in the order in which
+    their entities first appear, those of second order with their middle nodes.
+
+    Parameters
+    ----------
+    mesh : NamedMesh
+        Mesh; a mesh of several bars must be written bar by bar.
+    path : str or Path
+        File, which is overwritten.
 
     Raises
     ------
     InputError
-        If the file cannot be written, or the mesh holds several bars: each is read from a file of
-        its own.
+        If the file cannot be written, or the mesh holds several bars.
     """
-    cell, _ = cell_of(mesh.mesh)
     if mesh.dim == 1 and mesh.body.max() > 0:
         raise InputError(f"{path}: a file holds one bar; write each bar to a file of its own")
+    positions, entities, tags = _entities(mesh)
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat"]
+    if tags:
+        names = [f'{dim} {tag} "{name}"' for (dim, name), tag in tags.items()]
+        lines += ["$PhysicalNames", str(len(tags)), *names, "$EndPhysicalNames"]
+    dims = [entity.dim for entity in entities]
+    lines += ["$Entities", _joined([dims.count(dim) for dim in range(4)])]
+    for tag, entity in enumerate(entities, 1):
+        used = positions[np.unique(entity.nodes) - 1]
+        box = [*used.min(axis=0).tolist(), *(used.max(axis=0).tolist() if entity.dim else ())]
+        ends = [0] if entity.dim else []
+        lines.append(_joined([tag, *box, len(entity.groups), *entity.groups, *ends]))
+    owner = np.zeros(len(positions), dtype=np.intp)  # first entity that uses a node
+    for tag, entity in reversed(list(enumerate(entities, 1))):
+        owner[entity.nodes - 1] = tag
+    blocks, count = np.unique(owner), len(owner)
+    lines += ["$EndEntities", "$Nodes", f"{blocks.size} {count} 1 {count}"]
+    for tag in blocks.tolist():
+        inside = np.flatnonzero(owner == tag)
+        lines.append(f"{dims[tag - 1]} {tag} 0 {inside.size}")
+        lines += [str(number) for number in (inside + 1).tolist()]
+        lines += [_joined(position) for position in positions[inside].tolist()]
+    total = sum(len(entity.nodes) for entity in entities)
+    lines += ["$EndNodes", "$Elements", f"{len(entities)} {total} 1 {total}"]
+    number = 0
+    for tag, entity in enumerate(entities, 1):
+        lines.append(f"{entity.dim} {tag} {entity.kind} {len(entity.nodes)}")
+        lines += [_joined([i, *row]) for i, row in enumerate(entity.nodes.tolist(), number + 1)]
+        number += len(entity.nodes)
+    lines += ["$EndElements", ""]
+    try:
+        Path(path).write_text("\n".join(lines), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+class _Entity(NamedTuple):
+    """Cells of a Gmsh file that belong to the same physical groups.
+
+    Attributes
+    ----------
+    dim : int
+        Dimension of the cells.
+    groups : list of int
+        Tags of the physical groups.
+    kind : int
+        Element type.
+    nodes : ndarray of int, shape (cells, nodes)
+        Numbers of the nodes, from 1 on.
+    """
+
+    dim: int
+    groups: list[int]
+    kind: int
+    nodes: IntArray
+
+
+def _entities(mesh: NamedMesh) -> tuple[FloatArray, list[_Entity], dict[tuple[int, str], int]]:
+    """Positions of all nodes, entities, and tags of the groups by dimension and name."""
+    cell, _ = cell_of(mesh.mesh)
     positions, facets, nodes = mesh.coordinates, mesh.mesh.facets, mesh.mesh.t
     if mesh.order == 2:
         values, nodes, facets, _, _ = split(mesh.mesh, mesh.coordinates.T)
@@ -234,72 +305,39 @@ def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
     named[0] = {name: np.array([vertex]) for name, vertex in mesh.points.items()}
     named[cell.dim - 1] = named.get(cell.dim - 1, {}) | mesh.boundaries
     named[cell.dim] = mesh.regions
-    groups = [(dim, name) for dim, group in named.items() for name in group]
+    groups = [(dim, name) for dim, members in named.items() for name in members]
     tags = {group: tag for tag, group in enumerate(groups, 1)}
     tables = {
         0: (np.arange(len(mesh.coordinates))[np.newaxis], 1),
         cell.dim - 1: (facets, len(mesh.mesh.facets)),
         cell.dim: (nodes[list(cell.gmsh or range(27))[: len(nodes)]], len(mesh.mesh.t)),
     }
-    # Dimension, physical tags, element type and rows of node numbers of each entity.
-    entities: list[tuple[int, list[int], int, IntArray]] = []
+    entities = []
     for dim, (table, corners) in tables.items():
         kind = _TYPES[dim, corners, mesh.order]
-        for members, chosen in _by_membership(named[dim], table.shape[1]):
-            if members or dim == cell.dim:
-                physical = [tags[dim, name] for name in members]
-                entities.append((dim, physical, kind, table[:, chosen].T + 1))
-
-    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat"]
-    if groups:
-        listed = [f'{dim} {tag} "{name}"' for (dim, name), tag in tags.items()]
-        lines += ["$PhysicalNames", str(len(groups)), *listed, "$EndPhysicalNames"]
-    dims = [entity[0] for entity in entities]
-    lines += ["$Entities", _words([dims.count(dim) for dim in range(4)])]
-    for tag, (dim, physical, _, rows) in enumerate(entities, 1):
-        used = positions[np.unique(rows) - 1]
-        box = [*used.min(axis=0).tolist(), *(used.max(axis=0).tolist() if dim else ())]
-        lines.append(_words([tag, *box, len(physical), *physical, *([0] if dim else [])]))
-    owner = np.zeros(len(positions), dtype=np.intp)  # the smallest entity that uses a node
-    for tag, (_, _, _, rows) in reversed(list(enumerate(entities, 1))):
-        owner[rows - 1] = tag
-    blocks, count = np.unique(owner), len(owner)
-    lines += ["$EndEntities", "$Nodes", f"{blocks.size} {count} 1 {count}"]
-    for tag in blocks.tolist():
-        inside = np.flatnonzero(owner == tag)
-        lines.append(f"{dims[tag - 1]} {tag} 0 {inside.size}")
-        lines += [str(number) for number in (inside + 1).tolist()]
-        lines += [_words(position) for position in positions[inside].tolist()]
-    total = sum(len(rows) for _, _, _, rows in entities)
-    lines += ["$EndNodes", "$Elements", f"{len(entities)} {total} 1 {total}"]
-    number = 0
-    for tag, (dim, _, kind, rows) in enumerate(entities, 1):
-        lines.append(f"{dim} {tag} {kind} {len(rows)}")
-        lines += [_words([i, *row]) for i, row in enumerate(rows.tolist(), number + 1)]
-        number += len(rows)
-    lines += ["$EndElements", ""]
-    try:
-        Path(path).write_text("\n".join(lines), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        for names, chosen in _by_membership(named[dim], table.shape[1]):
+            if names or dim == cell.dim:
+                of_names = [tags[dim, name] for name in names]
+                entities.append(_Entity(dim, of_names, kind, table[:, chosen].T + 1))
+    return positions, entities, tags
 
 
-def _words(values: list[Any]) -> str:
+def _joined(values: list[Any]) -> str:
     return " ".join(map(str, values))
 
 
 def _by_membership(named: Mapping[str, IntArray], count: int) -> list[tuple[list[str], IntArray]]:
-    """Each combination of groups that occurs, with the members of exactly these groups.
+    """Combinations of groups that occur, each with the members of exactly these groups.
 
-    ``named`` are the members of each group, numbered below ``count``. Combinations come in the
+    ``named`` has the members of each group, numbered below ``count``. The combinations come in the
     order of their first members.
     """
     member = np.zeros((1 + len(named), count), dtype=np.bool_)
     for row, chosen in zip(member[1:], named.values(), strict=True):
         row[chosen] = True
-    first, at = same_columns(np.packbits(member, axis=0))
+    first, set_of = same_columns(np.packbits(member, axis=0))
     names = list(named)
     return [
-        ([names[i] for i in np.flatnonzero(member[1:, first[set_]])], np.flatnonzero(at == set_))
-        for set_ in np.argsort(first)
+        ([names[i] for i in np.flatnonzero(member[1:, first[k]])], np.flatnonzero(set_of == k))
+        for k in np.argsort(first)
     ]

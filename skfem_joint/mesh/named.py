@@ -18,9 +18,6 @@ from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 from skfem_joint.mesh.straightening import Straightening, straightening, together
 
-#: Named groups of a mesh, and characters of a name: as many as Gmsh writes.
-MOST_NAMES, LONGEST_NAME = 10_000, 127
-
 
 @dataclass(frozen=True)
 class NamedMesh:
@@ -29,11 +26,11 @@ class NamedMesh:
     Attributes
     ----------
     mesh : skfem.MeshLine1, MeshTri1, MeshQuad1, MeshTet1 or MeshHex1
-        Mesh with straight sides and vertices ``p``, shape (dim, n_vertices), m. A coordinate of a
-        bar is the arc length along the first bar. Regions are the subdomains of this mesh, and
-        boundaries, also those inside bodies, its boundaries; points of a line mesh are among its
-        boundaries too. In meshes that were read or built, elements run as in Gmsh, and nodes and
-        elements of each bar ascend.
+        Mesh with straight edges and vertices ``p``, shape (dim, n_vertices), m. The coordinate of a
+        bar is the arc length along the first bar. Regions are the subdomains of this mesh.
+        Boundaries, also those inside bodies, are its boundaries; points of a line mesh are among
+        them too. In meshes that were read or built, the corners of an element have the order of
+        Gmsh, and nodes and elements of each bar ascend.
     order : int
         Order of the displacement, 1 or 2.
     points : dict of str to int
@@ -41,12 +38,12 @@ class NamedMesh:
     coordinates : ndarray, shape (n_vertices, 3)
         Positions in space, m.
     body : ndarray, shape (n_elements,)
-        Body of each element: elements that share facets belong to one body. Bodies are numbered
-        by their first elements and may lie over each other; nodes are never shared between them.
+        Number of the body of each element: elements that share facets belong to the same body.
+        Bodies are numbered by their first elements. They may overlap but never share nodes.
     path : str
-        Files the mesh came from, "" when built in memory.
+        Files that the mesh was read from, "" for a mesh built in memory.
     notes : tuple of str
-        Sentences on repairs that changed the geometry and on what was left out.
+        Sentences on repairs that changed the geometry and on groups that were left out.
     straightened : Straightening, optional
         Change of sizes where curved edges of second-order elements were made straight.
     """
@@ -78,8 +75,8 @@ class NamedMesh:
     @cached_property
     def boundaries(self) -> dict[str, IntArray]:
         """Sorted facet numbers (columns of ``mesh.facets``) by boundary name."""
-        known = (self.mesh.boundaries or {}).items()
-        return {name: facets for name, facets in known if name not in self.points}
+        groups = (self.mesh.boundaries or {}).items()
+        return {name: facets for name, facets in groups if name not in self.points}
 
     @property
     def n_elements(self) -> int:
@@ -103,9 +100,9 @@ def named(
     Parameters
     ----------
     mesh : skfem.Mesh
-        Of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second order;
-        its subdomains become regions. Boundaries of one vertex of a line mesh become points.
-        Second-order elements are made straight; ``notes`` say so where an edge was curved.
+        Mesh of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second order.
+        Its subdomains become regions. Boundaries of a line mesh with a single vertex become points.
+        Curved edges of second-order elements are made straight, with a note in ``notes``.
     points : mapping of str to int, optional
         Vertex by point name.
     order : {1, 2}, optional
@@ -114,13 +111,13 @@ def named(
     Raises
     ------
     InputError
-        The mesh is of another kind or no proper mesh (see `load_meshes`); a vertex belongs to no
-        element; a group is empty or out of range; a name stands for two things.
+        The mesh is of another kind or wrong in itself (see `load_meshes`); a vertex belongs to no
+        element; a group is empty or out of range; a name is used twice.
     """
     if not isinstance(mesh, skfem.Mesh):
         raise InputError(
-            f"mesh: found {type(mesh).__name__}, must be a mesh of scikit-fem, one that was read "
-            "by load_meshes or built by build_bar, build_plate or build_box, or the name of a file"
+            f"mesh: found {type(mesh).__name__}, must be a mesh of scikit-fem, a mesh from "
+            "load_meshes, build_bar, build_plate or build_box, or the name of a file"
         )
     try:
         cell, own_order = cell_of(mesh)
@@ -134,20 +131,22 @@ def named(
             )
         regions = _numbers("region", mesh.subdomains, mesh.nelements)
         boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
-        made = make(
+        vertices = _numbers("point", points, mesh.nvertices)
+        checked = from_parts(
             cell,
             straight.p,
             mesh.t,
             order=own_order if order is None else order,
             regions=regions,
             facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
-            points={n: int(at[0]) for n, at in _numbers("point", points, mesh.nvertices).items()},
-            as_it_is=True,
+            points={name: int(numbers[0]) for name, numbers in vertices.items()},
+            keep_order=True,
         )
         if own_order == 1:
-            return made
-        change, notes = straightening(made.mesh, mesh.p[:, mesh.dofs.element_dofs], made.boundaries)
-        return replace(made, notes=tuple(notes), straightened=change)
+            return checked
+        curved = mesh.p[:, mesh.dofs.element_dofs]
+        change, notes = straightening(checked.mesh, curved, checked.boundaries)
+        return replace(checked, notes=tuple(notes), straightened=change)
     except ValueError as error:
         raise InputError(f"mesh: {error}") from error
 
@@ -166,27 +165,26 @@ def _numbers(what: str, groups: Mapping[str, Any] | None, count: int) -> dict[st
     return {name: numbers.astype(np.intp) for name, numbers in sorted_groups.items()}
 
 
-def make(
+def from_parts(
     cell: Cell,
     p: FloatArray,
     t: IntArray,
     *,
-    at: FloatArray | None = None,
+    xyz: FloatArray | None = None,
     order: int = 1,
     regions: Mapping[str, IntArray],
     facets: Mapping[str, IntArray],
     points: Mapping[str, int],
-    path: str = "",
-    notes: tuple[str, ...] = (),
     body: IntArray | None = None,
-    as_it_is: bool = False,
+    keep_order: bool = False,
 ) -> NamedMesh:
     """Named mesh from its parts, which are checked.
 
     Parameters
     ----------
     cell : Cell
-    p, t, at : ndarray
+        Kind of the elements.
+    p, t, xyz : ndarray
         As in `skfem_joint.mesh.cells`, without unused vertices.
     order : {1, 2}
         Order of the displacement.
@@ -196,10 +194,11 @@ def make(
         Vertices of the facets by boundary name.
     points : mapping of str to int
         Vertex by point name.
-    path, notes, body
-        As those of `NamedMesh`. If ``body`` is given, how elements join is not checked.
-    as_it_is : bool
-        Whether elements are not turned round and bars not renumbered.
+    body : ndarray of int, shape (n_elements,), optional
+        Body of each element. With it the joining of elements is not checked.
+    keep_order : bool
+        Keep the order of corners, and of nodes and elements of bars. Otherwise mirrored elements
+        are turned over and nodes and elements of bars ascend.
 
     Raises
     ------
@@ -210,80 +209,82 @@ def make(
     if order not in ((1, 2) if cell.dim > 1 else (1,)):
         raise ValueError(f"order of the elements is {order}: allowed are 1 and 2, for lines 1")
     p, t = np.ascontiguousarray(p, dtype=np.float64), np.ascontiguousarray(t, dtype=np.intp)
-    at = np.pad(p, ((0, 3 - cell.dim), (0, 0))).T if at is None else at
-    check_finite(at)
-    turned = cells.check_shapes(cell, p, t, at)
-    if turned.any() and not as_it_is:
-        t = np.where(turned, t[list(cell.turned)], t)
-    vertices, t2f = cell.facets(t, p.shape[1])
-    body = cells.find_bodies(p, t, vertices, t2f, at) if body is None else body
+    xyz = np.pad(p, ((0, 3 - cell.dim), (0, 0))).T if xyz is None else xyz
+    check_finite(xyz)
+    mirrored = cells.check_shapes(cell, p, t, xyz)
+    if mirrored.any() and not keep_order:
+        t = np.where(mirrored, t[list(cell.mirrored)], t)
+    sides, t2f = cell.facets(t, p.shape[1])
+    body = cells.find_bodies(p, t, sides, t2f, xyz) if body is None else body
     if cell.dim == 1:  # boundaries of one vertex are points, and nodes of bars ascend
         single = {name: int(ends[0, 0]) for name, ends in facets.items() if ends.shape[1] == 1}
         single = {name: node for name, node in single.items() if points.get(name, node) == node}
         facets = {name: ends for name, ends in facets.items() if name not in single}
         points = single | dict(points)
-        if not as_it_is:
+        if not keep_order:
             body_of = np.empty(p.shape[1], dtype=np.intp)
             body_of[t] = body
             along = np.lexsort((p[0], body_of))
             rank = np.argsort(along)
             by_place = np.argsort(rank[t[0]])
-            p, at, t, body = p[:, along], at[along], rank[t[:, by_place]], body[by_place]
+            p, xyz, t, body = p[:, along], xyz[along], rank[t[:, by_place]], body[by_place]
             place = np.argsort(by_place)
             regions = {name: place[chosen] for name, chosen in regions.items()}
             facets = {name: rank[ends] for name, ends in facets.items()}
             points = {name: int(rank[vertex]) for name, vertex in points.items()}
     groups = {name: np.unique(chosen) for name, chosen in regions.items()}
-    boundaries = _facets(vertices, facets, at)
+    boundaries = _facets(sides, facets, xyz)
     problems = name_problems(region=groups, boundary=boundaries, point=points)
     if problems:
         raise ValueError("\n".join(problems))
     if cell.dim == 1:  # to scikit-fem named vertices of line meshes are boundaries
         boundaries |= {name: np.array([vertex]) for name, vertex in points.items()}
     mesh = cell.mesh(p, t, boundaries or None, groups or None, sort_t=False)
-    return NamedMesh(mesh, order, dict(points), at, body, path, notes)
+    return NamedMesh(mesh, order, dict(points), xyz, body)
 
 
-def check_finite(at: FloatArray) -> None:
+def check_finite(xyz: FloatArray) -> None:
     """Refuse positions (n, 3) that are not finite or too far away; ValueError with the place."""
-    strange = ~(np.abs(at) < cells.LONGEST).all(axis=1)
+    strange = ~(np.abs(xyz) < 1e20).all(axis=1)  # energies must not overflow
     if strange.any():
         node = int(np.argmax(strange))
         raise ValueError(
-            f"node {node + 1} at {spot(at[node])}: coordinates must be finite and below "
-            f"{cells.LONGEST:g} m"
+            f"node {node + 1} at {spot(xyz[node])}: coordinates must be finite and below 1e+20 m"
         )
 
 
 def _facets(
-    facets: IntArray, groups: Mapping[str, IntArray], at: FloatArray
+    facets: IntArray, groups: Mapping[str, IntArray], xyz: FloatArray
 ) -> dict[str, IntArray]:
-    """Sorted numbers of the facets with the given vertices (corners, n), by name of the group."""
+    """Sorted numbers of the facets of each group, given by their vertices (corners, n)."""
     if not groups:
         return {}
     n_facets = facets.shape[1]
     ends = [np.reshape(group, (len(facets), -1)) for group in groups.values()]
-    first, member = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
+    first, set_of = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
     sizes = np.cumsum([group.shape[1] for group in ends])[:-1]
-    numbers = np.split(first[member[n_facets:]], sizes)
+    numbers = np.split(first[set_of[n_facets:]], sizes)
     for name, own, group in zip(groups, numbers, ends, strict=True):
-        # A side that no element has is first where it stands in a group.
-        if own.max(initial=0) >= n_facets:
-            raise ValueError(not_a_side(name, at[group[:, np.argmax(own >= n_facets)]]))
+        outside = own >= n_facets  # these vertices occur in groups alone
+        if outside.any():
+            raise ValueError(not_a_side(name, xyz[group[:, np.argmax(outside)]]))
     return {name: np.unique(own) for name, own in zip(groups, numbers, strict=True)}
 
 
 def check_count(names: int) -> None:
-    """Refuse a mesh of more named groups than anyone has named; ValueError."""
-    if names > MOST_NAMES:
+    """Refuse a mesh with more than 10,000 named groups, whose reading would take hours.
+
+    ValueError says so.
+    """
+    if names > 10_000:
         raise ValueError(
-            f"it has {names} named groups, must be at most {MOST_NAMES}: name only what is loaded, "
-            "held, joined, observed or of other properties"
+            f"it has {names} named groups, must be at most 10000: name only the parts that are "
+            "loaded, held, joined or observed, or that have other properties"
         )
 
 
 def not_a_side(name: str, corners: FloatArray) -> str:
-    """Message about a group with a part that is no side of any element."""
+    """Message about a group with a part that is not a side of any element."""
     return (
         f"group {name!r}: {spot(*corners)} is no side or corner of an element. In Gmsh, embed it "
         "in the surface or volume before meshing"
@@ -291,7 +292,7 @@ def not_a_side(name: str, corners: FloatArray) -> str:
 
 
 def name_problems(**names: Iterable[str]) -> list[str]:
-    """What is wrong with names, given by kind: forbidden characters, or two things of one name."""
+    """Problems of names, given by kind: forbidden characters, too long, or used by two kinds."""
     kinds: dict[str, list[str]] = {}
     for kind, given in names.items():
         for name in dict.fromkeys(given):
@@ -302,9 +303,9 @@ def name_problems(**names: Iterable[str]) -> list[str]:
         if not name.strip() or re.search(r'["\\\x00-\x1f\x7f]', name)
     ]
     problems += [
-        f"name {name[:40]!r}...: found {len(name)} characters, must be at most {LONGEST_NAME}"
+        f"name {name[:40]!r}...: found {len(name)} characters, must be at most 127"
         for name in sorted(kinds)
-        if len(name) > LONGEST_NAME
+        if len(name) > 127  # the limit of Gmsh
     ]
     return problems + [
         f"name {name!r} is both a {' and a '.join(kinds[name])}: give each its own"
@@ -314,10 +315,10 @@ def name_problems(**names: Iterable[str]) -> list[str]:
 
 
 def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
-    """Several meshes in one, with separate bodies: nodes in the same place are not joined.
+    """Several meshes as a single mesh with separate bodies: coincident nodes are not joined.
 
     Bars must be parallel. Their coordinate is then the position along the axis of the first bar,
-    from its first end; a bar that runs the other way is renumbered so that it ascends.
+    from its first end; a bar in the opposite direction is renumbered so that it ascends.
 
     Raises
     ------
@@ -326,18 +327,18 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
         two meshes use.
     """
     if not meshes:
-        raise InputError("no meshes to put together")
-    called = [each.path or f"mesh {number}" for number, each in enumerate(meshes, 1)]
-    described = [f"{each.kind} elements of order {each.order}" for each in meshes]
+        raise InputError("no meshes to merge")
+    titles = [each.path or f"mesh {number}" for number, each in enumerate(meshes, 1)]
+    kinds = [f"{each.kind} elements of order {each.order}" for each in meshes]
     problems = [
-        f"{name} holds {what}, {called[0]} {described[0]}: several meshes must have elements of "
+        f"{title} holds {kind}, {titles[0]} {kinds[0]}: several meshes must have elements of "
         "the same kind and order; mesh one of them anew"
-        for name, what in zip(called, described, strict=True)
-        if what != described[0]
+        for title, kind in zip(titles, kinds, strict=True)
+        if kind != kinds[0]
     ]
     names = [{*each.regions, *each.boundaries, *each.points} for each in meshes]
     problems += [
-        f"name {group!r} stands in {called[i]} and in {called[j]}: give each its own"
+        f"name {group!r} stands in {titles[i]} and in {titles[j]}: give each its own"
         for i, j in combinations(range(len(meshes)), 2)
         for group in sorted(names[i] & names[j])
     ]
@@ -346,11 +347,11 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
     parts = list(zip(meshes, before, strict=True))
     try:
-        made = make(
+        mesh = from_parts(
             cell_of(meshes[0].mesh)[0],
-            np.hstack([_measured_along(meshes[0], each) for each in meshes]),
+            np.hstack([_along_first(meshes[0], each) for each in meshes]),
             np.hstack([each.mesh.t.astype(np.intp) + vertices for each, (_, vertices, _) in parts]),
-            at=np.vstack([each.coordinates for each in meshes]),
+            xyz=np.vstack([each.coordinates for each in meshes]),
             order=meshes[0].order,
             regions={
                 name: chosen + elements
@@ -363,22 +364,24 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
                 for name, chosen in each.boundaries.items()
             },
             points={
-                name: at + vertices
+                name: vertex + vertices
                 for each, (_, vertices, _) in parts
-                for name, at in each.points.items()
+                for name, vertex in each.points.items()
             },
-            path=", ".join(each.path for each in meshes if each.path),
-            notes=tuple(note for each in meshes for note in each.notes),
             body=np.concatenate([each.body + bodies for each, (_, _, bodies) in parts]),
         )
-        straightened = together([(each.n_elements, each.straightened) for each in meshes])
-        return replace(made, straightened=straightened)
     except ValueError as error:
-        raise InputError(f"{', '.join(called)}: {error}") from error
+        raise InputError(f"{', '.join(titles)}: {error}") from error
+    return replace(
+        mesh,
+        path=", ".join(each.path for each in meshes if each.path),
+        notes=tuple(note for each in meshes for note in each.notes),
+        straightened=together([(each.n_elements, each.straightened) for each in meshes]),
+    )
 
 
-def _measured_along(first: NamedMesh, bar: NamedMesh) -> FloatArray:
-    """Positions (dim, n) of a mesh in the coordinates of the first one.
+def _along_first(first: NamedMesh, bar: NamedMesh) -> FloatArray:
+    """Positions (dim, n_vertices) of a mesh, those of a bar along the axis of the first bar.
 
     ValueError for bars that are not parallel.
     """
@@ -392,7 +395,7 @@ def _measured_along(first: NamedMesh, bar: NamedMesh) -> FloatArray:
 
 
 def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
-    """Place in space at which the coordinate of a bar is zero, and its direction."""
+    """Origin of the coordinate of a bar in space, m, and the unit vector along the bar."""
     nodes = bar.mesh.t[:, bar.body == 0].ravel()
     position = bar.mesh.p[0, nodes]
     a, b = nodes[np.argmin(position)], nodes[np.argmax(position)]
@@ -401,7 +404,7 @@ def bar_axis(bar: NamedMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def refined(mesh: NamedMesh) -> NamedMesh:
-    """Mesh with every element split in 2**dim parts, with the same names and order.
+    """Mesh with every element split into 2**dim parts, with the same names and order.
 
     Element e becomes the elements ``2**dim * e`` and following. Vertices keep their numbers, except
     in bars, whose nodes ascend. scikit-fem's own ``refined`` is not used because it mixes up the
@@ -414,11 +417,11 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     if straightened is not None:
         lost = np.repeat(straightened.lost / into, into)
         straightened = replace(straightened, lost=lost)
-    made = make(
+    fine = from_parts(
         cell_of(mesh.mesh)[0],
         values[: mesh.dim],
         parts.transpose(1, 2, 0).reshape(parts.shape[1], -1),
-        at=values[mesh.dim :].T,
+        xyz=values[mesh.dim :].T,
         order=mesh.order,
         regions={name: number[chosen].ravel() for name, chosen in mesh.regions.items()},
         facets={
@@ -426,8 +429,6 @@ def refined(mesh: NamedMesh) -> NamedMesh:
             for name, chosen in mesh.boundaries.items()
         },
         points=mesh.points,
-        path=mesh.path,
-        notes=mesh.notes,
         body=np.repeat(mesh.body, into),
     )
-    return replace(made, straightened=straightened)
+    return replace(fine, path=mesh.path, notes=mesh.notes, straightened=straightened)

@@ -1,8 +1,8 @@
-"""Mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra, through meshio.
+"""Reads mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
-Files are read with meshio, not with ``skfem.Mesh.load``, which projects inclined bars onto x, keeps
-cells that a file holds twice, loses groups inside a mesh and boundaries of second-order files, and
-drops one kind of cell where two are mixed.
+meshio reads them, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file
+holds twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of
+cell if a file mixes two.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import struct
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,43 +25,35 @@ from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
-from skfem_joint.mesh.named import NamedMesh, check_finite, make, merged, not_a_side
+from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
 from skfem_joint.mesh.straightening import straightening
 from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
     import meshio
 
-# Kind of element by meshio's name, which ends with the number of nodes where it is of second order.
-_KINDS = {
-    **{"triangle": "triangle", "quad": "quadrilateral"},
-    **{"tetra": "tetrahedron", "hexahedron": "hexahedron"},
-}
-# Corners of the cells that may be sides, by the first letters of meshio's name.
-_CORNERS = {"line": 2, "tria": 3, "quad": 4}
-
 
 def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
-    """Read one mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
+    """Read a mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
     become regions, those of their sides boundaries, physical points points. Bars are also read
     from Abaqus files (.inp), with element sets as regions and node sets as points. Bodies that
-    share no nodes, in one file or in several, stay separate even where they lie over each other.
-    A file of lines is one straight bar in space, whose first end is the one with the
-    lexicographically smaller position. Plane meshes lie in a plane z = const.
+    share no nodes, in the same file or in several, stay separate even if they overlap. A file of
+    lines is a straight bar in space; its first end is that with the lexicographically smaller
+    position. Plane meshes lie in a plane z = const.
 
-    Repaired: cells that a file repeats once per group are merged and belong to all their groups;
-    nodes that no element uses are dropped; elements that run the wrong way are turned round; lines
-    of higher order are split at their inner nodes. Other second-order elements keep their order
-    and corners, and their edges are made straight: where one was curved, ``notes`` and
-    ``straightened`` say so. Groups without a name are left out.
+    Repairs: cells that a file repeats for each of their groups are merged and belong to all these
+    groups; nodes that no element uses are dropped; mirrored elements are turned over; lines of
+    higher order are split at their inner nodes. Other second-order elements keep their order and
+    corners. Their edges are made straight; ``notes`` and ``straightened`` report curved edges.
+    Groups without a name are left out.
 
     Parameters
     ----------
     paths : str or Path, or a sequence of them
-        Mesh file, or several of the same kind and order of elements, with different names; see
-        `merged`.
+        Mesh file, or several with the same kind and order of elements and with different names;
+        see `merged`.
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
@@ -69,62 +61,62 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     ------
     InputError
         A file is missing, cut or damaged, or holds no mesh as described; elements without size,
-        not convex, crossing themselves or lying over each other in one body; bodies that touch in
-        a point or an edge; bars that are curved, branched, closed, folded or disconnected;
-        unmerged nodes of one body; groups without elements; points on several nodes; names used
-        twice.
+        not convex, crossing themselves or overlapping in a body; bodies that touch in a point or
+        an edge; bars that are curved, branched, closed, folded or disconnected; unmerged nodes of
+        a body; groups without elements; points on several nodes; names used twice.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
     if not paths:
-        raise InputError("no mesh file is given: name one, or several for several bodies")
+        raise InputError("no mesh file is given: name a file, or several for several bodies")
     if scale not in POSITIVE:
         files = ", ".join(map(str, paths))
         raise InputError(f"scale of mesh {files} is {scale}: it must be positive and finite")
-    found: list[NamedMesh] = []
+    meshes: list[NamedMesh] = []
     problems: list[str] = []
     for file in map(Path, paths):
         try:
-            found.append(_mesh_of(_read(file), str(file), scale))
+            meshes.append(_named_mesh(_read(file), str(file), scale))
         except InputError as error:
             problems += error.problems
         except ValueError as error:
             problems.append(f"{file}: {error}")
     refuse(problems)
-    return found[0] if len(found) == 1 else merged(found)
+    return meshes[0] if len(meshes) == 1 else merged(meshes)
 
 
 def _read(file: Path) -> meshio.Mesh:
-    """Mesh as meshio reads it, every failure of which is turned into an InputError.
+    """Mesh as meshio reads it, with the groups as cell sets and the file's numbering of nodes.
 
-    meshio ends the process on files that it cannot parse, and prints: both are caught.
+    Every failure becomes an InputError. meshio prints about files that it cannot parse and ends the
+    process: both are caught.
     """
     import meshio
 
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    # What meshio's parsers let through on damaged input, besides its own ReadError and exit.
+    # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
     failures = (
         *(SystemExit, meshio.ReadError, struct.error),
         *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
         *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
         DeprecationWarning,
     )
-    said = io.StringIO()
+    printed = io.StringIO()
     try:
         with (
-            contextlib.redirect_stdout(said),
-            contextlib.redirect_stderr(said),
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
             warnings.catch_warnings(),
         ):
-            # What numpy 2 refuses: version 1 warns, and goes on with other numbers.
+            # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
             for damage in ("string or file could not be read", "NumPy will stop allowing"):
                 warnings.filterwarnings("error", damage, DeprecationWarning)
             data = read_whole(file)
             if file.suffix.lower() == ".inp":
                 raw = meshio.read(file, file_format="abaqus")
-                if any(len(found) != len(raw.cells) for found in raw.cell_sets.values()):
+                if any(len(blocks) != len(raw.cells) for blocks in raw.cell_sets.values()):
                     raise ValueError("its element sets name elements that are not there")
                 if any(block.data.ndim != 2 for block in raw.cells):
                     raise ValueError("an element has no nodes")
@@ -142,7 +134,7 @@ def _read(file: Path) -> meshio.Mesh:
     except failures as error:
         reason = str(error) or type(error).__name__
         if isinstance(error, SystemExit):
-            reason = " ".join(said.getvalue().split())
+            reason = " ".join(printed.getvalue().split())
         elif isinstance(error, LookupError):
             reason = f"it refers to something that it does not define ({error})"
         raise InputError(
@@ -153,7 +145,7 @@ def _read(file: Path) -> meshio.Mesh:
 
 
 def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
-    """Numbers of the cells of each named physical group, by the number of their block."""
+    """Cells of each named physical group: numbers within a block, by number of the block."""
     members: dict[str, dict[int, IntArray]] = {name: {} for name in raw.field_data}
     names: dict[tuple[int, int], list[str]] = {}
     for name, (tag, dim) in raw.field_data.items():
@@ -176,7 +168,13 @@ def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, I
 
 
 def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, int]:
-    """Kind and order of the elements of a file."""
+    """Kind of the elements of a file, and their order; ValueError for other kinds."""
+    kinds = {  # by meshio's name, without the number of nodes that it ends with in second order
+        "triangle": "triangle",
+        "quad": "quadrilateral",
+        "tetra": "tetrahedron",
+        "hexahedron": "hexahedron",
+    }
     top = max((block.dim for block in raw.cells if len(block.data)), default=0)
     types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
     if top == 0:
@@ -188,20 +186,22 @@ def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, int]:
     if top == 1:
         return CELLS["line"], 1
     name = types[0].rstrip("0123456789")
-    if inp or name not in _KINDS:
-        raise ValueError(f"it holds {types[0]} cells; of .inp files bars are read: save a .msh")
+    if inp or name not in kinds:
+        raise ValueError(
+            f"it holds {types[0]} cells; from .inp files only bars are read: save a .msh"
+        )
     if len(types) > 1:
         raise ValueError(
-            f"it mixes cells of type {' and '.join(types)}: a mesh is made of one kind of element, "
-            "all of one order. In Gmsh, recombine all surfaces or none"
+            f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
+            "same kind and order. In Gmsh, recombine all surfaces or none"
         )
-    return CELLS[_KINDS[name]], 1 + (name != types[0])
+    return CELLS[kinds[name]], 1 + (name != types[0])
 
 
 def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
-    """Elements (n, nodes) of a file, and the numbers (cells, parts) of those of each block.
+    """Nodes (n, nodes) of all elements of a file, and the elements (cells, parts) of each block.
 
-    Lines of higher order are cut into parts at their inner nodes.
+    A line of higher order is split into parts at its inner nodes. Other cells have one part.
     """
     elements, own, count = [], [], 0
     for block in raw.cells:
@@ -219,13 +219,21 @@ def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
 def _groups(
     raw: meshio.Mesh, cell: Cell, own: list[IntArray]
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
-    """Elements (n,) by region name, nodes (n, corners) of the parts of the other groups.
+    """Groups of a file.
 
-    Besides, names of groups of lines in a solid, which are left out.
+    Returns
+    -------
+    regions : dict of str to ndarray, shape (n,)
+        Elements by name.
+    others : dict of str to ndarray, shape (n, corners)
+        Nodes of the sides, or of the point, by name.
+    left_out : list of str
+        Names of groups of lines in a solid.
     """
     corners = len(cell.elements[0].refdom.facets[0])
+    corners_of = {"line": 2, "tria": 3, "quad": 4}  # by the first letters of meshio's name
     regions: dict[str, IntArray] = {}
-    others = {name: np.reshape(at, (-1, 1)) for name, at in raw.point_sets.items()}
+    others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.point_sets.items()}
     left_out, lost = [], []
     for name, blocks in raw.cell_sets.items():
         blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
@@ -236,7 +244,7 @@ def _groups(
         elif 0 < dim < cell.dim - 1:
             left_out.append(name)
         elif dim >= 0:
-            if dim and any(_CORNERS[raw.cells[i].type[:4]] != corners for i in inside):
+            if dim and any(corners_of[raw.cells[i].type[:4]] != corners for i in inside):
                 raise ValueError(f"group {name!r} holds cells that are no sides of its elements")
             part = slice(corners if dim else 1)
             others[name] = np.concatenate([raw.cells[i].data[blocks[i], part] for i in inside])
@@ -250,8 +258,8 @@ def _groups(
     return regions, others, left_out
 
 
-def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
-    """Named mesh from what a file holds; ValueError says why it is none."""
+def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
+    """Named mesh of a file that meshio has read; ValueError says why there is none."""
     from skfem.io.meshio import INV_HEX_MAPPING
 
     cell, order = _kind(raw, path.lower().endswith(".inp"))
@@ -262,13 +270,48 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     elements, own = _elements(raw, cell.dim)
     regions, others, left_out = _groups(raw, cell, own)
     nodes = elements.T[INV_HEX_MAPPING[: elements.shape[1]]] if cell.sign < 0 else elements.T
-    corners = nodes[: len(cell.turned)]
-    first, same = same_columns(np.sort(corners, axis=0))  # cells are repeated for each group
+    corners = nodes[: len(cell.mirrored)]
+    first, set_of = same_columns(np.sort(corners, axis=0))  # cells are repeated for each group
     kept = np.sort(first)
-    number = np.searchsorted(kept, first)[same]
+    number = np.searchsorted(kept, first)[set_of]
     used = np.zeros(len(position), dtype=np.bool_)
     used[corners] = True
     vertex = np.where(used, np.cumsum(used) - 1, -1)
+    _check_sides(others, vertex, position)
+    p = np.ascontiguousarray(_plain(position[used], cell.dim))
+    t = np.ascontiguousarray(vertex[corners[:, kept]])
+    mesh = from_parts(
+        cell,
+        p,
+        t,
+        xyz=position[used],
+        order=order,
+        regions={name: number[members] for name, members in regions.items()},
+        facets={name: vertex[parts.T] for name, parts in others.items() if parts.shape[1] > 1},
+        points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if parts.shape[1] == 1},
+    )
+    if cell.dim == 1 and mesh.body.max():
+        beyond = int(np.argmax(mesh.body == 1))
+        ends = mesh.mesh.t[[1, 0], [beyond - 1, beyond]]
+        raise ValueError(
+            f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
+        )
+    notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
+    change = None
+    if order == 2:
+        straight = cell.mesh(p, t, sort_t=False)
+        curved = position.T[: cell.dim, nodes[:, kept]]
+        change, of_edges = straightening(straight, curved, mesh.boundaries)
+        notes += of_edges
+    notes = [f"{path}: {note}" for note in notes]
+    return replace(mesh, path=path, notes=tuple(notes), straightened=change)
+
+
+def _check_sides(others: Mapping[str, IntArray], vertex: IntArray, position: FloatArray) -> None:
+    """Refuse groups of sides or points with nodes of no element, and points on several nodes.
+
+    ``vertex`` is the vertex at each node, -1 for nodes without one.
+    """
     for name, parts in others.items():
         off = (vertex[parts] < 0).any(axis=1)
         if off.any():
@@ -277,70 +320,50 @@ def _mesh_of(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
             raise ValueError(
                 f"point name {name!r} marks {np.unique(parts).size} nodes: give each its own"
             )
-    p = np.ascontiguousarray(_plain(position[used], cell.dim))
-    t = np.ascontiguousarray(vertex[corners[:, kept]])
-    notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
-    mesh = make(
-        cell,
-        p,
-        t,
-        at=position[used],
-        order=order,
-        regions={name: number[members] for name, members in regions.items()},
-        facets={name: vertex[parts.T] for name, parts in others.items() if parts.shape[1] > 1},
-        points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if parts.shape[1] == 1},
-        path=path,
-    )
-    if cell.dim == 1 and mesh.body.max():
-        beyond = int(np.argmax(mesh.body == 1))
-        ends = mesh.mesh.t[[1, 0], [beyond - 1, beyond]]
-        raise ValueError(
-            f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
-        )
-    change = None
-    if order == 2:
-        straight = cell.mesh(p, t, sort_t=False)
-        given = position.T[: cell.dim, nodes[:, kept]]
-        change, said = straightening(straight, given, mesh.boundaries)
-        notes += said
-    return replace(mesh, notes=tuple(f"{path}: {note}" for note in notes), straightened=change)
 
 
-def _plain(at: FloatArray, dim: int) -> FloatArray:
-    """Positions (dim, n) in the mesh's own dimension: along a bar, in a plane, in space."""
+def _plain(xyz: FloatArray, dim: int) -> FloatArray:
+    """Positions (dim, n) in the dimension of the mesh, from those in space (n, 3).
+
+    They are arc lengths along a bar, and x and y of a plane mesh. ValueError if the nodes do not
+    lie on a line, or in a plane z = const.
+    """
     if dim == 3:
-        return at.T
+        return xyz.T
     if dim == 2:
-        low, high = at.min(axis=0), at.max(axis=0)
+        low, high = xyz.min(axis=0), xyz.max(axis=0)
         if high[2] - low[2] > TOLERANCE * (high - low)[:2].max():
             raise ValueError(
                 f"the mesh is not in a plane z = const: z runs from {low[2]:.9g} to {high[2]:.9g} "
                 "m; turn it into the x-y plane, and give bodies in different planes as different "
                 "files"
             )
-        return at[:, :2].T
-    start, axis = _line(at)
-    position = (at - start) @ axis
-    off = np.linalg.norm(at - start - position[:, np.newaxis] * axis, axis=1)
+        return xyz[:, :2].T
+    start, axis = _line(xyz)
+    position = (xyz - start) @ axis
+    off = np.linalg.norm(xyz - start - position[:, np.newaxis] * axis, axis=1)
     allowed = TOLERANCE * float(position.max())
     if off.max() > allowed:
         worst = int(np.argmax(off))
         raise ValueError(
-            f"the bar is not straight: {spot(at[worst])} is {off[worst]:.3g} m off the line "
+            f"the bar is not straight: {spot(xyz[worst])} is {off[worst]:.3g} m off the line "
             f"between the farthest nodes; {allowed:.1g} m are allowed"
         )
     return np.asarray(position[np.newaxis])
 
 
-def _line(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First end and unit direction of the line through the farthest nodes along an axis."""
-    axis = int(np.argmax(np.ptp(at, axis=0)))
-    a, b = int(np.argmin(at[:, axis])), int(np.argmax(at[:, axis]))
-    along = at[b] - at[a]
+def _line(xyz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First end of a bar and the unit vector along it.
+
+    Its ends are the farthest nodes along the coordinate axis on which it is longest.
+    """
+    axis = int(np.argmax(np.ptp(xyz, axis=0)))
+    a, b = int(np.argmin(xyz[:, axis])), int(np.argmax(xyz[:, axis]))
+    along = xyz[b] - xyz[a]
     length = math.hypot(*along)
     if length == 0.0:
         raise ValueError("the bar has no length: all its nodes lie in one place")
-    # Lexicographic order of the ends, blind to round-off in a coordinate that they share.
+    # Lexicographic order of the ends, in which round-off in a shared coordinate does not count.
     if along[np.argmax(np.abs(along) > TOLERANCE * length)] < 0.0:
         a, along = b, -along
-    return at[a], along / length
+    return xyz[a], along / length

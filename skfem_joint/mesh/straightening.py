@@ -1,9 +1,9 @@
-"""Curved edges of second-order elements made straight, and what that does to sizes.
+"""Change of lengths, areas and volumes where curved edges of elements are made straight.
 
-Elements here have straight edges. Where a file has curved ones, as Gmsh writes around holes, the
-middle nodes move to the middles of the straight edges. Both geometries are integrated: an element
-or facet of size ``dx`` has the size ``det F dx`` or ``|cof(F) n| dx`` with its curved edges, where
-``F = 1 + grad d`` and ``d`` is the distance of the nodes from where they are put.
+All elements of this package have straight edges. If those of a file are curved, as Gmsh writes them
+around holes, the middle nodes are moved to the middles of the straight edges. An element or facet
+of size ``dx`` has the size ``det F dx`` or ``|cof(F) n| dx`` with curved edges. Here ``F`` is
+``1 + grad d``, and ``d`` leads from the straight to the curved edges. Both sizes are integrated.
 """
 
 from __future__ import annotations
@@ -18,11 +18,6 @@ import skfem
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import TOLERANCE, cell_of, split
 
-# Elements without nodes inside their sides and themselves, by number of nodes.
-_SERENDIPITY = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}
-# Order of integration: exact for the volume of all these elements.
-_ORDER = 6
-
 
 @dataclass(frozen=True)
 class Straightening:
@@ -34,7 +29,7 @@ class Straightening:
         Area (m2) or volume (m3) of each element with its curved edges, less that with straight
         ones.
     boundaries : dict of str to float
-        Length or area with straight edges over that with curved ones, less one, by boundary name.
+        Relative change of the length or area, (straight - curved) / curved, by boundary name.
     """
 
     lost: FloatArray
@@ -44,22 +39,22 @@ class Straightening:
 def straightening(
     mesh: skfem.Mesh, positions: FloatArray, boundaries: Mapping[str, IntArray]
 ) -> tuple[Straightening | None, list[str]]:
-    """Change of sizes where second-order elements are made straight, and a sentence about it.
+    """Change of sizes where the edges of second-order elements are made straight, and a note on it.
 
     Parameters
     ----------
     mesh : skfem.Mesh
-        Of first order, the straight one.
+        Mesh of first order with straight edges.
     positions : ndarray, shape (dim, nodes, n_elements)
-        Nodes of the elements as they were given, m, in the order of scikit-fem's elements of second
-        order; quadrilaterals and hexahedra may lack the nodes inside their sides and themselves.
+        Given nodes of the elements, m, in the order of scikit-fem's second-order element. Those
+        inside quadrilaterals, and inside hexahedra and their sides, may be missing.
     boundaries : mapping
         Facets of ``mesh`` by name.
 
     Returns
     -------
     Straightening or None, list of str
-        None and no sentence where all edges are straight already.
+        None and no note if all edges are straight already.
     """
     straight, nodes, *_ = split(mesh)
     nodes = nodes[: positions.shape[1]]
@@ -70,31 +65,31 @@ def straightening(
     if not moved:
         return None, []
     cell, _ = cell_of(mesh)
-    element = _SERENDIPITY.get(len(nodes), cell.elements[1])()
+    serendipity = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}  # by number of nodes
+    element = serendipity.get(len(nodes), cell.elements[1])()
     dofs = skfem.Dofs(mesh, element)
     d = np.zeros((len(offset), dofs.N))
     d[:, dofs.element_dofs] = offset
     concerned = curved.any(axis=0)
 
-    def part(kind: Any, **which: IntArray) -> Any:
-        return kind(mesh, element, intorder=_ORDER, dofs=dofs, **which)
+    intorder = 6  # exact for the volume of all these elements
 
     lost = np.zeros(mesh.nelements)
     chosen = np.flatnonzero(concerned)
-    inside = part(skfem.CellBasis, elements=chosen)
+    inside = skfem.CellBasis(mesh, element, intorder=intorder, elements=chosen, dofs=dofs)
     lost[chosen] = ((np.linalg.det(_gradients(inside, d)) - 1.0) * inside.dx).sum(axis=1)
     changes = {}
     for name, facets in boundaries.items():
-        size = skfem.FacetBasis(mesh, cell.elements[0](), facets=facets, intorder=_ORDER).dx.sum()
+        straight_side = skfem.FacetBasis(mesh, cell.elements[0](), facets=facets, intorder=intorder)
+        size, more = straight_side.dx.sum(), 0.0
         bent = facets[concerned[mesh.f2t[0, facets]]]
-        more = 0.0
         if bent.size:
-            side = part(skfem.FacetBasis, facets=bent)
+            side = skfem.FacetBasis(mesh, element, intorder=intorder, facets=bent, dofs=dofs)
             normals = np.moveaxis(np.asarray(side.normals), 0, -1)[..., np.newaxis]
             stretch = np.linalg.norm(_cofactors(_gradients(side, d)) @ normals, axis=(-2, -1))
             more = ((stretch - 1.0) * side.dx).sum()
         changes[name] = float(size / (size + more) - 1.0)
-    whole = float(skfem.CellBasis(mesh, cell.elements[0](), intorder=_ORDER).dx.sum())
+    whole = float(skfem.CellBasis(mesh, cell.elements[0](), intorder=intorder).dx.sum())
     change = whole / (whole + lost.sum()) - 1.0
     note = (
         f"{moved} {'node' if moved == 1 else 'nodes'} of curved edges moved to the middles of "
@@ -105,7 +100,7 @@ def straightening(
 
 
 def together(parts: Sequence[tuple[int, Straightening | None]]) -> Straightening | None:
-    """Change of sizes of several meshes in one, from the number of elements and change of each."""
+    """Change of sizes of a merged mesh, from the number of elements and the change of each part."""
     known = [part for _, part in parts if part is not None]
     if not known:
         return None
@@ -116,19 +111,19 @@ def together(parts: Sequence[tuple[int, Straightening | None]]) -> Straightening
 
 
 def _gradients(part: Any, d: FloatArray) -> FloatArray:
-    """``1 + grad d`` at the points of a basis, (elements, points, dim, dim)."""
+    """``F = 1 + grad d`` at the quadrature points, shape (elements, points, dim, dim)."""
     grad = np.array([part.interpolate(row).grad for row in d])
     return np.asarray(np.moveaxis(grad, (0, 1), (2, 3)) + np.eye(len(d)))
 
 
 def _cofactors(F: FloatArray) -> FloatArray:
-    """Cofactors of matrices (..., dim, dim) of two or three dimensions, which may be singular."""
-    if F.shape[-1] == 2:
-        return np.stack(
-            [
-                np.stack([F[..., 1, 1], -F[..., 1, 0]], axis=-1),
-                np.stack([-F[..., 0, 1], F[..., 0, 0]], axis=-1),
-            ],
-            axis=-2,
-        )
-    return np.stack([np.cross(F[..., i - 2, :], F[..., i - 1, :]) for i in range(3)], axis=-2)
+    """Cofactors of matrices of shape (..., dim, dim), which may be singular.
+
+    The rows of a 3 x 3 cofactor matrix are vector products of rows of F. A 2 x 2 matrix is a block
+    of a 3 x 3 matrix.
+    """
+    dim = F.shape[-1]
+    whole = np.broadcast_to(np.eye(3), (*F.shape[:-2], 3, 3)).copy()
+    whole[..., :dim, :dim] = F
+    rows = [np.cross(whole[..., i - 2, :], whole[..., i - 1, :]) for i in range(3)]
+    return np.stack(rows, axis=-2)[..., :dim, :dim]

@@ -1,12 +1,16 @@
-"""Scenes: all that a run needs, read from a TOML file and checked as a whole before it runs.
+"""Scenes: everything that a run needs, read from a TOML file and checked before it runs.
 
-The tables (SI units, unknown keys are errors, NaN and infinity are refused everywhere) say what a
-scene says by itself; the structure that is built from them says what only the mesh can tell. Every
-mistake found becomes one line, ::
+`scene` has the whole scene and builds its structure and system; `tables`, `joint_tables`,
+`matrices` and `sweep_table` have its tables, with the keys and their meanings; `values` has the
+types of values; `reading` reads files; `messages` words mistakes; `keys` is the reference of keys.
+
+All units are SI units. Unknown keys, NaN and infinity are refused. The tables check everything that
+does not depend on the mesh; the structure that is built from them checks the rest. Each mistake is
+one line, ::
 
     scene.toml: load[0].frequency: found -5, must be > 0
 
-and all of them are raised together as one `InputError`.
+and all mistakes are raised together as an `InputError`.
 """
 
 from skfem_joint.scene.reading import Swept, load_scene, load_sweep, scene_from

@@ -1,4 +1,7 @@
-"""Reference of a scene's keys, made from the models that check them."""
+"""Reference of a scene's keys, made from the models that check a scene.
+
+``skfem-joint keys`` shows it, and ``examples/keys.md`` holds it.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +12,31 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skfem_joint.errors import InputError, closest
-from skfem_joint.scene.messages import FORMS, Schema, tables_in
+from skfem_joint.scene.messages import Schema, alternatives, tables_in
 from skfem_joint.scene.scene import Scene
-from skfem_joint.scene.values import MOST
+from skfem_joint.scene.values import LARGEST_COUNT
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-_UNIT = re.compile(r", (Pa|kg/m³|m|s|Hz|N|rad|degrees|s/m|1/s)(?=[;:,]|$)")
-_LIMITS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
-_TYPES = {
-    "number": "number",
-    "integer": "whole number",
-    "string": "text",
-    "object": "table",
-    "boolean": "true or false",
-    "None": "value",
-}
-_PAGE = """# Keys of a scene
-
-What `skfem-joint keys` prints, made from the models that check a scene. `skfem-joint keys load`
-shows one table. SI units throughout; a key without a default that is not required may be left out.
-
-"""
-
 
 class Key(NamedTuple):
-    """A key as the reference shows it; ``default`` is "required" where there is none."""
+    """Row of the reference.
+
+    Attributes
+    ----------
+    key : str
+        Name.
+    unit : str
+        SI unit, "" for a pure number or for what is no number.
+    default : str
+        As it is written in a scene; "required" for a key that must be given, "" for a key that may
+        be left out and then has no value.
+    allowed : str
+        Allowed values in words.
+    meaning : str
+        What the key means.
+    """
 
     key: str
     unit: str
@@ -46,7 +47,19 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True)
 class KeyTable:
-    """Keys of one table: where it stands, as it is written, and what it is."""
+    """Keys of a table of the scene, or of one form of such a table.
+
+    Attributes
+    ----------
+    path : str
+        Path of the table, such as "joint.pressure"; "" for the scene itself.
+    title : str
+        Table as it is written in a scene.
+    meaning : str
+        What it describes.
+    keys : tuple of Key
+        Its keys.
+    """
 
     path: str
     title: str
@@ -55,7 +68,7 @@ class KeyTable:
 
 
 def reference(table: str = "") -> list[KeyTable]:
-    """Tables of a scene, or one of them, such as "joint.pressure", and what stands below it.
+    """Tables of a scene, or a table such as "joint.pressure" and those inside it.
 
     Raises
     ------
@@ -64,91 +77,119 @@ def reference(table: str = "") -> list[KeyTable]:
     """
     schema = Scene.model_json_schema()
     schema["description"] = "``SCENE.toml``: tables, and a title"
-    every = [*_tables("", "", "", [schema], schema["$defs"])]
-    found = [one for one in every if f"{one.path}.".startswith(f"{table}." if table else "")]
-    if not found:
-        paths = dict.fromkeys(one.path for one in every if one.path)
+    tables = [*_tables("", "", "", [schema], schema["$defs"])]
+    chosen = [each for each in tables if f"{each.path}.".startswith(f"{table}." if table else "")]
+    if not chosen:
+        paths = dict.fromkeys(each.path for each in tables if each.path)
         raise InputError(
             f"keys: found {table!r}{closest(table, paths)}; the tables are {', '.join(paths)}"
         )
-    return found
+    return chosen
 
 
 def _tables(
     path: str, title: str, meaning: str, forms: list[Schema], defs: Schema
 ) -> Iterator[KeyTable]:
-    """A table of one or several forms: what all of them have, each by itself, and those below."""
+    """Reference of a table, and of the tables inside it.
+
+    A table of several forms comes first with the keys that all forms share, then form by form with
+    the keys of each.
+    """
+    shared: dict[str, Schema] = {}
     if len(forms) > 1 and (shared := _shared(forms)):
         meaning += "; all kinds have these keys, and those below"
         yield KeyTable(path, title, meaning, tuple(_key(*item) for item in shared.items()))
-    else:
-        shared = {}
     for form in forms:
         own = {name: part for name, part in form["properties"].items() if name not in shared}
         if any_name := form.get("additionalProperties"):
             own['"TABLE.KEY"'] = any_name
         needed = form.get("required", ())
         rows = tuple(_key(name, part, name in needed) for name, part in own.items())
-        head, _, rest = " ".join(form["description"].split()).partition("``: ")
+        own_words, _, _ = form["description"].partition("\nAttributes\n")
+        head, _, rest = " ".join(own_words.split()).partition("``: ")
         yield KeyTable(path, head.removeprefix("``"), rest, rows)
         for name, part in own.items():
-            below = f"{path}.{name}" if path else name
             inner = tables_in(part.get("additionalProperties", part), defs)
-            if some := [one for one in inner if "properties" in one]:
+            if with_keys := [each for each in inner if "properties" in each]:
+                below = f"{path}.{name}" if path else name
                 what = part.get("description", "")
-                yield from _tables(below, f"[[{below}]]", what, some, defs)
+                yield from _tables(below, f"[[{below}]]", what, with_keys, defs)
 
 
 def _shared(forms: list[Schema]) -> dict[str, Schema]:
     """Keys that are the same in all forms of a table."""
     first, *others = (form["properties"] for form in forms)
-    return {k: part for k, part in first.items() if all(one.get(k) == part for one in others)}
+    return {k: part for k, part in first.items() if all(other.get(k) == part for other in others)}
 
 
 def _key(name: str, part: Schema, needed: bool = False) -> Key:
+    """Row of a key, from its schema."""
     meaning = part.get("description", "")
-    unit = _UNIT.search(meaning)
+    with_unit = re.compile(r", (Pa|kg/m³|m|s|Hz|N|rad|degrees|s/m|1/s)(?=[;:,]|$)")
+    unit = with_unit.search(meaning)
     default = "required" if needed else _value(part.get("default"))
-    shown = _UNIT.sub("", meaning, count=1)
-    return Key(name, unit[1] if unit else "", default, _allowed(part), shown)
+    meaning = with_unit.sub("", meaning, count=1)
+    return Key(name, unit[1] if unit else "", default, _allowed(part), meaning)
 
 
 def _value(value: Any) -> str:
-    """Default as it is written in a scene; nothing where it is to be left out."""
+    """Value as it is written in a scene; "" for none and for a table."""
     if value is None or isinstance(value, Mapping):
         return ""
     return f"{value:g}" if isinstance(value, float) else json.dumps(value).replace('"', "'")
 
 
 def _allowed(part: Schema) -> str:
-    """What a value may be, in words and signs."""
+    """Allowed values of a key in words, from its schema."""
     if "allowed" in part:
         return str(part["allowed"])
-    if forms := next((part[name] for name in FORMS if name in part), None):
-        texts = (_allowed(one) for one in forms if one.get("type") != "null")
+    if forms := alternatives(part):
+        texts = (_allowed(form) for form in forms if form.get("type") != "null")
         return " or ".join(dict.fromkeys(texts))
     if words := part.get("enum") or ("const" in part and [part["const"]]):
         return ", ".join(map(_value, words))
     if "items" in part:
         return f"list of {_allowed(part['items'])}"
+    types = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "object": "table",
+        "boolean": "true or false",
+        "None": "value",
+    }
+    limits = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+    stated = (
+        f"{sign} {part[limit]:g}"
+        for limit, sign in limits.items()
+        if part.get(limit, LARGEST_COUNT) != LARGEST_COUNT
+    )
     kind = "object" if "$ref" in part else str(part.get("type"))
-    limits = (f"{_LIMITS[name]} {part[name]:g}" for name in _LIMITS if part.get(name, MOST) != MOST)
-    return f"{_TYPES[kind]} {' and '.join(limits)}".strip()
+    return f"{types[kind]} {' and '.join(stated)}".strip()
 
 
 def markdown(tables: Sequence[KeyTable]) -> str:
-    """Reference as a page of Markdown."""
+    """Reference in Markdown; with a heading if it is that of the whole scene."""
     lines = []
+    if not tables[0].path:
+        lines += [
+            "# Keys of a scene",
+            "",
+            "This is what `skfem-joint keys` prints, made from the models that check a scene.",
+            "`skfem-joint keys load` prints one table. All units are SI units. A key that has no",
+            "default and is not required may be left out.",
+            "",
+        ]
     for table in tables:
         lines += [f"## `{table.title}`", "", _sentence(table.meaning), ""]
         lines += [f"| {' | '.join(Key._fields)} |", "|---" * len(Key._fields) + "|"]
         lines += [f"| `{row.key}` | {' | '.join(row[1:])} |" for row in table.keys]
         lines.append("")
-    return _PAGE * (not tables[0].path) + "\n".join(lines)
+    return "\n".join(lines)
 
 
 def show(tables: Iterable[KeyTable], console: Console) -> None:
-    """Show the reference on a terminal."""
+    """Print the reference on a terminal."""
     from rich.table import Table
     from rich.text import Text
 

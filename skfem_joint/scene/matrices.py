@@ -1,4 +1,4 @@
-"""The table of matrices of one's own, and the files that it names."""
+"""The table ``[matrices]``: a structure as matrices in files instead of a mesh."""
 
 from __future__ import annotations
 
@@ -15,14 +15,12 @@ from skfem_joint.array_files import read_array
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh.named import name_problems
-from skfem_joint.scene.messages import LIST, NUMBER, WORD, mistake
-from skfem_joint.scene.values import FileName, SceneTable, key, one_of
+from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.values import FileName, SceneTable, TomlList, by_form, key
 from skfem_joint.structure import MatrixModel
 from skfem_joint.structure.matrices import COLUMNS
 from skfem_joint.system import vector_of
 from skfem_joint.unknowns import dof_numbers
-
-_Dof = Annotated[int, Field(ge=0)]
 
 
 def _is_name(name: str) -> str:
@@ -31,11 +29,12 @@ def _is_name(name: str) -> str:
     return name
 
 
+_Dof = Annotated[int, Field(ge=0)]
 _Name = Annotated[str, AfterValidator(_is_name)]
 
 
 class MatricesTable(SceneTable):
-    """``[matrices]``: the structure as matrices, such as another program exports them."""
+    """``[matrices]``: the structure as matrices that another program has exported."""
 
     K: FileName = key(
         "stiffness matrix, N/m; a file, relative to the scene: .npz of scipy.sparse, MatrixMarket "
@@ -44,91 +43,114 @@ class MatricesTable(SceneTable):
     M: FileName = key("mass matrix, kg; a file as for K")
     C: FileName | None = key("damping matrix, N s/m; a file as for K", None)
     contact: dict[_Name, FileName] = key(
-        "pairs of nodes by the name of the contact: CSV or a file as for K, a row each of x, y, z "
-        "degrees of freedom of the first node, of the second (none: a rigid base), normal x, y, z "
-        "and area in m²; empty, or a number below first, where there is no degree of freedom",
+        "pairs of nodes by the name of the contact: CSV or a file as for K; each row has the x, y "
+        "and z degrees of freedom of the first node and of the second (none: a rigid base), the "
+        "normal x, y, z and the area in m²; empty, or a number below first, where there is no "
+        "degree of freedom",
         {},
     )
     fixed: Annotated[
-        Annotated[FileName, Tag(WORD)]
-        | Annotated[tuple[_Dof, ...], Field(strict=False), Tag(LIST)],
-        one_of(WORD, otherwise=LIST),
+        Annotated[FileName, Tag(Form.WORD)] | Annotated[TomlList[_Dof], Tag(Form.LIST)],
+        by_form(Form.WORD, otherwise=Form.LIST),
     ] = key("degrees of freedom that are held: a list, or CSV or a file as for K", ())
     points: dict[
         _Name,
         Annotated[
-            Annotated[FileName, Tag(WORD)] | Annotated[_Dof, Tag(NUMBER)],
-            one_of(WORD),
+            Annotated[FileName, Tag(Form.WORD)] | Annotated[_Dof, Tag(Form.NUMBER)],
+            by_form(Form.WORD),
         ],
     ] = key(
-        "what is loaded or observed, by name: a degree of freedom, or CSV or a file as for K with "
-        "a vector of all",
+        "loaded or observed points by name: a degree of freedom, or CSV or a file as for K with a "
+        "vector of weights of all degrees of freedom",
         {},
     )
-    first: Literal[0, 1] = key("number of the first degree of freedom, in files too", 0)
-    _read: dict[str, Any] = PrivateAttr(default_factory=dict)
+    first: Literal[0, 1] = key("number of the first degree of freedom, also in the files", 0)
+    _arrays: dict[str, Any] = PrivateAttr(default_factory=dict)
 
-    def model(self, folder: Path, how: Mapping[str, Any]) -> MatrixModel:
-        """Structure with the matrices in files of a folder, which are read once.
+    def model(self, folder: Path, common: Mapping[str, Any]) -> MatrixModel:
+        """Structure with the matrices in the files of a folder.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder to which file names are relative. Each file is read once.
+        common : mapping
+            Joints and damping, as arguments of `MatrixModel`.
 
         Raises
         ------
         InputError
-            Files that cannot be read, and what is wrong in them, by key and file.
+            For files that cannot be read and for mistakes in their contents, with key and file.
         """
-        files = {k: name for k in ("K", "M", "C") if (name := getattr(self, k)) is not None}
-        files |= {f"contact.{name}": file for name, file in self.contact.items()}
-        files |= {f"points.{k}": file for k, file in self.points.items() if isinstance(file, str)}
-        files |= {"fixed": self.fixed} if isinstance(self.fixed, str) else {}
+        files, arrays = self._files(), self._read(folder)
+        n = arrays["K"].shape[0]
+        matrices = {k: sparse.csr_array(arrays[k]) for k in ("K", "M", "C") if k in files}
+        try:
+            return MatrixModel(
+                **matrices,
+                contacts={k: self._pairs(as_dense(arrays[f"contact.{k}"])) for k in self.contact},
+                points={k: self._point(k, n) for k in self.points},
+                fixed=dof_numbers(
+                    as_dense(arrays.get("fixed", self.fixed)), n, "fixed", self.first
+                ),
+                first=self.first,
+                **common,
+            )
+        except InputError as error:
+            raise InputError([_with_file(problem, files) for problem in error.problems]) from error
+
+    def _files(self) -> dict[str, str]:
+        """Names of the files by the key, within this table, that names them."""
+        values: dict[str, Any] = {"K": self.K, "M": self.M, "C": self.C, "fixed": self.fixed}
+        values |= {f"contact.{name}": file for name, file in self.contact.items()}
+        values |= {f"points.{name}": value for name, value in self.points.items()}
+        return {where: value for where, value in values.items() if isinstance(value, str)}
+
+    def _read(self, folder: Path) -> dict[str, Any]:
+        """Arrays by key; those of K, M and C are square, and no other is larger than they allow."""
+        files = self._files()
         problems: list[str] = []
         for where, file in files.items():
-            if where not in self._read:
+            if where not in self._arrays:
                 try:
-                    self._read[where] = read_array(folder, file)
+                    self._arrays[where] = read_array(folder, file)
                 except InputError as error:
                     problems += [f"matrices.{where}: {problem}" for problem in error.problems]
         refuse(problems)
-        found = self._read
+        shapes = {where: self._arrays[where].shape for where in files}
+        square = [where for where in ("K", "M", "C") if where in files]
         refuse(
-            f"matrices.{k}: {files[k]}: found shape {found[k].shape}, must be a square matrix"
-            for k in files
-            if k in ("K", "M", "C") and not (found[k].ndim == 2 and len({*found[k].shape}) == 1)
+            f"matrices.{where}: {files[where]}: found shape {shapes[where]}, must be a square "
+            "matrix"
+            for where in square
+            if len(shapes[where]) != 2 or len({*shapes[where]}) != 1
         )
-        n = found["K"].shape[0]
+        n = shapes["K"][0]
         refuse(
-            f"matrices.{k}: {files[k]}: found shape {found[k].shape}, more values than {n} degrees "
-            "of freedom can have"
-            for k in files
-            if k not in ("K", "M", "C") and math.prod(found[k].shape) > COLUMNS * n
+            f"matrices.{where}: {files[where]}: found shape {shapes[where]}, more values than {n} "
+            "degrees of freedom can have"
+            for where in files
+            if where not in square and math.prod(shapes[where]) > COLUMNS * n
         )
-        try:
-            return MatrixModel(
-                **{k: sparse.csr_array(found[k]) for k in ("K", "M", "C") if k in found},
-                contacts={k: self._pairs(as_dense(found[f"contact.{k}"])) for k in self.contact},
-                points={k: self._point(k, n) for k in self.points},
-                fixed=dof_numbers(as_dense(found.get("fixed", self.fixed)), n, "fixed", self.first),
-                first=self.first,
-                **how,
-            )
-        except InputError as error:
-            raise InputError([_placed(problem, files) for problem in error.problems]) from error
+        return self._arrays
 
     def _pairs(self, rows: FloatArray) -> FloatArray:
-        """Rows of a contact whose degrees of freedom count from 0."""
+        """Rows of a contact with degrees of freedom that count from 0."""
         pairs = np.atleast_2d(rows).copy()
         pairs[:, :6] -= self.first
         return pairs
 
     def _point(self, name: str, n: int) -> FloatArray:
-        given = self._read.get(f"points.{name}", self.points[name])
-        if not isinstance(given, int):
-            given = as_dense(given)
-            given = given.ravel() if given.size == n else given
-        return vector_of(given, n, f"points.{name}", self.first)
+        """Weights of a point, shape (n,)."""
+        value = self._arrays.get(f"points.{name}", self.points[name])
+        if not isinstance(value, int):
+            value = as_dense(value)
+            value = value.ravel() if value.size == n else value
+        return vector_of(value, n, f"points.{name}", self.first)
 
 
-def _placed(problem: str, files: Mapping[str, str]) -> str:
-    """A problem that starts with a key of the matrices, with the file that it is in."""
+def _with_file(problem: str, files: Mapping[str, str]) -> str:
+    """Problem of a `MatrixModel` with the key of the scene and the file that it is about."""
     where, _, what = problem.partition(": ")
     if where not in (*files, "fixed") and not where.startswith("points."):
         return problem

@@ -1,10 +1,15 @@
-"""Mistakes in a scene as sentences: key, what was found, what is allowed."""
+"""Mistakes in a scene as sentences of the pattern ``key: found VALUE, must be ...``.
+
+pydantic reports each mistake as a location, a type and a context. This module turns such a report
+into a sentence. The JSON schema of the tables tells which keys a table has and what they mean.
+"""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Iterator, Mapping
+from enum import StrEnum
 from functools import cache
 from typing import Any
 
@@ -13,26 +18,40 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from skfem_joint.errors import closest, listed
 
-#: Part of the JSON schema that pydantic makes of the tables, and where it lists forms of a value.
+#: Part of the JSON schema that pydantic makes of the tables.
 Schema = Mapping[str, Any]
-FORMS = ("anyOf", "oneOf", "allOf")
-# Tags of the forms a value may take; they turn up in pydantic's locations and are cut out there.
-WORD, NUMBER, TABLE, LIST, BOLTS = TAGS = (
-    "form: word",
-    "form: number",
-    "form: table",
-    "form: list",
-    "form: bolts",
-)
+#: Part of a pydantic location: a key, a position in a list, or a `Form`.
+Location = tuple[int | str, ...]
+
+
+class Form(StrEnum):
+    """Form of a value of a key that takes several forms.
+
+    pydantic puts the form into the location of a mistake, from which it is removed.
+    """
+
+    WORD = "form: word"
+    NUMBER = "form: number"
+    TABLE = "form: table"
+    LIST = "form: list"
+    BOLTS = "form: bolts"
 
 
 def mistake(text: str, key: str = "") -> PydanticCustomError:
-    """Error with a text of one's own, at a key below the place where it is raised."""
+    """Error to be raised in a validator.
+
+    Parameters
+    ----------
+    text : str
+        What is wrong; each of its lines becomes a problem of its own.
+    key : str, optional
+        Key below the table or value whose validator raises.
+    """
     return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
 
 
-def key_path(location: tuple[int | str, ...]) -> str:
-    """Write a key path as TOML does, list positions in brackets."""
+def key_path(location: Location) -> str:
+    """Path of a key as TOML writes it, with positions in lists in brackets."""
     text = ""
     for part in location:
         if isinstance(part, int):
@@ -43,19 +62,17 @@ def key_path(location: tuple[int | str, ...]) -> str:
     return text
 
 
-_NAME = r'[A-Za-z0-9_-]+|"[^"]+"'
-
-
-def key_parts(text: str) -> tuple[int | str, ...] | None:
-    """Parts of a key of a value in a table, as `key_path` writes it; None: it is no such key."""
-    if not re.fullmatch(rf"(?:{_NAME})(?:\.(?:{_NAME})|\[[0-9]+\])+", text):
+def key_parts(path: str) -> Location | None:
+    """Parts of a path that `key_path` wrote and that leads into a table; None for other texts."""
+    name = r'[A-Za-z0-9_-]+|"[^"]+"'
+    if not re.fullmatch(rf"(?:{name})(?:\.(?:{name})|\[[0-9]+\])+", path):
         return None
-    parts = re.findall(rf"({_NAME})|\[([0-9]+)\]", text)
-    return tuple(int(at) if at else name.strip('"') for name, at in parts)
+    parts = re.findall(rf"({name})|\[([0-9]+)\]", path)
+    return tuple(int(position) if position else key.strip('"') for key, position in parts)
 
 
-def found_text(value: object) -> str:
-    """What was found, short enough for a sentence."""
+def value_text(value: object) -> str:
+    """Value in a message, at most 60 characters long."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, Mapping):
@@ -66,116 +83,139 @@ def found_text(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def alternatives(part: Schema) -> list[Schema]:
+    """Schemas of the forms that a value may have; none if it has one form."""
+    return [form for name in ("anyOf", "oneOf", "allOf") for form in part.get(name, ())]
+
+
 def tables_in(part: Schema, defs: Schema) -> Iterator[Schema]:
-    """Schemas of the tables that a value may be, or the entries of a list."""
+    """Schemas of the tables that a value, or an entry of a list, may be.
+
+    ``defs`` are the schemas by name to which ``part`` refers.
+    """
     if "$ref" in part:
         yield defs[part["$ref"].rpartition("/")[2]]
     elif "properties" in part or "additionalProperties" in part:
         yield part
-    forms = [form for name in FORMS for form in part.get(name, ())]
-    for form in [*forms, part["items"]] if "items" in part else forms:
+    for form in [*alternatives(part), *([part["items"]] if "items" in part else [])]:
         yield from tables_in(form, defs)
 
 
+def meaning(path: str, root: type[BaseModel]) -> str:
+    """Meaning and unit of a key of a scene, "" for an unknown key."""
+    _, field = _follow(key_parts(path) or (), root)
+    return _meaning(field)
+
+
+def _meaning(field: Schema | None) -> str:
+    """First clause of a key's description: meaning and unit."""
+    return str((field or {}).get("description", "")).split(";")[0]
+
+
+@cache
+def _schema(root: type[BaseModel]) -> Schema:
+    return root.model_json_schema()
+
+
 def _kinds(table: Schema) -> list[str]:
-    """Values allowed for the key ``kind``; none for a table without it."""
+    """Values that a table allows for its key ``kind``; none for a table without this key."""
     kind = table.get("properties", {}).get("kind", {})
     return kind.get("enum") or [kind["const"]] if kind else []
 
 
-_schema = cache(lambda root: root.model_json_schema())
-
-
-def _follow(
-    location: tuple[int | str, ...], root: type[BaseModel]
-) -> tuple[list[Schema], Schema | None]:
-    """Find the tables that may stand at one of pydantic's locations, and the key it ends with."""
+def _follow(location: Location, root: type[BaseModel]) -> tuple[list[Schema], Schema | None]:
+    """Schemas of the tables that may stand at a location, and that of its last key."""
     tables, field = [_schema(root)], None
     defs = tables[0]["$defs"]
     for part in location:
-        if isinstance(part, int) or part in TAGS:
+        if isinstance(part, int) or part in {*Form}:
             continue
-        if kinds := [table for table in tables if part in _kinds(table)]:
-            tables = kinds
+        if of_kind := [table for table in tables if part in _kinds(table)]:
+            tables = of_kind
             continue
-        every = (t.get("properties", {}).get(part, t.get("additionalProperties")) for t in tables)
-        found = [one for one in every if one]
-        field = found[0] if found else None
-        tables = [table for one in found for table in tables_in(one, defs)]
+        candidates = [
+            table.get("properties", {}).get(part, table.get("additionalProperties"))
+            for table in tables
+        ]
+        fields = [candidate for candidate in candidates if candidate]
+        field = fields[0] if fields else None
+        tables = [table for candidate in fields for table in tables_in(candidate, defs)]
     return tables, field
 
 
-def meaning(key: str, root: type[BaseModel]) -> str:
-    """Meaning and unit of a key, "" if there is none."""
-    _, field = _follow(key_parts(key) or (), root)
-    return _meant(field)
-
-
-def _meant(field: Schema | None) -> str:
-    return str((field or {}).get("description", "")).split(";")[0]
-
-
-_MUST_BE = {
-    "greater_than": "must be > {gt:g}",
-    "greater_than_equal": "must be >= {ge:g}",
-    "less_than": "must be < {lt:g}",
-    "less_than_equal": "must be <= {le:g}",
-    "finite_number": "must be finite",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "string_type": "must be a text in quotes",
-    "bool_type": "must be true or false",
-    "literal_error": "must be {expected}",
-    "union_tag_invalid": "must be one of {expected_tags}",
-    "tuple_type": "must be a list",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "too_short": "must have {min_length} or more entries",
-}
-# Mistakes that a key's meaning and unit help with.
-_OF_NUMBERS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "float_type")
-
-
 def sentences(error: ErrorDetails, root: type[BaseModel]) -> list[str]:
-    """One of pydantic's errors as key, what was found, what is allowed."""
+    """Sentences about a mistake that pydantic reports in a scene.
+
+    Parameters
+    ----------
+    error : ErrorDetails
+        One of ``ValidationError.errors()``.
+    root : type of BaseModel
+        Model of the whole scene.
+    """
     location, kind, context = error["loc"], error["type"], error.get("ctx", {})
-    has_kind = location[:1] == ("load",) and len(location) > 2
-    places = [
+    of_load = location[:1] == ("load",)  # its location has the kind of load as third part
+    path = tuple(
         part
         for i, part in enumerate(location)
-        if part not in (*TAGS, "[key]") and not (has_kind and i == 2)
-    ]
+        if part not in {*Form, "[key]"} and not (of_load and i == 2)
+    )
+    where = key_path(path)
     tables, field = _follow(location, root)
-    if kind == "scene":
-        key = ".".join(filter(None, [key_path(tuple(places)), context["key"]]))
-        return [f"{key}: {line}" for line in context["text"].split("\n")]
-    if kind == "extra_forbidden":
-        parents, _ = _follow(location[:-1], root)
-        keys = list(dict.fromkeys(key for table in parents for key in table["properties"]))
-        hint = closest(str(location[-1]), keys)
-        return [f"{key_path(tuple(places))}: unknown key{hint}; allowed: {', '.join(keys)}"]
-    if kind == "missing":
-        needed = f": {field['description']}" if field and "description" in field else ""
-        return [f"{key_path(tuple(places))}: missing, must be given{needed}"]
-    if kind == "union_tag_not_found":
-        kinds = [kind for table in tables for kind in _kinds(table)]
-        return [f"{key_path((*places, 'kind'))}: missing, must be one of {listed(kinds)}"]
+    kinds = [value for table in tables for value in _kinds(table)]
+    match kind:
+        case "scene":
+            where = ".".join(filter(None, [where, context["key"]]))
+            return [f"{where}: {line}" for line in context["text"].split("\n")]
+        case "extra_forbidden":
+            parents, _ = _follow(location[:-1], root)
+            keys = list(dict.fromkeys(key for table in parents for key in table["properties"]))
+            hint = closest(str(location[-1]), keys)
+            return [f"{where}: unknown key{hint}; allowed: {', '.join(keys)}"]
+        case "missing":
+            needed = f": {field['description']}" if field and "description" in field else ""
+            return [f"{where}: missing, must be given{needed}"]
+        case "union_tag_not_found":
+            return [f"{where}.kind: missing, must be one of {listed(kinds)}"]
+        case "union_tag_invalid":
+            given, hint = value_text(error["input"]["kind"]), closest(context["tag"], kinds)
+            must_be = f"must be one of {context['expected_tags']}{hint}"
+            return [f"{where}.kind: found {given}, {must_be}"]
+        case "too_short" if len(error["input"]) >= context["min_length"]:
+            return []  # pydantic does not count the entries that are wrong in themselves
+    must_be = _must_be(error, location, field)
+    if kind == "tuple_type" and path in (("joint",), ("load",), ("bolt",)):
+        must_be += f" of tables, each under [[{where}]]"
+    return [f"{where}: found {value_text(error['input'])}, {must_be}"]
 
-    if kind == "too_short" and len(error["input"]) >= context["min_length"]:
-        return []  # pydantic does not count the entries that are wrong in themselves
 
-    found, hint = found_text(error["input"]), ""
-    if kind == "union_tag_invalid":
-        places.append("kind")
-        found = found_text(error["input"]["kind"])
-        hint = closest(context["tag"], re.findall(r"'(\w+)'", context["expected_tags"]))
-    must_be = _MUST_BE[kind].format_map(context) if kind in _MUST_BE else error["msg"]
+def _must_be(error: ErrorDetails, location: Location, field: Schema | None) -> str:
+    """What a value must be, by the type of the mistake that pydantic reports."""
+    of_numbers = {
+        "greater_than": "must be > {gt:g}",
+        "greater_than_equal": "must be >= {ge:g}",
+        "less_than": "must be < {lt:g}",
+        "less_than_equal": "must be <= {le:g}",
+        "float_type": "must be a number",
+    }
+    others = {
+        "finite_number": "must be finite",
+        "int_type": "must be a whole number",
+        "string_type": "must be a text in quotes",
+        "bool_type": "must be true or false",
+        "literal_error": "must be {expected}",
+        "tuple_type": "must be a list",
+        "dict_type": "must be a table",
+        "model_type": "must be a table",
+        "model_attributes_type": "must be a table",
+        "too_short": "must have {min_length} or more entries",
+    }
+    kind = error["type"]
     allowed = field.get("allowed") if field else None
-    if allowed and location[-1] in TAGS and kind in ("literal_error", "float_type", "int_type"):
-        must_be = f"must be {allowed}"
-    if kind == "tuple_type" and places in (["joint"], ["load"], ["bolt"]):
-        must_be += f" of tables, each under [[{places[0]}]]"
-    elif kind in _OF_NUMBERS and not allowed and (meant := _meant(field)):
+    if allowed and location[-1] in {*Form} and kind in ("literal_error", "float_type", "int_type"):
+        return f"must be {allowed}"
+    pattern = (of_numbers | others).get(kind)
+    must_be = pattern.format_map(error.get("ctx", {})) if pattern else error["msg"]
+    if kind in of_numbers and not allowed and (meant := _meaning(field)):
         must_be += f" ({meant})"
-    return [f"{key_path(tuple(places))}: found {found}, {must_be}{hint}"]
+    return must_be

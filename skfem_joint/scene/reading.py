@@ -1,4 +1,4 @@
-"""Reading a scene, or those of a sweep: each mistake is one line, and all are raised together."""
+"""Reads a scene, or the scenes of a sweep, and raises all mistakes together, a line each."""
 
 from __future__ import annotations
 
@@ -14,55 +14,22 @@ from pydantic import TypeAdapter, ValidationError
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
-from skfem_joint.scene.messages import found_text, key_parts, key_path, sentences
-from skfem_joint.scene.scene import OF_STRUCTURE, OF_SYSTEM, Scene, relations
+from skfem_joint.scene.messages import key_parts, key_path, sentences, value_text
+from skfem_joint.scene.scene import (
+    TABLES_OF_STRUCTURE,
+    TABLES_OF_SYSTEM,
+    Scene,
+    problems_between_tables,
+)
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.tables import MeshTable
-
-_LARGEST_SCENE = 2**20  # bytes
-_MOST_MISTAKES = 200  # of tables that are told one by one
-# The parser of TOML takes time with the square of the parts of a key.
-_MOST_PARTS = 50
-_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Tables of a scene file."""
-    text = read_text(path, _LARGEST_SCENE)
-    if found := _LONG_KEY.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise InputError(
-            f"{path}: line {line}: not valid TOML: a key of more than {_MOST_PARTS} parts"
-        )
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        at = re.search(r"line (\d+)", str(error))
-        line = int(at[1]) if at else text.count("\n") + 1
-        raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
-
-
-def read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
-    """Load the scene's mesh, or say what is wrong with the file."""
-    try:
-        table = MeshTable.model_validate(
-            {key: tables["mesh"][key] for key in ("file", "scale") if key in tables["mesh"]}
-        )
-    except (KeyError, TypeError, ValidationError):
-        return None, []  # told by the validation of the whole scene
-    try:
-        return load_meshes(table.paths(folder), scale=table.scale), []
-    except InputError as error:
-        return None, [f"mesh.file: {problem}" for problem in error.problems]
-    except OSError as error:  # a name too long, or a folder that may not be searched
-        return None, [f"mesh.file: {found_text(table.file)} cannot be read: {error.strerror}"]
 
 
 def load_scene(path: str | Path) -> Scene:
     """Read a scene (TOML) and its mesh, and check them against each other.
 
-    The files that it names are relative to it and may lie anywhere: they are read as data, nothing
-    is ever run or written there.
+    File names in the scene are relative to its folder and may lead anywhere. The files are read as
+    data; nothing in them is executed, and nothing is written.
 
     Raises
     ------
@@ -71,9 +38,44 @@ def load_scene(path: str | Path) -> Scene:
         its ``problems`` and starts with the file and the key.
     """
     path = Path(path)
-    tables = read_toml(path)
-    mesh, problems = read_mesh(tables, path.parent)
+    tables = _read_toml(path)
+    mesh, problems = _read_mesh(tables, path.parent)
     return scene_from(tables, mesh, path, problems)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a scene file of at most a mebibyte."""
+    text = read_text(path, 2**20)
+    most = 50  # parts of a key; the parser's time grows with their square
+    long_key = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){{{most}}}""")
+    if match := long_key.search(text):
+        line = text.count("\n", 0, match.start()) + 1
+        raise InputError(f"{path}: line {line}: not valid TOML: a key of more than {most} parts")
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        at = re.search(r"line (\d+)", str(error))
+        line = int(at[1]) if at else text.count("\n") + 1
+        raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
+
+
+def _read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
+    """Mesh of a scene, or none and the problems of its files.
+
+    Problems of the table ``[mesh]`` itself are left to the validation of the whole scene.
+    """
+    try:
+        table = MeshTable.model_validate(
+            {key: tables["mesh"][key] for key in ("file", "scale") if key in tables["mesh"]}
+        )
+    except (KeyError, TypeError, ValidationError):
+        return None, []
+    try:
+        return load_meshes(table.paths(folder), scale=table.scale), []
+    except InputError as error:
+        return None, [f"mesh.file: {problem}" for problem in error.problems]
+    except OSError as error:  # a name too long, or a folder that may not be searched
+        return None, [f"mesh.file: {value_text(table.file)} cannot be read: {error.strerror}"]
 
 
 def scene_from(
@@ -89,66 +91,80 @@ def scene_from(
     tables : mapping
         As in a scene file; ``mesh.file`` is not read and may be left out.
     mesh : NamedMesh or None
-        None if there is none: then nothing is checked against it.
+        Without a mesh nothing is checked against it.
     path : str or Path
-        Name of the scene in messages; files that loads name are relative to it.
+        Name of the scene in messages; files that loads name are relative to its folder.
     problems : sequence of str
-        Mistakes found so far, raised with those that are found.
+        Problems known before, which are raised with those of the tables.
+
+    Raises
+    ------
+    InputError
+        As `load_scene`.
     """
     path = Path(path)
     if mesh is not None and "mesh" not in tables:
         tables = {**tables, "mesh": {"file": mesh.path or "mesh"}}
-    found = list(problems)
-    context = {"folder": path.parent}
-    try:
-        scene = Scene.model_validate(tables, context=context)
-        right = {name: getattr(scene, name) for name in Scene.model_fields}
-    except ValidationError as error:
-        mistakes = error.errors()
-        found += [line for one in mistakes[:_MOST_MISTAKES] for line in sentences(one, Scene)]
-        if len(mistakes) > _MOST_MISTAKES:
-            found.append(f"and {len(mistakes) - _MOST_MISTAKES} more mistakes")
-        wrong = {one["loc"][0] for one in mistakes}
-        right = {}
-        for name, field in Scene.model_fields.items():
-            if name not in wrong:
-                adapter = TypeAdapter(field.rebuild_annotation())
-                given = tables.get(name, field.default)
-                right[name] = adapter.validate_python(given, context=context)
-        scene = Scene.model_construct(**right)
+    scene, valid, mistakes = _validated(tables, path)
     scene._path, scene._named_mesh = path, mesh
-    found += relations(scene, right)
-    lines = [f"{path}: {problem}" for problem in found]
-    known = right.keys() >= OF_STRUCTURE and (mesh is not None or scene.matrices is not None)
-    if known:
-        lines += _misfits(scene, with_loads=right.keys() >= OF_SYSTEM)
+    lines = [*problems, *mistakes, *problems_between_tables(scene, valid)]
+    lines = [f"{path}: {line}" for line in lines]
+    if valid >= TABLES_OF_STRUCTURE and (mesh is not None or scene.matrices is not None):
+        try:
+            scene.structure()
+            if valid >= TABLES_OF_SYSTEM:
+                scene.system()
+        except InputError as error:  # does not fit its mesh or matrices
+            lines += error.problems
     if lines:
         raise InputError(list(dict.fromkeys(lines)))
     return scene
 
 
-def _misfits(scene: Scene, with_loads: bool) -> list[str]:
-    """What in a scene does not fit its mesh or matrices: its structure or system is built."""
+def _validated(tables: Mapping[str, Any], path: Path) -> tuple[Scene, set[str], list[str]]:
+    """Scene of the valid tables, their names, and the problems of the others."""
+    context = {"folder": path.parent}
     try:
-        scene.structure()
-        if with_loads:
-            scene.system()
-    except InputError as error:
-        return error.problems
-    return []
+        scene = Scene.model_validate(tables, context=context)
+        return scene, {*Scene.model_fields}, []
+    except ValidationError as error:
+        errors = error.errors()
+    most = 200  # mistakes that are worded
+    lines = [line for each in errors[:most] for line in sentences(each, Scene)]
+    if len(errors) > most:
+        lines.append(f"and {len(errors) - most} more mistakes")
+    wrong = {each["loc"][0] for each in errors}
+    valid = {
+        name: TypeAdapter(field.rebuild_annotation()).validate_python(
+            tables.get(name, field.default), context=context
+        )
+        for name, field in Scene.model_fields.items()
+        if name not in wrong
+    }
+    return Scene.model_construct(**valid), {*valid}, lines
 
 
 @dataclass(frozen=True)
 class Swept:
-    """Scenes of a sweep, what each has of the swept keys, and the table that says so."""
+    """Scenes of a sweep.
+
+    Attributes
+    ----------
+    table : SweepTable
+        The table ``[sweep]`` that they are made by.
+    values : tuple of dict
+        Values of the swept keys in each scene.
+    scenes : tuple of Scene
+        Scenes in the same order, without what can be assembled again.
+    """
 
     table: SweepTable
     values: tuple[dict[str, Any], ...]
     scenes: tuple[Scene, ...]
 
-    def named(self, number: int) -> str:
-        """What tells a scene from the others."""
-        return _named(self.values[number])
+    def label(self, number: int) -> str:
+        """Swept keys of a scene with their values, for messages."""
+        return _label(self.values[number])
 
 
 def load_sweep(path: str | Path) -> Swept:
@@ -159,58 +175,94 @@ def load_sweep(path: str | Path) -> Swept:
     Raises
     ------
     InputError
-        As `load_scene`. What is wrong with some of the scenes is told once, with the first of them.
+        As `load_scene`. A problem of several scenes is reported once, with the first of them.
     """
     path = Path(path)
-    tables = read_toml(path)
+    tables = _read_toml(path)
     try:
         sweep = SweepTable.model_validate(tables.pop("sweep", {}))
     except ValidationError as error:
         errors = error.errors()
-        for one in errors:
-            one["loc"] = ("sweep", *one["loc"])
-        lines = [f"{path}: {line}" for one in errors for line in sentences(one, Scene)]
+        for each in errors:
+            each["loc"] = ("sweep", *each["loc"])
+        lines = [f"{path}: {line}" for each in errors for line in sentences(each, Scene)]
         raise InputError(lines) from error
-    problems: dict[str, list[str]] = {}
+    labels: dict[str, list[str]] = {}  # of the scenes that have a problem, by problem
     scenes, meshes = [], {}
     values = sweep.combinations()
     for row in values:
         try:
             changed: dict[str, Any] = tables
             for name, value in row.items():
-                changed = _changed(changed, name, value, f"{path}: sweep.{key_path((name,))}")
+                changed = _replaced(changed, name, value, f"{path}: sweep.{key_path((name,))}")
             mesh_table = repr(changed.get("mesh"))
             if mesh_table not in meshes:
-                meshes[mesh_table] = read_mesh(changed, path.parent)
-            mesh, wrong = meshes[mesh_table]
-            scene = scene_from(changed, mesh, path, wrong)
-            scenes.append(scene.light())
+                meshes[mesh_table] = _read_mesh(changed, path.parent)
+            mesh, mesh_problems = meshes[mesh_table]
+            scenes.append(scene_from(changed, mesh, path, mesh_problems).unassembled())
         except InputError as error:
             for problem in error.problems:
-                problems.setdefault(problem, []).append(_named(row))
-    if problems:
-        raise InputError([_told(*problem) for problem in problems.items()])
+                labels.setdefault(problem, []).append(_label(row))
+    if labels:
+        raise InputError([_of_scenes(*problem) for problem in labels.items()])
     return Swept(sweep, tuple(values), tuple(scenes))
 
 
-def _changed(table: Any, key: str, value: Any, where: str, depth: int = 0) -> Any:
-    """Copy of nested tables and lists with another value at a key."""
+def load_with_sweep(path: str | Path) -> tuple[Scene, Swept | None, list[str]]:
+    """Read a scene file and the scenes of its sweep, if it has one.
+
+    A key that the sweep gives need not stand in the file's own tables. The file is then no valid
+    scene by itself, and the first scene of the sweep takes its place.
+
+    Returns
+    -------
+    scene : Scene
+        Scene of the file, or the first scene of the sweep.
+    swept : Swept or None
+        Scenes of the sweep; None without ``[sweep]``.
+    notes : list of str
+        A sentence that says so if the first scene of the sweep is returned.
+
+    Raises
+    ------
+    InputError
+        As `load_sweep` if there is a ``[sweep]``, otherwise as `load_scene`.
+    """
+    swept = load_sweep(path) if "sweep" in _read_toml(Path(path)) else None
+    try:
+        return load_scene(path), swept, []
+    except InputError as error:
+        if swept is None:
+            raise
+        note = (
+            f"The scene described is the sweep's first, {swept.label(0)}. Without the values of "
+            f"the sweep the file is no valid scene, and only the command sweep takes it: {error}"
+        )
+        return swept.scenes[0], swept, [note]
+
+
+def _replaced(table: Any, key: str, value: Any, where: str, depth: int = 0) -> Any:
+    """Copy of nested tables and lists with another value at a key.
+
+    InputError, which names ``where``, if a table or position on the way to the key is missing.
+    """
     parts = key_parts(key) or ()
     if depth == len(parts):
         return value
     part = parts[depth]
     if isinstance(part, str) and isinstance(table, Mapping):
-        return {**table, part: _changed(table.get(part, {}), key, value, where, depth + 1)}
+        return {**table, part: _replaced(table.get(part, {}), key, value, where, depth + 1)}
     if isinstance(part, int) and isinstance(table, list) and part < len(table):
-        inner = _changed(table[part], key, value, where, depth + 1)
+        inner = _replaced(table[part], key, value, where, depth + 1)
         return [*table[:part], inner, *table[part + 1 :]]
     raise InputError(f"{where}: the scene has no {key_path(parts[: depth + 1])}")
 
 
-def _named(row: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} = {found_text(value)}" for name, value in row.items())
+def _label(row: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value_text(value)}" for name, value in row.items())
 
 
-def _told(problem: str, scenes: Sequence[str]) -> str:
-    others = f" and in {len(scenes) - 1} more of its scenes" if scenes[1:] else ""
-    return f"{problem}; in the sweep's scene of {scenes[0]}{others}"
+def _of_scenes(problem: str, labels: Sequence[str]) -> str:
+    """Problem with the label of the first scene that has it, and the number of the others."""
+    others = f" and in {len(labels) - 1} more of its scenes" if labels[1:] else ""
+    return f"{problem}; in the sweep's scene of {labels[0]}{others}"

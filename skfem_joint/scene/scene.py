@@ -1,13 +1,13 @@
-"""The whole of a scene: its tables, what must fit between them, and what is built from them."""
+"""A whole scene: its tables, the checks between them, and the system that they describe."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 from pydantic import (
     PrivateAttr,
@@ -25,56 +25,53 @@ from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.matrices import MatricesTable
 from skfem_joint.scene.messages import key_path, mistake
 from skfem_joint.scene.sweep_table import SweepTable
-from skfem_joint.scene.values import A_LIST, MOST, SceneTable, key
+from skfem_joint.scene.values import LARGEST_COUNT, SceneTable, TomlList, key
 from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
 
-#: Tables that the structure is built from, and those that its system needs beside them.
-OF_STRUCTURE = frozenset(
+#: Tables that the structure is built from, and those that its system is built from.
+TABLES_OF_STRUCTURE = frozenset(
     {"matrices", "mesh", "material", "section", "support", "joint", "bolt", "damping"}
 )
-OF_SYSTEM = OF_STRUCTURE | {"load", "output"}
+TABLES_OF_SYSTEM = TABLES_OF_STRUCTURE | {"load", "output"}
 
 
 class Scene(SceneTable):
-    """A whole scene, of any dimension. `load_scene` reads one from a file, with its mesh.
+    """A whole scene, of any dimension, as `load_scene` reads it from a file with its mesh.
 
-    Made directly from values that are not allowed it raises a ``pydantic.ValidationError``.
+    Its attributes are its tables. ``skfem-joint keys`` lists their keys with units, defaults and
+    meanings, which the docstrings of the tables' classes have too. A scene that is made directly
+    from wrong values raises a ``pydantic.ValidationError``.
     """
 
-    title: str = key("what the results are headed with", "")
+    title: str = key("heading of the results", "")
     matrices: MatricesTable | None = key(
-        "matrices of the structure, in place of mesh, material, section and support",
-        None,
+        "matrices of the structure, in place of mesh, material, section, support and bolt", None
     )
     mesh: tables.MeshTable | None = key(
-        "the mesh file; needed but beside matrices", None, validate_default=True
+        "the mesh file; required unless there is [matrices]", None, validate_default=True
     )
     material: tables.MaterialTable | None = key(
-        "what the bodies are made of; needed but beside matrices", None, validate_default=True
+        "material of the bodies; required unless there is [matrices]", None, validate_default=True
     )
     section: tables.SectionTable = key("width and thickness", tables.SectionTable())
-    support: tables.SupportTable = key("what is held", tables.SupportTable())
-    joint: Annotated[tuple[joint_tables.JointTable, ...], A_LIST] = key("joints with friction", ())
-    bolt: Annotated[tuple[joint_tables.BoltTable, ...], A_LIST] = key(
-        "bolts whose clamp force presses joints", ()
-    )
+    support: tables.SupportTable = key("parts that are held", tables.SupportTable())
+    joint: TomlList[joint_tables.JointTable] = key("joints with friction", ())
+    bolt: TomlList[joint_tables.BoltTable] = key("bolts whose clamp force presses joints", ())
     damping: tables.DampingTable = key("linear damping", tables.DampingTable())
-    load: Annotated[tuple[tables.AnyLoad, ...], A_LIST] = key(
-        "forces as functions of time", min_length=1
-    )
+    load: TomlList[tables.AnyLoad] = key("forces as functions of time", min_length=1)
     time: tables.TimeTable = key("length of the run and of its steps")
-    models: tables.ModelsTable = key("what is run", tables.ModelsTable())
+    models: tables.ModelsTable = key("models that are integrated", tables.ModelsTable())
     reduction: tables.ReductionTable = key("how the reduced model is made", tables.ReductionTable())
-    accuracy: tables.AccuracyTable = key("errors asked for and estimated", tables.AccuracyTable())
-    output: tables.OutputTable = key("what is written", tables.OutputTable())
+    accuracy: tables.AccuracyTable = key("largest errors allowed", tables.AccuracyTable())
+    output: tables.OutputTable = key("files of results", tables.OutputTable())
     response: tables.ResponseTable | None = key("frequencies and levels of steady vibration", None)
     backbone: tables.BackboneTable = key(
-        "modes whose damping is looked for", tables.BackboneTable()
+        "modes whose frequency and damping are computed against amplitude", tables.BackboneTable()
     )
-    sweep: SweepTable | None = key("values that `load_sweep` makes scenes of", None)
+    sweep: SweepTable | None = key("keys of the scene and the values they take in turn", None)
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
@@ -86,44 +83,44 @@ class Scene(SceneTable):
     def _is_mesh_or_matrices(
         cls, given: Any, make: ValidatorFunctionWrapHandler, info: ValidationInfo
     ) -> Any:
-        """Tables of a mesh are not beside those of matrices, and the needed ones not without."""
-        given_matrices = info.data.get("matrices", "wrong")  # in themselves: told already
+        """Refuse tables of a mesh beside [matrices]; mesh and material are required without."""
+        wrong = "matrices" not in info.data  # [matrices] itself is wrong, and reported already
+        matrices = info.data.get("matrices")
         if given is None:
-            if given_matrices is None:
+            if not wrong and matrices is None:
                 raise PydanticKnownError("missing")
             return None
-        if given_matrices not in (None, "wrong"):
-            raise mistake("found beside [matrices], which are all of the structure; leave it out")
+        if matrices is not None:
+            raise mistake(
+                "found beside [matrices], which describes the whole structure; leave it out"
+            )
         return make(given)
 
     @property
     def path(self) -> Path:
-        """The file the scene came from."""
+        """File that the scene was read from; `InputError` if there is none."""
         if self._path is None:
             raise InputError("scene: has no file, read it with load_scene(path)")
         return self._path
 
     @property
     def named_mesh(self) -> NamedMesh:
-        """The mesh of the scene."""
+        """Mesh of the scene; `InputError` if there is none."""
         if self._named_mesh is None:
             raise InputError(
                 "scene: has no mesh; read it with load_scene or give it to scene_from, or leave "
-                "out what needs one beside [matrices]"
+                "out keys that need a mesh beside [matrices]"
             )
         return self._named_mesh
 
     def structure(self) -> parts.AnyStructure:
-        """Structure that the scene describes, built once.
-
-        It and `system` raise `InputError` where the scene does not fit its mesh.
-        """
+        """Structure that the scene describes, built once; `InputError` if it cannot be built."""
         if self._structure is None:
-            with self._naming():
-                self._structure = self._made()
+            with self._naming_file():
+                self._structure = self._built_structure()
         return self._structure
 
-    def _made(self) -> parts.AnyStructure:
+    def _built_structure(self) -> parts.AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
             "stiffness_damping": self.damping.stiffness,
@@ -152,25 +149,25 @@ class Scene(SceneTable):
     def loads(self) -> tuple[parts.Load, ...]:
         """Loads of the structure."""
         return tuple(
-            parts.Load(one.on, one.to_amplitude(), one.direction, one.base, one.quantity)
-            for one in self.load
+            parts.Load(load.on, load.to_amplitude(), load.direction, load.base, load.quantity)
+            for load in self.load
         )
 
     def system(self) -> System:
-        """System of the full model, assembled once."""
+        """System of the full model, assembled once; `InputError` as for `structure`."""
         if self._system is None:
             structure = self.structure()
-            with self._naming():
+            with self._naming_file():
                 self._system = structure.system(self.loads(), self.output.points or None)
-            size = structure.n_dofs, self._system.n, self._system.contact_points
             _log.info(
-                "%s: %d degrees of freedom, %d unknowns, %d contact points.", self._path, *size
+                "%s: %d degrees of freedom, %d unknowns, %d contact points.",
+                *(self._path, structure.n_dofs, self._system.n, self._system.contact_points),
             )
         return self._system
 
     @contextmanager
-    def _naming(self) -> Iterator[None]:
-        """Name the scene's file in what is found wrong with it."""
+    def _naming_file(self) -> Iterator[None]:
+        """Put the scene's file before each problem of an InputError."""
         try:
             yield
         except InputError as error:
@@ -179,17 +176,17 @@ class Scene(SceneTable):
 
     @property
     def output_points(self) -> tuple[str, ...]:
-        """Names whose motion is reported: those asked for, else all points that can move."""
+        """Names of the observed points: those given, or all points that can move."""
         return self.output.points or tuple(self.structure().free_points)
 
     @property
     def cycle_period(self) -> float | None:
         """Common period of the harmonic loads, s; None if they have none."""
-        return common_period(one.to_amplitude() for one in self.load)
+        return common_period(load.to_amplitude() for load in self.load)
 
     @property
     def time_step(self) -> float:
-        """Length of a step, s."""
+        """Length of a step, s; `InputError` if it needs a common period and there is none."""
         if self.time.step is not None:
             return self.time.step
         if self.cycle_period is None:
@@ -198,9 +195,9 @@ class Scene(SceneTable):
 
     @property
     def n_steps(self) -> int:
-        """Number of steps, of one period where vibration is to be steady.
+        """Number of steps, with ``until = "steady"`` of one cycle.
 
-        The last one ends at the end of the run or just beyond it.
+        The last step ends at the end of the run or just beyond it.
         """
         if self.time.duration is not None and self.time.step is not None:
             return math.ceil(min(self.time.duration / self.time.step, 1e18) * (1 - 1e-9))
@@ -208,31 +205,31 @@ class Scene(SceneTable):
 
     @property
     def periodic(self) -> bool:
-        """Whether the run is counted in cycles."""
+        """Whether the length of the run is given in cycles."""
         return self.time.duration is None
 
     @property
     def cycle_steps(self) -> int | None:
-        """Steps of one cycle; None for a scene by duration."""
+        """Steps of a cycle; None for a scene with a duration."""
         return self.time.steps_per_cycle if self.periodic else None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy of the same path and mesh; what was built from a replaced table is built anew."""
+        """Copy with the same path and mesh; keeps the structure and system unless they change."""
         copy = super().model_copy(update=update, deep=deep)
-        if OF_STRUCTURE & set(update or ()):
+        if TABLES_OF_STRUCTURE & set(update or ()):
             copy._structure = None
-        if OF_SYSTEM & set(update or ()):
+        if TABLES_OF_SYSTEM & set(update or ()):
             copy._system = None
         return copy
 
-    def light(self, **keys_of: Any) -> Self:
-        """Copy without what was assembled, with other values of keys as `changed` takes them."""
+    def unassembled(self, **keys_of: Any) -> Self:
+        """Copy without structure and system, with other values of keys as for `changed`."""
         copy = self.changed(**keys_of)
         copy._structure = copy._system = None
         return copy
 
     def finer(self, factor: int) -> Self:
-        """Copy with so many times the steps, which stores the same times."""
+        """Copy with ``factor`` times the steps, of which the same times are stored."""
         time: dict[str, Any] = {"steps_per_cycle": factor * self.time.steps_per_cycle}
         if self.time.step is not None:
             time = {"step": self.time.step / factor}
@@ -247,16 +244,22 @@ class Scene(SceneTable):
         joint: Mapping[str, Any] | None = None,
         **keys_of: Mapping[str, Any],
     ) -> Self:
-        """Copy with another mesh, or with other values of keys, which are taken as they are.
+        """Copy with another mesh or with other values of keys, which are not checked again.
 
-        ``joint`` holds keys that change in every joint, the others are by table, such as
-        ``time={"steps_per_cycle": 400}``.
+        Parameters
+        ----------
+        mesh : NamedMesh, optional
+            Mesh in place of the present one.
+        joint : mapping, optional
+            Keys with values for every joint.
+        **keys_of : mapping
+            Keys with values by table, such as ``time={"steps_per_cycle": 400}``.
         """
         update: dict[str, Any] = {
             name: getattr(self, name).model_copy(update=keys) for name, keys in keys_of.items()
         }
         if joint is not None:
-            update["joint"] = tuple(one.model_copy(update=joint) for one in self.joint)
+            update["joint"] = tuple(each.model_copy(update=joint) for each in self.joint)
         if mesh is not None:
             update["mesh"] = self.mesh
         copy = self.model_copy(update=update)
@@ -264,7 +267,18 @@ class Scene(SceneTable):
         return copy
 
 
+def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
+    """Problems between tables of a scene, as far as its ``valid`` tables tell."""
+    if valid >= {"time", "load"}:
+        yield from _time_problems(scene)
+    if valid >= TABLES_OF_SYSTEM and scene.matrices is not None:
+        yield from _matrix_problems(scene, scene.matrices)
+    if valid >= {"models", "joint", "reduction"}:
+        yield from _model_problems(scene)
+
+
 def _time_problems(scene: Scene) -> Iterator[str]:
+    """Problems of the length of the run and of its steps with the periods of the loads."""
     time = scene.time
     if scene.periodic and scene.cycle_period is None:
         yield (
@@ -273,13 +287,16 @@ def _time_problems(scene: Scene) -> Iterator[str]:
         )
         return
     step, count = scene.time_step, scene.n_steps
-    if not (0 < step < math.inf and count <= MOST):
-        yield f"time: found {count:.3g} steps of {step:.3g} s, must be at most {MOST:.0e} steps"
+    if not (0 < step < math.inf and count <= LARGEST_COUNT):
+        yield (
+            f"time: found {count:.3g} steps of {step:.3g} s, must be at most "
+            f"{LARGEST_COUNT:.0e} steps"
+        )
+        return
+    if scene.accuracy.asked:  # the step is then shortened
         return
     for i, load in enumerate(scene.load):
-        if scene.accuracy.asked:  # which shortens the step
-            break
-        fastest = max((one.frequency for one in load.to_amplitude().harmonics), default=0.0)
+        fastest = max((part.frequency for part in load.to_amplitude().harmonics), default=0.0)
         if PER_PERIOD * fastest * step > 1 + 1e-9:
             longest = 1 / (PER_PERIOD * fastest)
             why = f"a step must not be longer than 1/{PER_PERIOD} of the period of load[{i}]"
@@ -291,46 +308,40 @@ def _time_problems(scene: Scene) -> Iterator[str]:
             )
 
 
-def _matrix_problems(scene: Scene, given: MatricesTable) -> Iterator[str]:
-    """Mistakes in what other tables ask of a scene with matrices."""
-    if given.C is not None and scene.damping.model_fields_set:
-        yield "damping: found beside matrices.C, must be one of the two"
+def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
+    """Problems of other tables with [matrices]."""
+    if matrices.C is not None and scene.damping.model_fields_set:
+        yield "damping: found beside matrices.C; leave out either of them"
     if "reduced" in scene.models.run and scene.reduction.reference == "paper":
         yield (
-            "reduction.reference: found 'paper' beside [matrices], which have no line that its "
-            "modes could be laid along; use reference = 'static'"
+            "reduction.reference: found 'paper' beside [matrices], which have no axis to scale its "
+            "modes along; use reference = 'static'"
         )
     if scene.output.vtk:
         yield (
-            "output.vtk: found true beside [matrices], which do not tell where nodes are; leave it "
+            "output.vtk: found true beside [matrices], which have no positions of nodes; leave it "
             "out"
         )
 
 
-def relations(scene: Scene, right: Mapping[str, Any]) -> Iterator[str]:
-    """Mistakes between the tables of a scene, of those that are right in themselves."""
-    if {"time", "load"} <= set(right):
-        yield from _time_problems(scene)
-    if right.keys() >= OF_SYSTEM and scene.matrices is not None:
-        yield from _matrix_problems(scene, scene.matrices)
-    if not {"models", "joint", "reduction"} <= set(right):
-        return
-    for small in sorted({"condensed", "reduced"} & {*scene.models.run}) if not scene.joint else ():
+def _model_problems(scene: Scene) -> Iterator[str]:
+    """Problems of condensed and reduced models with the joints."""
+    for name in sorted({"condensed", "reduced"} & {*scene.models.run}) if not scene.joint else ():
         yield (
-            f"models.run: found '{small}' in a scene without [[joint]]; a linear scene has nothing "
+            f"models.run: found '{name}' in a scene without [[joint]]; a linear scene has nothing "
             "to reduce by its joints, run 'full' alone"
         )
     if "reduced" not in scene.models.run:
         return
-    names, asked = {joint.on for joint in scene.joint}, scene.reduction.active_length
-    for name in sorted(asked.keys() - names) if isinstance(asked, dict) else ():
+    joints, lengths = {joint.on for joint in scene.joint}, scene.reduction.active_length
+    for name in sorted(lengths.keys() - joints) if isinstance(lengths, dict) else ():
         where = key_path(("reduction", "active_length", name))
-        yield f"{where}: found '{name}', which is no joint; joints: {listed(names)}"
+        yield f"{where}: found '{name}', which is no joint; joints: {listed(joints)}"
     mesh = scene._named_mesh
     if scene.reduction.reference == "paper" and mesh is not None and mesh.dim > 1:
         for i, joint in enumerate(scene.joint):
             if joint.axis is None:
                 yield (
                     f"joint[{i}].axis: missing, must be given with reduction.reference = 'paper': "
-                    "the direction along which modes are laid; or use reference = 'static'"
+                    "the direction along which its modes are scaled; or use reference = 'static'"
                 )

@@ -1,7 +1,7 @@
-"""Tables of a scene, alike for every dimension.
+"""Tables of a scene, the same for every dimension, except those of joints and of sweeps.
 
-They hold what a scene says by itself: forms, ranges, and what must fit together within a table.
-What only the mesh can tell (names, overlaps, what a dimension needs) is the structure's to check.
+A table checks the form and range of its values, and what must fit together within it. The structure
+checks what depends on the mesh: names, overlaps, and keys that a dimension needs.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pydantic import AfterValidator, Field, PrivateAttr, Tag, ValidationInfo, mo
 from skfem_joint import loads
 from skfem_joint.errors import InputError
 from skfem_joint.load_tables import read_table
-from skfem_joint.scene.messages import LIST, NUMBER, TABLE, WORD, mistake
+from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import (
-    A_LIST,
-    MOST,
+    LARGEST_COUNT,
     Auto,
     Count,
+    CountOrZero,
     Direction,
     FileName,
     Names,
@@ -30,44 +30,45 @@ from skfem_joint.scene.values import (
     PoissonRatio,
     Positive,
     SceneTable,
+    TomlList,
+    by_form,
     has_no_repeats,
     key,
-    one_of,
 )
 from skfem_joint.stepping.resolution import PER_PERIOD
 
 
 class MeshTable(SceneTable):
-    """``[mesh]``: where the mesh is."""
+    """``[mesh]``: the files of the mesh."""
 
     file: Annotated[
-        Annotated[FileName, Tag(WORD)]
-        | Annotated[tuple[FileName, ...], Field(strict=False, min_length=1), Tag(LIST)],
-        one_of(LIST, otherwise=WORD),
+        Annotated[FileName, Tag(Form.WORD)]
+        | Annotated[TomlList[FileName], Field(min_length=1), Tag(Form.LIST)],
+        by_form(Form.LIST, otherwise=Form.WORD),
     ] = key(
         "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
-        ".msh of format 2.2 or 4.1, ASCII or binary, or for bars Abaqus .inp"
+        ".msh of format 2.2 or 4.1, ASCII or binary; for bars also Abaqus .inp"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
 
     def paths(self, folder: Path) -> list[Path]:
-        """Files of a scene that lies in ``folder``."""
+        """Mesh files of a scene that lies in ``folder``."""
         names = (self.file,) if isinstance(self.file, str) else self.file
         return [folder / name for name in names]
 
 
 class _Override(SceneTable):
-    """What differs in a region; sets something."""
+    """Properties of a region that differ from those elsewhere; at least one must be given."""
 
     @model_validator(mode="after")
-    def _sets_something(self) -> Self:
+    def _is_not_empty(self) -> Self:
         if not self.model_fields_set:
             raise mistake(f"found an empty table, must set {' or '.join(type(self).model_fields)}")
         return self
 
 
 class MaterialOverride(_Override):
-    """``[material.regions.NAME]``: what differs in a region."""
+    """``[material.regions.NAME]``: properties of a region that differ from those elsewhere."""
 
     E: Positive | None = key("Young's modulus, Pa", None)
     density: Positive | None = key("density, kg/m³", None)
@@ -79,42 +80,49 @@ class MaterialTable(SceneTable):
 
     E: Positive = key("Young's modulus, Pa")
     density: Positive = key("density, kg/m³")
-    poisson: PoissonRatio | None = key("Poisson's ratio; bars do without", None)
-    mass_matrix: Literal["consistent", "lumped"] = key("mass of shapes, or of nodes", "consistent")
-    regions: dict[str, MaterialOverride] = key("what differs in regions, by their names", {})
+    poisson: PoissonRatio | None = key("Poisson's ratio; not needed for bars", None)
+    mass_matrix: Literal["consistent", "lumped"] = key(
+        "consistent mass matrix, or a diagonal one with the masses of the nodes", "consistent"
+    )
+    regions: dict[str, MaterialOverride] = key("properties that differ, by name of the region", {})
 
 
 class SectionOverride(_Override):
-    """``[section.regions.NAME]``: what differs in a region."""
+    """``[section.regions.NAME]``: properties of a region that differ from those elsewhere."""
 
     width: Positive | None = key("width of a bar, m", None)
     thickness: Positive | None = key("thickness, m", None)
 
 
 class SectionTable(SceneTable):
-    """``[section]``: what the mesh does not show of the bodies."""
+    """``[section]``: dimensions of the bodies that the mesh does not have."""
 
     width: Positive | None = key("width of a bar and of its contact, m", None)
     thickness: Positive | None = key("thickness of a bar, or of a plate, m", None)
-    plane: Literal["stress", "strain"] = key("state of a plate across its plane", "stress")
-    regions: dict[str, SectionOverride] = key("what differs in regions, by their names", {})
+    plane: Literal["stress", "strain"] = key("plane stress or plane strain of a plate", "stress")
+    regions: dict[str, SectionOverride] = key("properties that differ, by name of the region", {})
 
 
 class SupportTable(SceneTable):
     """``[support]``: points, boundaries and regions that are held."""
 
-    fixed: Names = key("names of what is held in every direction", ())
-    fixed_x: Names = key("names of what is held along x", ())
-    fixed_y: Names = key("names of what is held along y", ())
-    fixed_z: Names = key("names of what is held along z", ())
+    fixed: Names = key("names of the points, boundaries and regions held in every direction", ())
+    fixed_x: Names = key("names of those held along x", ())
+    fixed_y: Names = key("names of those held along y", ())
+    fixed_z: Names = key("names of those held along z", ())
 
 
 class DampingTable(SceneTable):
-    """``[damping]``: C = stiffness * K + mass * M, by its factors or by the ratio it gives."""
+    """``[damping]``: C = stiffness * K + mass * M, by its factors or by a damping ratio."""
 
     stiffness: NotNegative = key("factor of the stiffness matrix, s", 0.0)
     mass: NotNegative = key("factor of the mass matrix, 1/s", 0.0)
-    ratio: float | None = key("share of the critical damping", None, gt=0, lt=1)
+    ratio: float | None = key(
+        "damping ratio; a share of the critical damping, in place of both factors",
+        None,
+        gt=0,
+        lt=1,
+    )
 
     @model_validator(mode="after")
     def _is_given_one_way(self) -> Self:
@@ -125,41 +133,33 @@ class DampingTable(SceneTable):
         return self
 
 
-_SHAPES: dict[str, Callable[..., loads.Amplitude]] = {
-    "harmonic": loads.Harmonic,
-    "triangle": loads.Triangle,
-    "half_sine": loads.HalfSine,
-    "versine": loads.Versine,
-    "ramp_and_hold": loads.RampAndHold,
-    "rectangle": loads.Rectangle,
-}
-
-
 class _Load(SceneTable):
+    """Keys of every ``[[load]]``: where and how it acts. Each kind adds its shape in time."""
+
     kind: str
     on: str | None = key("name of the point, boundary or region that the load acts on", None)
     direction: Direction | None = key(
-        "direction of the force, [x, y] or [x, y, z], of any length; needed but on bars and for a "
+        "direction of the force, [x, y] or [x, y, z], of any length; not needed on bars and for a "
         "pressure",
         None,
     )
     quantity: Literal["force", "traction", "pressure"] = key(
-        "what is given over time: the whole force in N, or, on a boundary, a traction along "
+        "what is given over time: the total force in N, or, on a boundary, a traction along "
         "direction or a pressure against the outward normal, both in N/m² instead of N",
         "force",
     )
     base: Literal["x", "y", "z"] | None = key(
-        "axis along which all supports are accelerated; what is a force in N on a part of the "
-        "structure is then an acceleration in m/s²",
+        "axis along which all supports are accelerated, in place of on; amplitudes are then "
+        "accelerations in m/s² instead of forces in N",
         None,
     )
 
     @model_validator(mode="after")
-    def _acts_on_one(self) -> Self:
+    def _acts_on_part_or_base(self) -> Self:
         if (self.on is None) == (self.base is None):
-            found = "missing" if self.on is None else f"found '{self.on}' beside base"
+            given = "missing" if self.on is None else f"found '{self.on}' beside base"
             raise mistake(
-                f"{found}, must be given: name of the point, boundary or region that a force acts "
+                f"{given}, must be given: name of the point, boundary or region that a force acts "
                 "on, or instead of it base = 'x', 'y' or 'z', along which supports are accelerated",
                 "on",
             )
@@ -170,8 +170,16 @@ class _Load(SceneTable):
         return self
 
     def to_amplitude(self) -> loads.Amplitude:
-        """Force (N) as a function of time: a shape whose parameters are keys here."""
-        shape = _SHAPES[self.kind]
+        """Force (N) as a function of time; the keys are named as the parameters of its shape."""
+        shapes: dict[str, Callable[..., loads.Amplitude]] = {
+            "harmonic": loads.Harmonic,
+            "triangle": loads.Triangle,
+            "half_sine": loads.HalfSine,
+            "versine": loads.Versine,
+            "ramp_and_hold": loads.RampAndHold,
+            "rectangle": loads.Rectangle,
+        }
+        shape = shapes[self.kind]
         return shape(**{name: getattr(self, name) for name in signature(shape).parameters})
 
 
@@ -193,42 +201,43 @@ class MultiHarmonicLoad(_Load):
     """``kind = "multi_harmonic"``: a sum of harmonics."""
 
     kind: Literal["multi_harmonic"] = key("shape of the force in time")
-    components: Annotated[tuple[ComponentTable, ...], A_LIST] = key(
-        "list of tables { amplitude, frequency, phase } that are added", min_length=1
+    components: TomlList[ComponentTable] = key(
+        "list of tables { amplitude, frequency, phase }, whose harmonics are added", min_length=1
     )
 
     def to_amplitude(self) -> loads.MultiHarmonic:
         """Force (N) as a function of time."""
-        return loads.MultiHarmonic([loads.Harmonic(**one.model_dump()) for one in self.components])
+        parts = [loads.Harmonic(**component.model_dump()) for component in self.components]
+        return loads.MultiHarmonic(parts)
 
 
 class PulseLoad(_Load):
     """``kind = "triangle", "half_sine", "versine", "ramp_and_hold"``: a rise to a peak.
 
-    There the last stays; the others fall as they rose.
+    A ramp stays at its peak; the others fall as they rose.
     """
 
     kind: Literal["triangle", "half_sine", "versine", "ramp_and_hold"] = key(
         "shape of the force in time"
     )
-    peak: Number = key("largest force, N; a negative one pushes")
+    peak: Number = key("largest force, N; against direction if negative")
     rise_time: Positive = key(
         "time from start to peak, s; half the length of a triangle, half sine or versine"
     )
-    start: NotNegative = key("time at which the force sets in, s", 0.0)
+    start: NotNegative = key("time at which the force begins, s", 0.0)
 
 
 class RectangleLoad(_Load):
     """``kind = "rectangle"``: a force that is constant for a while."""
 
     kind: Literal["rectangle"] = key("shape of the force in time")
-    peak: Number = key("force, N; a negative one pushes")
+    peak: Number = key("force, N; against direction if negative")
     duration: Positive = key("time that the force lasts, s")
-    start: NotNegative = key("time at which the force sets in, s", 0.0)
+    start: NotNegative = key("time at which the force begins, s", 0.0)
 
 
 class TableLoad(_Load):
-    """``kind = "table"``: forces at points of time, linear between them, zero before and after."""
+    """``kind = "table"``: forces at given times, linear between them, zero before and after."""
 
     kind: Literal["table"] = key("shape of the force in time")
     file: FileName = key("name of a CSV file, relative to the scene: time in s, force in N")
@@ -257,16 +266,18 @@ AnyLoad: TypeAlias = Annotated[
 class TimeTable(SceneTable):
     """``[time]``: cycles or until, and steps_per_cycle; or duration and step."""
 
-    cycles: Count | None = key("number of common periods of the loads", None)
+    cycles: Count | None = key("number of cycles; a cycle is the common period of the loads", None)
     until: Literal["steady"] | None = key(
-        "'steady' finds the period at which vibration is steady, however many cycles that takes",
-        None,
+        "'steady' computes a cycle of the steady vibration, in place of cycles", None
     )
-    steps_per_cycle: int = key("steps in a common period", 200, ge=PER_PERIOD, le=MOST)
+    steps_per_cycle: int = key("steps in a cycle", 200, ge=PER_PERIOD, le=LARGEST_COUNT)
     duration: Positive | None = key("length of the run, s", None)
     step: Positive | None = key("length of a step, s", None)
     rho_infinity: float = key(
-        "spectral radius of the scheme at high frequency; 1 damps nothing", 1.0, ge=0, le=1
+        "spectral radius of the scheme at high frequency; 1 adds no damping",
+        1.0,
+        ge=0,
+        le=1,
     )
 
     @model_validator(mode="after")
@@ -285,22 +296,22 @@ class TimeTable(SceneTable):
                     f"found {self.step:g}, must be <= duration, {self.duration:g}", "step"
                 )
         elif self.until is not None and self.cycles is not None:
-            raise mistake("found beside until = 'steady', which counts them itself", "cycles")
+            raise mistake("found beside until = 'steady'; leave out either of them", "cycles")
         elif self.until is None and self.cycles is None:
             raise mistake(f"missing; {choice}", "cycles")
         return self
 
 
-def in_order(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of models, the largest first: others compare with it."""
+def _largest_first(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of models, the largest first, since the others are compared with it."""
     return tuple(sorted(has_no_repeats(names), key=("full", "condensed", "reduced").index))
 
 
 class ModelsTable(SceneTable):
-    """``[models]``: which models are integrated."""
+    """``[models]``: the models that are integrated."""
 
     run: Annotated[
-        tuple[Literal["full", "condensed", "reduced"], ...], A_LIST, AfterValidator(in_order)
+        TomlList[Literal["full", "condensed", "reduced"]], AfterValidator(_largest_first)
     ] = key("list of models; the largest is run first", ("full",), min_length=1)
 
 
@@ -308,71 +319,76 @@ class ReductionTable(SceneTable):
     """``[reduction]``: how the reduced model is made."""
 
     reference: Literal["static", "self", "paper"] = key(
-        "origin of joint modes: the static slip path, the scene's own run, or the paper's joint, "
-        "scaled",
+        "source of the joint modes: the static slip path, the full run of the scene, or the scaled "
+        "modes of the paper's joint",
         "static",
     )
-    modes: Annotated[Auto | Annotated[Count, Tag(NUMBER)], one_of(WORD)] = key(
-        "number of joint modes; 'auto' is 12, of the paper's 5",
+    modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
+        "number of joint modes; 'auto' is 12, and 5 with reference = 'paper'",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
     interface_modes: Annotated[
-        Auto | Annotated[int, Field(ge=0, le=MOST), Tag(NUMBER)], one_of(WORD)
+        Auto | Annotated[CountOrZero, Tag(Form.NUMBER)], by_form(Form.WORD)
     ] = key(
-        "number of fixed-interface modes beside them; 'auto' goes by their share in the response",
+        "number of fixed-interface modes beside them; 'auto' chooses by their share in the "
+        "response",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )
-    beta: Annotated[Auto | Annotated[Positive, Tag(NUMBER)], one_of(WORD)] = key(
-        "steepness of the arctan law, s/m; 'auto' goes by the error of the modes",
+    beta: Annotated[Auto | Annotated[Positive, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
+        "steepness of the arctan law, s/m; 'auto' chooses by the error of the modes",
         "auto",
         allowed="'auto' or a steepness in s/m > 0",
     )
     friction_points: Annotated[
-        Annotated[Literal["auto", "all"], Tag(WORD)] | Annotated[Count, Tag(NUMBER)], one_of(WORD)
+        Annotated[Literal["auto", "all"], Tag(Form.WORD)] | Annotated[Count, Tag(Form.NUMBER)],
+        by_form(Form.WORD),
     ] = key(
-        "number of points with friction; 'auto' is as many as it takes, 'all' every contact point",
+        "number of points with friction; 'auto' merges contact points as far as the error of this "
+        "stays small, 'all' merges none",
         "auto",
         allowed="'auto', 'all' or a whole number >= 1",
     )
     snapshots: Literal["both", "displacement", "rates"] = key(
-        "what modes span: displacement and velocity, the first (paper), or velocity and "
-        "acceleration",
+        "what the joint modes span: displacement and velocity, displacement alone (as in the "
+        "paper), or velocity and acceleration",
         "both",
     )
     inner_product: Literal["auto", "euclidean", "mass", "energy"] = key(
-        "weight of snapshots of the scene's run (energy) or the paper's (euclidean)", "auto"
+        "inner product in which modes are orthogonal; 'auto' is 'energy' for snapshots of the "
+        "scene's own run and 'euclidean' for those of the paper",
+        "auto",
     )
     active_length: Annotated[
-        Annotated[Literal["auto", "estimate"], Tag(WORD)]
-        | Annotated[Positive, Tag(NUMBER)]
-        | Annotated[dict[str, Positive], Tag(TABLE)],
-        one_of(WORD, TABLE),
+        Annotated[Literal["auto", "estimate"], Tag(Form.WORD)]
+        | Annotated[Positive, Tag(Form.NUMBER)]
+        | Annotated[dict[str, Positive], Tag(Form.TABLE)],
+        by_form(Form.WORD, Form.TABLE),
     ] = key(
-        "length that the paper's modes are scaled to, m; 'auto' by a quick run, 'estimate' by "
-        "Eqs. (17)-(20)",
+        "length to which the paper's modes are scaled, m; 'auto' takes it from a quick run, "
+        "'estimate' from Eqs. (17)-(20) of the paper",
         "auto",
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
     )
 
 
 class AccuracyTable(SceneTable):
-    """``[accuracy]``: errors that are asked for, and whether errors are estimated."""
+    """``[accuracy]``: largest errors allowed, and whether errors are estimated."""
 
     displacement: Positive | None = key("largest relative error of histories and peaks", None)
     energy: Positive | None = key("largest relative error of friction and loop energy", None)
-    estimate: bool = key("whether results are run again to estimate their errors", True)
+    estimate: bool = key("whether errors are estimated, by verification runs", True)
 
     @model_validator(mode="after")
     def _is_estimated(self) -> Self:
         if self.asked and not self.estimate:
-            raise mistake("found false beside an accuracy asked for; leave it out", "estimate")
+            raise mistake("found false beside a largest error; leave it out", "estimate")
         return self
 
     @property
     def asked(self) -> bool:
-        """Whether an accuracy is asked for."""
+        """Whether a largest error is given."""
         return self.displacement is not None or self.energy is not None
 
 
@@ -381,10 +397,14 @@ class OutputTable(SceneTable):
 
     vtk: bool = key("fields for ParaView", False)
     plots: bool = key("pictures as PNG", False)
-    every: Count = key("stored are steps 0, every, 2 every, ...", 1)
-    points: Names = key("names of what is observed; all free points if none is named", ())
-    frames: Count = key("moments in the series for ParaView", 200)
-    history: bool = key("motion of what is observed, as history.npz", True)
+    every: Count = key("interval of the stored steps 0, every, 2 every, ...", 1)
+    points: Names = key(
+        "names of the points, boundaries and regions whose mean displacement is observed; all "
+        "points that can move if not given",
+        (),
+    )
+    frames: Count = key("number of stored times in the series for ParaView", 200)
+    history: bool = key("motion of the observed points, as history.npz", True)
 
 
 class FrequenciesTable(SceneTable):
@@ -392,7 +412,7 @@ class FrequenciesTable(SceneTable):
 
     from_: Positive = key("lowest frequency, Hz", alias="from")
     to: Positive = key("highest frequency, Hz")
-    points: Count = key("number of frequencies, before those around peaks", 21)
+    points: Count = key("number of frequencies; more are added around peaks", 21)
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -405,26 +425,28 @@ class ResponseTable(SceneTable):
     """``[response]``: steady vibration over frequency, for the command ``response``."""
 
     frequencies: FrequenciesTable = key(
-        "table { from, to, points }: first harmonics of the loads, Hz"
+        "table { from, to, points }: fundamental frequencies of the loads, Hz"
     )
-    levels: Annotated[tuple[Positive, ...], A_LIST] = key(
-        "factors of the loads' amplitudes", (1.0,), min_length=1
-    )
+    levels: TomlList[Positive] = key("factors of the loads' amplitudes", (1.0,), min_length=1)
 
 
 class BackboneTable(SceneTable):
     """``[backbone]``: frequency and damping against amplitude, for the command ``backbone``."""
 
-    modes: Annotated[tuple[Count, ...], A_LIST, AfterValidator(has_no_repeats)] = key(
-        "numbers of modes with the contact stuck", (1,), min_length=1
+    modes: Annotated[TomlList[Count], AfterValidator(has_no_repeats)] = key(
+        "numbers of the modes of the structure with sticking contact, from 1 on",
+        (1,),
+        min_length=1,
     )
-    levels: Count = key("points of each curve", 20)
+    levels: Count = key("number of points of each curve", 20)
     up_to: Positive = key(
-        "the highest level, as a share of that at which the first joint slips as a whole", 0.7
+        "the highest load level, as a share of that at which the first joint slips as a whole", 0.7
     )
-    ring_down: int = key("cycles of free vibration to compare with", 0, ge=0, le=MOST)
+    ring_down: CountOrZero = key("cycles of free vibration that the curves are compared with", 0)
     released: Literal["mode", "loads"] = key(
-        "what it begins with: the highest level's displacement at rest, or where pulses end", "mode"
+        "start of the free vibration: 'mode' at rest in the displacement of the highest level, "
+        "'loads' in the state at the end of the loads, which must be pulses",
+        "mode",
     )
 
     @model_validator(mode="after")

@@ -1,19 +1,19 @@
-"""Kinds of values that the tables of a scene are made of: numbers in range, names, lists, forms."""
+"""Types of the values in a scene's tables: numbers within limits, names, lists, several forms."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from inspect import cleandoc
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from skfem_joint.scene.messages import BOLTS, LIST, NUMBER, TABLE, WORD, found_text, mistake
+from skfem_joint.scene.messages import Form, mistake, value_text
 
-_SMALLEST, _LARGEST = 1e-20, 1e20  # numbers in SI units, but 0
-#: Steps, modes, frames: beyond it a number is a slip of the keyboard.
-MOST = 10**9
-#: Names in one list of a scene.
-MOST_LISTED = 1000
+#: Largest whole number that a key takes (steps, modes, frames). A larger one is a typing error.
+LARGEST_COUNT = 10**9
+
+T = TypeVar("T")
 
 
 class SceneTable(BaseModel):
@@ -21,13 +21,67 @@ class SceneTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Append the meanings of the keys to the docstring of a table, so that help has them."""
+        super().__pydantic_init_subclass__(**options)
+        meanings = (f"{name}\n    {field.description}" for name, field in cls.model_fields.items())
+        lines = [cleandoc(cls.__doc__ or ""), "", "Attributes", "----------", *meanings]
+        cls.__doc__ = "\n".join(lines)
+
+
+def key(meaning: str, default: Any = ..., *, allowed: str = "", **limits: Any) -> Any:
+    """Key of a table, as a pydantic field.
+
+    Parameters
+    ----------
+    meaning : str
+        What the key means, with its unit after a comma: messages and ``skfem-joint keys`` show it.
+    default : optional
+        Without a default the key must be given.
+    allowed : str, optional
+        Allowed values in words, for keys whose values have several forms.
+    **limits
+        Limits of pydantic's ``Field``, such as ``ge`` or ``min_length``.
+    """
+    extra: Any = {"allowed": allowed} if allowed else None
+    return Field(default, description=meaning, json_schema_extra=extra, **limits)
+
+
+def by_form(*forms: Form, otherwise: Form = Form.NUMBER) -> Discriminator:
+    """Choose the type of a value by its form, so that messages are about that form alone.
+
+    Parameters
+    ----------
+    *forms : Form
+        Forms, beside ``otherwise``, that the key takes.
+    otherwise : Form
+        Form by which a value of any other form is checked, and refused.
+    """
+
+    def form_of(value: object) -> Form:
+        form = Form.NUMBER
+        if isinstance(value, str):
+            form = Form.WORD
+        elif isinstance(value, list | tuple):
+            form = Form.LIST
+        elif isinstance(value, Mapping | BaseModel):
+            bolts = Form.BOLTS in forms and "bolts" in dict(value)
+            form = Form.BOLTS if bolts else Form.TABLE
+        return form if form in forms else otherwise
+
+    return Discriminator(form_of)
+
 
 def _from(smallest: float) -> AfterValidator:
+    """Limit the size of a number, except 0, to what products of such numbers can take."""
+    largest = 1e20
+
     def is_in_range(value: float) -> float:
-        if value != 0.0 and not smallest <= abs(value) <= _LARGEST:
+        if value != 0.0 and not smallest <= abs(value) <= largest:
             raise mistake(
-                f"found {value:g}, must be {smallest:g} to {_LARGEST:g} in size, or 0 where that "
-                "is allowed: beyond it products of such numbers overflow"
+                f"found {value:g}, must be {smallest:g} to {largest:g} in size, or 0 where that "
+                "is allowed: products of numbers beyond these limits overflow"
             )
         return value
 
@@ -40,24 +94,21 @@ def _is_file_name(name: str) -> str:
     return name
 
 
-T = TypeVar("T")
-
-
 def has_no_repeats(values: tuple[T, ...]) -> tuple[T, ...]:
-    """Refuse a value that stands in a list twice."""
+    """Return the values of a list, each of which must stand in it once."""
     seen: set[T] = set()
     for value in values:
         if value in seen:
-            raise mistake(f"found {found_text(value)} more than once, must not repeat")
+            raise mistake(f"found {value_text(value)} more than once, must not repeat")
         seen.add(value)
     return values
 
 
 def _are_few(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(names) > MOST_LISTED:
+    if len(names) > 1000:  # 140,000 names took hours
         raise mistake(
-            f"found {len(names)} names, must be at most {MOST_LISTED}; name regions or boundaries "
-            "in place of single points"
+            f"found {len(names)} names, must be at most 1000; name regions or boundaries in place "
+            "of single points"
         )
     return names
 
@@ -70,48 +121,24 @@ def _has_coordinates(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
-def _points_somewhere(values: tuple[float, ...]) -> tuple[float, ...]:
+def _has_direction(values: tuple[float, ...]) -> tuple[float, ...]:
     if not any(values):
-        raise mistake("found zeros alone, which point nowhere; one number must not be 0")
+        raise mistake("found only zeros, which have no direction; a component must not be 0")
     return values
 
 
-Number = Annotated[float, _from(_SMALLEST**3)]
-Positive = Annotated[float, Field(gt=0), _from(_SMALLEST)]
-NotNegative = Annotated[float, Field(ge=0), _from(_SMALLEST)]
-Count = Annotated[int, Field(ge=1, le=MOST)]
+Number = Annotated[float, _from(1e-60)]
+Positive = Annotated[float, Field(gt=0), _from(1e-20)]
+NotNegative = Annotated[float, Field(ge=0), _from(1e-20)]
 PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
+Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]
+CountOrZero = Annotated[int, Field(ge=0, le=LARGEST_COUNT)]
 FileName = Annotated[str, AfterValidator(_is_file_name)]
-# TOML lists arrive as lists: not strict about that, still strict about their members.
-A_LIST = Field(strict=False)
-Names = Annotated[tuple[str, ...], A_LIST, AfterValidator(_are_few), AfterValidator(has_no_repeats)]
+Auto = Annotated[Literal["auto"], Tag(Form.WORD)]
+#: A list of TOML becomes a tuple. Its entries are not converted.
+TomlList = Annotated[tuple[T, ...], Field(strict=False)]
+Names = Annotated[TomlList[str], AfterValidator(_are_few), AfterValidator(has_no_repeats)]
 #: Two or three numbers.
-Coordinates = Annotated[tuple[Number, ...], A_LIST, AfterValidator(_has_coordinates)]
-#: Two or three numbers that are not all 0; the length does not count.
-Direction = Annotated[Coordinates, AfterValidator(_points_somewhere)]
-Auto = Annotated[Literal["auto"], Tag(WORD)]
-
-
-def one_of(*forms: str, otherwise: str = NUMBER) -> Discriminator:
-    """Tell the forms that a key may have from each other."""
-
-    def choose(value: object) -> str:
-        found = NUMBER
-        if isinstance(value, str):
-            found = WORD
-        elif isinstance(value, list | tuple):
-            found = LIST
-        elif isinstance(value, Mapping | BaseModel):
-            found = BOLTS if BOLTS in forms and "bolts" in dict(value) else TABLE
-        return found if found in forms else otherwise
-
-    return Discriminator(choose)
-
-
-def key(meaning: str, default: Any = ..., *, allowed: str = "", **limits: Any) -> Any:
-    """Field of a table: meaning and unit, default unless it must be given, limits.
-
-    ``allowed`` says for messages what a key of several forms may be.
-    """
-    extra: Any = {"allowed": allowed} if allowed else None
-    return Field(default, description=meaning, json_schema_extra=extra, **limits)
+Coordinates = Annotated[TomlList[Number], AfterValidator(_has_coordinates)]
+#: Two or three numbers that are not all 0. Their length does not count.
+Direction = Annotated[Coordinates, AfterValidator(_has_direction)]

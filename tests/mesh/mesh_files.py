@@ -66,8 +66,8 @@ def sizes(mesh: NamedMesh) -> np.ndarray:
     """Length, area or volume of each element, negative where it runs the wrong way round."""
     places, weights = skfem.quadrature.get_quadrature(mesh.mesh.elem, 4)
     sign = -1.0 if mesh.kind == "hexahedron" else 1.0  # scikit-fem's own cubes are mirrored
-    found = mesh.mesh.mapping().detDF(places)
-    return sign * np.broadcast_to(found, (mesh.n_elements, weights.size)) @ weights
+    determinants = mesh.mesh.mapping().detDF(places)
+    return sign * np.broadcast_to(determinants, (mesh.n_elements, weights.size)) @ weights
 
 
 def region_sizes(mesh: NamedMesh) -> dict[str, float]:
@@ -79,9 +79,9 @@ def boundary_sizes(mesh: NamedMesh) -> dict[str, float]:
     """Length or area of each boundary, by scikit-fem; number of its points on lines."""
     if mesh.dim == 1:
         return {name: facets.size for name, facets in mesh.boundaries.items()}
-    one = skfem.Functional(lambda w: 1.0 + 0.0 * w.x[0])
+    unit = skfem.Functional(lambda w: 1.0 + 0.0 * w.x[0])
     return {
-        name: one.assemble(skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=facets))
+        name: unit.assemble(skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=facets))
         for name, facets in mesh.boundaries.items()
     }
 

@@ -76,7 +76,7 @@ def test_build_bar_names_every_mistake_at_once():
     assert len(caught.value.problems) == 5
     for mistake in ("'joint' is -1.0", "name ''", "0 elements", "'far' is inf", "both a region"):
         assert mistake in text
-    with pytest.raises(InputError, match=r"'p' at \(0\.06\) m .* nearest one is at \(0\.05\) m"):
+    with pytest.raises(InputError, match=r"'p' at \(0\.06\) m .* nearest node is at \(0\.05\) m"):
         build_bar([("joint", 0.1, 2)], {"p": 0.06})
     with pytest.raises(InputError, match=r"'p' at \(nan\) m"):
         build_bar([("joint", 0.1, 2)], {"p": float("nan")})
@@ -102,7 +102,7 @@ def test_build_plate_and_box_name_every_mistake_at_once():
         *("order of the elements is 3", "'b' is 'above'", "'c' is 'bolt': allowed are joint"),
     ):
         assert mistake in text
-    with pytest.raises(InputError, match=r"'p' at \(0\.3, 0\) m .* one is at \(0\.2, 0\) m"):
+    with pytest.raises(InputError, match=r"'p' at \(0\.3, 0\) m .* node is at \(0\.2, 0\) m"):
         build_plate([("joint", 0.4, 2)], 0.1, 1, points={"p": (0.3, 0)})
     with pytest.raises(InputError, match="strip 'b' does not reach side 'left'"):
         build_plate([("a", 1.0, 1), ("b", 1.0, 1)], 1.0, 1, boundaries={"end": ("left", "b")})

@@ -38,11 +38,11 @@ def refused_within(path: Path, memory: float) -> NamedMesh | str:
     """What `mesh_or_refusal` gives, in bounded memory (bytes)."""
     tracemalloc.start()
     try:
-        found = mesh_or_refusal(path)
+        mesh = mesh_or_refusal(path)
         assert tracemalloc.get_traced_memory()[1] < memory
     finally:
         tracemalloc.stop()
-    return found
+    return mesh
 
 
 def files_of_all_kinds(mesh: NamedMesh, folder: Path) -> list[bytes]:
@@ -121,7 +121,7 @@ def test_numbers_that_a_file_cannot_hold_are_refused_in_bounded_memory(tmp_path,
 def test_a_file_of_two_gigabytes_is_refused_unread(tmp_path):
     path = tmp_path / "bar.msh"
     with path.open("wb") as file:
-        file.truncate(2 * 2**30)  # takes no room on the disk
+        file.truncate(2 * 2**30)  # the file takes no space on the disk
     assert isinstance(refused_within(path, 10e6), str)
 
 

@@ -251,7 +251,7 @@ def test_other_format_with_named_sets(tmp_path):
     assert bar.points == {"FIXED": 0}
     assert {name: elements.tolist() for name, elements in bar.regions.items()} == {"JOINT": [0]}
     text = text.replace("TYPE=T3D2\n1, 1, 2\n2, 2, 3\n", "TYPE=S3\n1, 1, 2, 3\n")
-    with pytest.raises(InputError, match=r"plate\.inp: .*triangle cells; of \.inp files"):
+    with pytest.raises(InputError, match=r"plate\.inp: .*triangle cells; from \.inp files"):
         load_meshes([saved(tmp_path, text, "plate.inp")])
 
 

@@ -88,7 +88,7 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
     grid = figure.axes[0].images[0].get_array().filled(np.nan)
     np.testing.assert_allclose(grid, [[0, np.nan], [100, 400], [200, 500]])
     plots.save_figure(tmp_path / "map.png", figure)
-    assert figure.axes[0].get_ylabel() == "time.cycles\nnumber of common periods of the loads"
+    assert figure.axes[0].get_ylabel() == "time.cycles\nnumber of cycles"
     three = f'{PRODUCT}\n"damping.mass" = [1]'
     assert drawn(three, [row(k, 1e-4) for k in range(6)]) is None
 

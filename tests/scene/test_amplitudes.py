@@ -205,8 +205,8 @@ def test_a_plain_function_of_time_is_a_force(function):
 def test_arguments_out_of_range_are_refused_by_name(make, names):
     with pytest.raises(sj.InputError) as caught:
         make()
-    found = {problem.split(":")[0] for problem in caught.value.problems}
-    assert set(names) == found
+    refused = {problem.split(":")[0] for problem in caught.value.problems}
+    assert set(names) == refused
 
 
 def test_a_function_is_asked_for_all_times_at_once_and_its_mistakes_are_not_hidden():
@@ -226,7 +226,7 @@ def test_a_function_is_asked_for_all_times_at_once_and_its_mistakes_are_not_hidd
 
 
 @pytest.mark.parametrize("result", [None, "5", [1.0, 2.0, 3.0], 1j, math.nan, math.inf])
-def test_a_function_that_gives_no_number_is_told_so(result):
+def test_a_function_that_gives_no_number_is_refused(result):
     def wrong(t):
         return result if np.ndim(t) or t > 0.5 else 0.0
 
@@ -280,4 +280,4 @@ def test_every_bad_line_of_a_table_is_named_but_a_long_list_is_cut(tmp_path, con
     with pytest.raises(sj.InputError, match=r"force\.csv") as caught:
         read_table(path)
     assert len(caught.value.problems) == len(wrong)
-    assert all(word in one for one, word in zip(caught.value.problems, wrong, strict=True))
+    assert all(word in line for line, word in zip(caught.value.problems, wrong, strict=True))

@@ -24,8 +24,8 @@ FORMS = ["csr", "csc", "bsr", "coo", "dia"]
 Change = Callable[[np.ndarray], None]
 
 
-def refused(folder: Path, name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
+def refused(folder: Path, name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
         read_array(folder, name)
     assert str(caught.value).startswith(str(folder / name.split(":")[0]))
 
@@ -41,9 +41,9 @@ def stored(folder: Path, form: str, **changed: Any) -> str:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_every_sparse_format_is_read_as_it_was_stored(tmp_path, form):
-    found = read_array(tmp_path, stored(tmp_path, form))
-    assert (found != K).nnz == 0
-    assert found.dtype == np.float64
+    array = read_array(tmp_path, stored(tmp_path, form))
+    assert (array != K).nnz == 0
+    assert array.dtype == np.float64
 
 
 def set_(place: int, value: int) -> Change:
@@ -128,10 +128,10 @@ HUGE = [(10**12, 10**12), (10 * LIMITS.rows, 10 * LIMITS.rows)]
 
 @pytest.mark.parametrize("shape", HUGE)
 def test_sparse_matrices_that_say_they_are_huge_are_refused(tmp_path, shape):
-    one = sparse.coo_array(([1.0], ([0], [0])), shape=shape)
-    sparse.save_npz(tmp_path / "K.npz", one)
+    entry = sparse.coo_array(([1.0], ([0], [0])), shape=shape)
+    sparse.save_npz(tmp_path / "K.npz", entry)
     refused(tmp_path, "K.npz", r"says that its shape is .* bytes are too few")
-    mmwrite(tmp_path / "K.mtx", one)
+    mmwrite(tmp_path / "K.mtx", entry)
     refused(tmp_path, "K.mtx", r"says that its shape is .* bytes are too few")
 
 
@@ -189,7 +189,7 @@ def test_files_that_unpack_to_far_more_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["K.npz", "K.mtx", "K.mat", "K.csv"])
-def test_a_cut_file_is_refused_or_told_of(tmp_path, name, caplog):
+def test_a_cut_file_is_refused_or_reported(tmp_path, name, caplog):
     """What is left of a table that is cut at the end of a row is another table."""
     path, whole = tmp_path / name, K.toarray()
     if name == "K.npz":
@@ -207,16 +207,16 @@ def test_a_cut_file_is_refused_or_told_of(tmp_path, name, caplog):
         path.write_bytes(content[:at])
         caplog.clear()
         try:
-            found = read_array(tmp_path, name)
+            array = read_array(tmp_path, name)
         except InputError:
             continue
         assert name == "K.csv"
-        assert caplog.messages or content[at - 1 : at] == b"\n" or found.size == 0
+        assert caplog.messages or content[at - 1 : at] == b"\n" or array.size == 0
     assert at > 100
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         (np.eye(2) * 1j, "complex128 values, must be real numbers"),
         (np.eye(2) > 0.0, "bool values, must be real numbers"),
@@ -226,9 +226,9 @@ def test_a_cut_file_is_refused_or_told_of(tmp_path, name, caplog):
         (np.array([{}], dtype=object), "holds Python objects, which are not loaded"),
     ],
 )
-def test_what_is_no_real_number_is_refused(tmp_path, values, told):
+def test_what_is_no_real_number_is_refused(tmp_path, values, message):
     np.savez(tmp_path / "K.npz", K=values)
-    refused(tmp_path, "K.npz", told)
+    refused(tmp_path, "K.npz", message)
 
 
 @pytest.mark.parametrize("form", ["npz", "mtx", "mat"])
@@ -247,7 +247,7 @@ def test_complex_matrices_in_files_are_refused(tmp_path, form):
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ("text", "found char values"),
         (np.array([[True]]), "found logical values"),
@@ -255,19 +255,19 @@ def test_complex_matrices_in_files_are_refused(tmp_path, form):
         (np.array([np.eye(2), "a"], dtype=object), "found cell values"),
     ],
 )
-def test_variables_of_matlab_that_are_no_numbers_are_refused(tmp_path, values, told):
+def test_variables_of_matlab_that_are_no_numbers_are_refused(tmp_path, values, message):
     savemat(tmp_path / "K.mat", {"K": values})
-    refused(tmp_path, "K.mat:K", told)
+    refused(tmp_path, "K.mat:K", message)
 
 
 def test_half_precision_is_read_as_doubles(tmp_path):
     whole = K.toarray().astype(np.float16)
     np.savez(tmp_path / "K.npz", K=whole)
-    found = read_array(tmp_path, "K.npz")
-    assert found.dtype == np.float64
-    assert np.array_equal(found, K.toarray())
-    found = read_array(tmp_path, stored(tmp_path, "csr", data=K.data.astype(np.float16)))
-    assert (found != K).nnz == 0
+    array = read_array(tmp_path, "K.npz")
+    assert array.dtype == np.float64
+    assert np.array_equal(array, K.toarray())
+    array = read_array(tmp_path, stored(tmp_path, "csr", data=K.data.astype(np.float16)))
+    assert (array != K).nnz == 0
 
 
 def test_names_that_stand_twice_are_refused(tmp_path):

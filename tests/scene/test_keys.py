@@ -7,7 +7,9 @@ from rich.console import Console
 
 from skfem_joint import cli
 from skfem_joint.scene import Scene
+from skfem_joint.scene.joint_tables import JointTable
 from skfem_joint.scene.keys import markdown, reference, show
+from skfem_joint.scene.matrices import MatricesTable
 
 PAGE = Path(__file__).parents[2] / "examples" / "keys.md"
 #: Keys that hold pure numbers: factors, ratios and relative errors.
@@ -37,6 +39,12 @@ def test_every_key_has_a_meaning_and_every_quantity_a_unit():
             assert row.allowed, where
             if "number" in row.allowed.replace("whole number", ""):
                 assert row.unit or {where, row.key} & PURE, where
+
+
+def test_help_of_a_table_has_the_meaning_of_each_key():
+    for table in (Scene, JointTable, MatricesTable):
+        for name, field in table.model_fields.items():
+            assert f"\n{name}\n    {field.description}" in table.__doc__
 
 
 def test_a_table_is_shown_by_its_name(capsys):

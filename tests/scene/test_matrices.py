@@ -42,7 +42,7 @@ Store = Callable[[Path, str, Any], str]
 
 def pairs_of(structure: sj.Structure) -> dict[str, Any]:
     """Contacts of a structure whose nodes match, as another program would list them."""
-    dim, found = structure.dim, {}
+    dim, pairs = structure.dim, {}
     for patch in structure.patches:
         rows = np.full((patch.nodes.size, 10), np.nan)
         rows[:, :dim] = dim * patch.nodes[:, None] + np.arange(dim)
@@ -53,8 +53,8 @@ def pairs_of(structure: sj.Structure) -> dict[str, Any]:
         if patch.normal is not None:
             rows[:, 6 : 6 + dim] = patch.normal
         rows[:, 9] = patch.normal_force / patch.joint.pressure
-        found[patch.joint.name] = rows
-    return found
+        pairs[patch.joint.name] = rows
+    return pairs
 
 
 def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -> dict[str, Any]:
@@ -69,8 +69,8 @@ def exported(folder: Path, scene: Scene, store: Store, points: dict[str, Any]) -
         contact[name] = f"{name}.csv"
     tables = scene.model_dump(exclude_unset=True)
     kept = {k: v for k, v in tables.items() if k not in ("mesh", "material", "section", "support")}
-    joints = [{k: v for k, v in one.items() if k in _OF_JOINT} for one in tables["joint"]]
-    loads = [{k: v for k, v in one.items() if k != "direction"} for one in tables["load"]]
+    joints = [{k: v for k, v in joint.items() if k in _OF_JOINT} for joint in tables["joint"]]
+    loads = [{k: v for k, v in load.items() if k != "direction"} for load in tables["load"]]
     matrices = {
         "K": store(folder, "K", K),
         "M": store(folder, "M", M),
@@ -98,12 +98,12 @@ def matrix_scene(folder: Path, tables: dict[str, Any]) -> Scene:
 def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path, store):
     models = ("full", "condensed", "reduced")
     scene, tables = bar_export(tmp_path, store, *models, reduction={})
-    one, other = sj.run_scene(scene), sj.run_scene(matrix_scene(tmp_path, tables))
+    by_mesh, by_matrices = sj.run_scene(scene), sj.run_scene(matrix_scene(tmp_path, tables))
     for name in models:
-        a, b = one.models[name].run, other.models[name].run
+        a, b = by_mesh.models[name].run, by_matrices.models[name].run
         assert b.point_u == pytest.approx(a.point_u, rel=0, abs=1e-10 * a.peak.max())
         assert b.friction_energy == pytest.approx(a.friction_energy, rel=1e-10)
-    assert other.models["full"].slipping_fraction
+    assert by_matrices.models["full"].slipping_fraction
 
 
 def plate_on_base() -> Scene:
@@ -159,8 +159,8 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed):
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     dofs = random.permutation(18).reshape(3, 6)
     pairs = {"lap": np.hstack([dofs, normal, np.ones((3, 1))])}
-    one = sparse.eye_array(18)
-    model = MatrixModel(one, one, contacts=pairs, joints=[sj.Joint("lap", 1e6, 0.3)])
+    unit = sparse.eye_array(18)
+    model = MatrixModel(unit, unit, contacts=pairs, joints=[sj.Joint("lap", 1e6, 0.3)])
     u = np.zeros((18, 2))
     u[dofs[:, :3], 0] = u[dofs[:, :3], 1] = u[dofs[:, 3:], 1] = tangent
     slip = np.asarray(model.contact.B @ u).reshape(3, 2, 2)
@@ -187,14 +187,15 @@ def test_joints_of_pairs_have_what_pairs_can_take(how, said):
         MatrixModel(unit, unit, contacts={"lap": pairs}, joints=[joint])
 
 
-def test_rigid_motions_are_counted_and_a_floating_structure_is_told(tmp_path):
+def test_rigid_motions_are_counted_and_a_floating_structure_is_reported(tmp_path):
     _, tables = bar_export(tmp_path)
     tables["matrices"]["fixed"] = []
     tables["joint"][0]["friction"] = 0.0
     scene = matrix_scene(tmp_path, tables)
-    found = describe(scene)
-    assert found.values["rigid_motions_loose"] == found.values["rigid_motions_stuck"] == 1
-    assert any("the structure floats" in doubt for doubt in found.doubts)
+    description = describe(scene)
+    for motions in ("rigid_motions_loose", "rigid_motions_stuck"):
+        assert description.values[motions] == 1
+    assert any("the structure floats" in doubt for doubt in description.doubts)
 
 
 def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
@@ -237,7 +238,7 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
 
 
 @pytest.mark.parametrize(
-    ("keys", "contact", "told"),
+    ("keys", "contact", "message"),
     [
         ({"K": "none.npz"}, GOOD_PAIR, r"matrices\.K: .*none\.npz: cannot be read"),
         ({"K": "K.txt"}, GOOD_PAIR, r"matrices\.K: .*K\.txt: unknown ending '\.txt'.*\.mtx"),
@@ -270,7 +271,7 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({}, "\n".join(3 * [GOOD_PAIR]), "pair 3: other pairs of its nodes determine"),
     ],
 )
-def test_what_is_wrong_with_matrices_is_told_by_key_and_file(tmp_path, keys, contact, told):
+def test_what_is_wrong_with_matrices_is_reported_by_key_and_file(tmp_path, keys, contact, message):
     K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     files = {"K": K, "M": np.eye(3), "flat": np.ones((2, 3)), "small": np.eye(2)}
     files |= {"skew": K + np.eye(3, k=1), "negative": -K}
@@ -288,7 +289,7 @@ def test_what_is_wrong_with_matrices_is_told_by_key_and_file(tmp_path, keys, con
         "load": [harmonic("tip", 1.0, 1.0)],
         "time": {"cycles": 1},
     }
-    with pytest.raises(sj.InputError, match=told):
+    with pytest.raises(sj.InputError, match=message):
         sj.load_scene(scene_file(tmp_path, tables))
 
 
@@ -296,7 +297,7 @@ REDUCED = {"models": {"run": ["reduced"]}}
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"material": {"E": 1.0, "density": 1.0}}, r"material: found beside \[matrices\]"),
         ({"support": {"fixed": ["a"]}}, r"support: found beside \[matrices\]"),
@@ -305,10 +306,10 @@ REDUCED = {"models": {"run": ["reduced"]}}
         ({"reduction": {"reference": "paper"}} | REDUCED, "reduction.reference: found 'paper'"),
     ],
 )
-def test_tables_of_a_mesh_are_refused_beside_matrices(tmp_path, changes, told):
+def test_tables_of_a_mesh_are_refused_beside_matrices(tmp_path, changes, message):
     tables = bar_export(tmp_path)[1] | changes
     tables = {name: table for name, table in tables.items() if table is not None}
-    with pytest.raises(sj.InputError, match=told):
+    with pytest.raises(sj.InputError, match=message):
         matrix_scene(tmp_path, tables)
 
 
@@ -352,16 +353,16 @@ def test_pairs_that_lie_on_each_other_raise_no_doubt(dim):
     """Nor do those on a rigid base, and of bodies that are held already: nothing tells there."""
     some = two_bodies(dim)
     spring = sparse.coo_array(([some.K.diagonal().max()], ([0], [0])), shape=some.K.shape)
-    for one in (some, two_bodies(dim, on_a_rigid_base), replace(some, K=some.K + spring)):
-        assert one.unusual(one.system()) == []
+    for model in (some, two_bodies(dim, on_a_rigid_base), replace(some, K=some.K + spring)):
+        assert model.unusual(model.system()) == []
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("change", [swapped, elsewhere])
-def test_a_pair_that_slips_as_all_moves_rigidly_is_told(dim, change):
+def test_a_pair_that_slips_as_all_moves_rigidly_is_reported(dim, change):
     some = two_bodies(dim, change)
-    (found,) = some.unusual(some.system())
-    assert "pair 5 of contact.upper slips" in found or "pair 6 of contact.upper slips" in found
+    (doubt,) = some.unusual(some.system())
+    assert "pair 5 of contact.upper slips" in doubt or "pair 6 of contact.upper slips" in doubt
 
 
 @pytest.mark.parametrize("table", ["points", "contact"])

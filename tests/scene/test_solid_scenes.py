@@ -99,7 +99,7 @@ def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_pa
 
 JOINT = '[[joint]]\non = "{}"\npressure = 1e6\nfriction = 0.3\n[damping]'
 #: What is wrong, the lower and the upper file, changes of the scene (of its first such text), and
-#: what is told.
+#: the message.
 WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
     "inverted hexahedra": ("hex8_pushed", "hex8_upper", [], r"hexahedron crosses itself or is not"),
     "inverted tetrahedra": ("tet10_pushed", "tet10_upper", [], "or an element is inverted"),
@@ -125,8 +125,8 @@ WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(tmp_path, wrong, capsys):
-    lower, upper, changes, told = WRONG[wrong]
+def test_what_is_wrong_with_solids_is_reported_in_a_sentence_with_status_2(tmp_path, wrong, capsys):
+    lower, upper, changes, message = WRONG[wrong]
     files = {file.stem: file.read_text() for file in FILES.iterdir()}
     for kind in ("hex8", "tet10"):  # a corner is pushed through the elements beside it
         head, nodes = files[f"{kind}_lower"].split("$Nodes")
@@ -151,5 +151,5 @@ def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(tmp_path,
     printed, said = capsys.readouterr()
     assert printed == ""
     assert said.startswith(f"skfem-joint: {path}: ")
-    assert re.search(told, said)
+    assert re.search(message, said)
     assert "Traceback" not in said

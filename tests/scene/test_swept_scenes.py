@@ -24,9 +24,9 @@ def read(tmp_path):
 
 def test_a_product_has_every_value_with_every_other(read):
     swept = read('"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = {from = 1, to = 3, points = 3}')
-    found = [(scene.joint[0].friction, scene.time.cycles) for scene in swept.scenes]
-    assert found == [(0.3, 1), (0.3, 2), (0.3, 3), (0.7, 1), (0.7, 2), (0.7, 3)]
-    assert [tuple(row.values()) for row in swept.values] == found
+    values = [(scene.joint[0].friction, scene.time.cycles) for scene in swept.scenes]
+    assert values == [(0.3, 1), (0.3, 2), (0.3, 3), (0.7, 1), (0.7, 2), (0.7, 3)]
+    assert [tuple(row.values()) for row in swept.values] == values
     assert all(scene.sweep is None for scene in swept.scenes)
 
 

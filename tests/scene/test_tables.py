@@ -84,7 +84,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     "friction = 0.7": [
         ('friction = 0.7\nlaw = "coulomb"\nbeta = 1e5', "joint[0].beta", "100000", "'coulomb'"),
         ('friction = 0.7\nnormal_force = "even"', "joint[0].normal_force", "or 'equal'"),
-        ("friction = 0.7\naxis = [0, 0.0]", "joint[0].axis", "nowhere"),
+        ("friction = 0.7\naxis = [0, 0.0]", "joint[0].axis", "no direction"),
         ("friction = 0.7\naxis = [1, 0, 0, 0]", "joint[0].axis", "a list of 4"),
     ],
     "[[load]]": [
@@ -236,8 +236,12 @@ def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):
     by_step = ("cycles = 3", "duration = 1.0\nstep = 1e-3")
     for text, direction in (("", None), ("\ndirection = [0, -3e15]", (0.0, -3e15))):
         scene = scene_of((HARMONIC, load(kind, keys + text)), by_step)
-        (found,) = scene.loads()
-        assert (found.on, found.amplitude, found.direction) == ("free_end", expected, direction)
+        (arrived,) = scene.loads()
+        assert (arrived.on, arrived.amplitude, arrived.direction) == (
+            "free_end",
+            expected,
+            direction,
+        )
         assert (scene.time_step, scene.n_steps, scene.cycle_steps) == (1e-3, 1000, None)
         assert scene.cycle_period == expected.period
 
