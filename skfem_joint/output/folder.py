@@ -19,6 +19,7 @@ from skfem_joint.analysis.study import Study
 from skfem_joint.files import holding, needed, replacing, safe_name
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
+from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
@@ -55,7 +56,7 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
         needed("pyvista", "vtk")
     if scene.output.plots:
         needed("imageio", "gif")
-        with pictures.offscreen():  # tells what is missing before the run
+        with offscreen():  # reports what is missing before the run
             pass
     with kept(folder, scene.output.plots) as notes:
         yield notes
