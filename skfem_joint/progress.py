@@ -12,16 +12,12 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint.terminal import printable, unfiltered
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-#: Called with what is done, steps done, steps in all (0: not known), and a note that tells more.
+#: Called with the name of a piece of work, steps done, steps in all (0 if not known), and a note.
 Progress = Callable[..., None]
-
-#: A line comes after so many seconds, and after such a share of all the time that has passed.
-LINE_S, LINE_SHARE = 10.0, 0.1
-#: The time that remains goes by the pace of so many last seconds.
-PACE_S = 120.0
 
 
 def silent(*_: Any) -> None:
@@ -30,42 +26,64 @@ def silent(*_: Any) -> None:
 
 @dataclass
 class Tally:
-    """What is done of what is asked for, as far as that is known; ``tell`` is called with both."""
+    """Count of items that are done.
 
-    tell: Progress = silent
+    Attributes
+    ----------
+    report : callable
+        Called with both numbers, and with a note if there is one, whenever they change.
+    asked : int
+        Number of all items, as far as it is known.
+    done : int
+        Number of items that are done.
+    """
+
+    report: Progress = silent
     asked: int = 0
     done: int = 0
 
     def add(self, count: int = 1) -> None:
-        """Count so many more that are done."""
+        """Count ``count`` more items as done."""
         self.done += count
         self.asked = max(self.asked, self.done)
-        self.tell(self.done, self.asked)
+        self.report(self.done, self.asked)
 
-    def within(self, *found: Any) -> None:
-        """Tell the note that comes last of what one that is not done yet tells."""
-        self.tell(self.done, self.asked, found[-1])
+    def within(self, *progress: Any) -> None:
+        """Forward the status note, the last argument, of an item that is not done yet."""
+        self.report(self.done, self.asked, progress[-1])
 
 
 @contextmanager
 def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]:
-    """Progress on the error stream, if not ``quiet``; ``lines`` even where that is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress as Bar
+    """Progress on the error stream: a bar on a terminal, else lines now and then.
 
-    console = Console(file=unfiltered(sys.stderr))
-    bar = Bar(console=console, transient=True, speed_estimate_period=PACE_S)
+    With ``quiet`` nothing is shown; with ``lines`` a terminal gets lines too.
+    """
+    from rich.console import Console
+
+    bar = bar_on(Console(file=unfiltered(sys.stderr)))
     if quiet:
         yield silent
     elif lines or not sys.stderr.isatty():
-        yield told(bar, lambda line: print(line, file=sys.stderr, flush=True))
+        yield shown_by(bar, lambda line: print(line, file=sys.stderr, flush=True))
     else:
         with bar:
-            yield told(bar)
+            yield shown_by(bar)
 
 
-def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
-    """What tells a bar of progress and, if there is ``say``, that of it in lines."""
+def bar_on(console: Console, **options: Any) -> Bar:
+    """Bar whose remaining time follows the pace of the last two minutes."""
+    from rich.progress import Progress as Bar
+
+    return Bar(console=console, transient=True, speed_estimate_period=120.0, **options)
+
+
+def shown_by(bar: Bar, write: Callable[[str], None] | None = None) -> Progress:
+    """Progress that updates a bar and, if there is ``write``, writes lines of it.
+
+    A line comes at least ten seconds after the one before, and at least a tenth of the time that
+    has passed since the start.
+    """
     from rich.markup import escape
 
     tasks: dict[str, TaskID] = {}
@@ -75,17 +93,17 @@ def told(bar: Bar, say: Callable[[str], None] | None = None) -> Progress:
         nonlocal last
         if label not in tasks:
             tasks[label] = bar.add_task("", total=None)
-        (task,) = (one for one in bar.tasks if one.id == tasks[label])
+        (task,) = (task for task in bar.tasks if task.id == tasks[label])
         if done < task.completed:  # another run of the same name
             bar.reset(task.id)
         shown = f"{label}: {note}" if note else label
-        description = escape(printable(shown))  # names of a scene are shown as they are
+        description = escape(printable(shown))  # without markup or control characters
         bar.update(task.id, completed=done, total=total or None, description=description)
         now = bar.get_time()
-        if say is not None and now - last >= max(LINE_S, LINE_SHARE * (now - begin)):
+        if write is not None and now - last >= max(10.0, 0.1 * (now - begin)):
             last, left = now, task.time_remaining
             rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
             counted = f"{done} of {total}" if total else ""
-            say(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
+            write(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
 
     return progress

@@ -1,4 +1,4 @@
-"""Folders of results: what can be told before a command runs, and all that is written after it.
+"""Folders of results: what is checked before a command runs, and all that is written after it.
 
 Every command lists its files with their digests in a ``summary.json``, so that the next one knows
 which files are ours, however the one before ended: see `record`.
@@ -68,11 +68,11 @@ def kept(
 ) -> Iterator[list[str]]:
     """Keep a folder for the results of one command, with pictures of curves if they are ``drawn``.
 
-    What an earlier command wrote into it, as its summary lists it, is removed: if this one fails,
-    no old results stand for its own. All else is left alone, of which the sentences tell that are
-    yielded. InputError if the folder cannot be written to, another command is writing to it,
-    matplotlib is missing, or the folder has files of other origin under names that are ``used``,
-    another program's summary, or results that were changed: then nothing is removed.
+    What an earlier command wrote into it, as its summary lists it, is removed, so that no old
+    results are taken for new ones if this command fails. All other files are left alone; yields
+    notes that name them. InputError if the folder cannot be written to, another command is writing
+    to it, matplotlib is missing, or the folder has files of other origin under names that are
+    ``used``, another program's summary, or results that were changed: then nothing is removed.
     """
     if drawn:
         needed("matplotlib", "plot")
@@ -92,23 +92,22 @@ def _is_empty_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
-def write_error_time(folder: Path, found: Report, notes: Sequence[str] = ()) -> list[Path]:
+def write_error_time(folder: Path, measured: Report, notes: Sequence[str] = ()) -> list[Path]:
     """Write a report's page, table and pictures with a summary, into a folder that exists."""
     files = [folder / name for name in FILES]
-    header, rows = found.table()
-    with writing(folder, {"title": found.title, "warnings": notes}) as summary:
+    header, rows = measured.table()
+    with writing(folder, {"title": measured.title, "warnings": notes}) as summary:
         with replacing(files[0]) as temporary:
-            temporary.write_text(found.markdown(), encoding="utf-8")
+            temporary.write_text(measured.markdown(), encoding="utf-8")
         report.write_csv(files[1], [header, *rows])
         for path, total in ((files[2], False), (files[3], True)):
-            plots.save_figure(path, plots.error_time_figure(found.points, total))
+            plots.save_figure(path, plots.error_time_figure(measured.points, total))
     return [*files, summary]
 
 
 def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
-    """Write what the scene asks for; returns the main files.
+    """Write the files that the scene asks for; returns all but those of the frames.
 
-    ``progress`` is called with what is done, and how much of how much.
     InputError if a file cannot be written.
     """
     plan = curves(study)
@@ -131,7 +130,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
 
 
 def curves(study: Study) -> dict[str, Writer]:
-    """Histories and pictures of curves that a scene asks for, each with what writes it."""
+    """Writers, by the names of their files, of the histories and curves that a scene asks for."""
     scene, system = study.scene, study.system
     runs = study.runs
     plan: dict[str, Writer] = {}
@@ -144,11 +143,11 @@ def curves(study: Study) -> dict[str, Writer]:
         plan[name] = lambda path: plots.save_figure(path, figure(*arguments))
 
     add("histories.png", plots.histories_figure, runs, system.points)
-    if scene.cycle_steps is not None:  # a loop only where there is one
+    if scene.cycle_steps is not None:  # else there is no loop
         works = any(run.cycles.input.any() for run in runs.values())
         if works:
             add("energies.png", plots.energies_figure, runs)
-        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, lest it stay open
+        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, so that the loop closes
         works &= min(run.times.size for run in runs.values()) > rows
         for k, load in enumerate(system.loads if works else ()):
             name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
@@ -161,7 +160,7 @@ def curves(study: Study) -> dict[str, Writer]:
         add("proper_values.png", plots.proper_values_figure, basis.proper, whose)
         if basis.reference is not None:
             add("proper_orthogonal_modes.png", plots.modes_figure, basis.reference, whose)
-    # Where a reduced model runs alone, the run that it was made from tells.
+    # The first model: if only a reduced model runs, this is what the run it was made from had.
     model = next(iter(study.models.values()))
     peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)

@@ -113,7 +113,7 @@ def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
 @contextmanager
 def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, Picture]]:
     """Temporary file that takes its place when it is written, and the picture to write to it."""
-    needed("pyvista", "vtk")
+    needed("pyvista", "vtk")  # a library that is missing is reported before a window is tried
     with offscreen():
         picture = Picture(frames)
         try:
@@ -233,8 +233,7 @@ class Picture:
     """
 
     def __init__(self, frames: Frames) -> None:
-        import pyvista
-
+        pyvista = needed("pyvista", "vtk")
         self.frames, self.factor = frames, warp_factor(frames)
         self.views = views_of(frames, self.factor)
         self.time_unit, self.time_scale = prefixed_unit("s", [np.asarray(frames.times)])
@@ -269,12 +268,12 @@ class Picture:
         models = len(self.frames.fields)
         wide, tall = np.transpose([view.high - view.low for view in self.views])
         lines = len(self.views) * (_LAYOUT.label + _LAYOUT.space)
-        found = []
+        arrangements = []
         for columns, rows in ((1, models), (models, 1)):
             across = _LAYOUT.width / columns - 2 * _LAYOUT.margin
             up = max(_LAYOUT.tallest / rows - lines, 0.1 * _LAYOUT.tallest / rows)
-            found.append((max(float(wide.max() / across), float(tall.sum() / up)), columns))
-        return min(found)
+            arrangements.append((max(float(wide.max() / across), float(tall.sum() / up)), columns))
+        return min(arrangements)
 
     def _height(self, view: View) -> int:
         """Height of a view's panel, pixels."""
@@ -328,8 +327,7 @@ class Picture:
 
     def _add_loads(self) -> list[tuple[Any, FloatArray]]:
         """Curves of the loads with a mark each; returns the marks and the forces in their unit."""
-        import pyvista
-
+        pyvista = needed("pyvista", "vtk")
         forces, marks = self.frames.forces, []
         unit, scale = prefixed_unit("N", forces.values())
         chart = pyvista.Chart2D(size=(0.7, 1.0 - 35 / self.panel), loc=(0.01, 0.01))

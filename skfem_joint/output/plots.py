@@ -89,8 +89,8 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     """Displacement of named points over time, one panel for each that moves.
 
     A point at rest beside the others, such as a component that is zero by symmetry, has no panel,
-    nor has one that moves as one before it. ``runs`` go by the name in the legend; beside others,
-    the one called "full" is drawn solid. Long histories are drawn as an `envelope`.
+    and points that move alike share the first one's. ``runs`` are named in the legend; the run
+    "full" is drawn solid beside others. Long histories are drawn as an `envelope`.
     """
     moving = _moving(runs, points)
     figure, panels = _panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
@@ -136,7 +136,7 @@ def envelope(
 
 
 def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
-    """Points that do not rest and do not move as one before them."""
+    """Points that move, each otherwise than those before it."""
     if not runs or not points or min(run.times.size for run in runs.values()) == 0:
         raise InputError("histories: found no runs, no points, or a run that stored no points")
     moves = [np.concatenate([run.point(point) for run in runs.values()]) for point in points]
@@ -187,8 +187,8 @@ def modes_figure(reference: ReferenceModes, whose: str) -> Figure:
     panel.axhline(0.0, color="0.6", linewidth=0.8)
     for k, (mode, value) in enumerate(zip(modes, values, strict=False)):
         largest = mode[np.argmax(np.abs(mode))]
-        look: dict[str, Any] = {"color": _SHADES[k], "linestyle": _LINES[k], "linewidth": 1.8}
-        panel.plot(xi, mode / (largest or 1.0), label=f"{k + 1}: {value:.3g} %", **look)
+        style: dict[str, Any] = {"color": _SHADES[k], "linestyle": _LINES[k], "linewidth": 1.8}
+        panel.plot(xi, mode / (largest or 1.0), label=f"{k + 1}: {value:.3g} %", **style)
     panel.set_title(f"proper orthogonal modes of\n{whose}", loc="left")
     panel.set(
         xlabel="position on the active length, ξ (1 = loaded end)",
@@ -221,9 +221,9 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
 def energies_figure(runs: Mapping[str, Run]) -> Figure:
     """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel."""
     cycles = [run.cycles for run in runs.values()]
-    works = {"input": [one.input.sum(axis=1) for one in cycles]}
-    works |= {name: [getattr(one, name) for one in cycles] for name in _LOST}
-    size = {name: max(np.abs(one).max(initial=0.0) for one in works[name]) for name in works}
+    works = {"input": [works_of.input.sum(axis=1) for works_of in cycles]}
+    works |= {name: [getattr(works_of, name) for works_of in cycles] for name in _LOST}
+    size = {name: max(np.abs(work).max(initial=0.0) for work in works[name]) for name in works}
     titles = [name for name in works if size[name] > AT_REST * size["input"]] or ["input"]
     columns = 2 if len(titles) == 4 else len(titles)
     figure, panels = _panels(3.8, 3.0, len(titles) // columns, columns)
@@ -336,11 +336,11 @@ def _scaled(
     results: Mapping[str, Sequence[float | None]], unit: str
 ) -> tuple[str, dict[str, FloatArray]]:
     """Unit with a comma before it and results in it; not a number where there is none."""
-    values = {name: np.array(one, dtype=float) for name, one in results.items()}
-    finite = [one[np.isfinite(one)] for one in values.values()]
+    values = {name: np.array(result, dtype=float) for name, result in results.items()}
+    finite = [result[np.isfinite(result)] for result in values.values()]
     unit, scale = prefixed_unit(unit, finite) if len(unit) == 1 and unit != "%" else (unit, 1.0)
     scale = 0.01 if unit == "%" else scale
-    return f", {unit}" * bool(unit), {name: one / scale for name, one in values.items()}
+    return f", {unit}" * bool(unit), {name: result / scale for name, result in values.items()}
 
 
 def _styles(runs: Mapping[str, Any]) -> list[dict[str, Any]]:

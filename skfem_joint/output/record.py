@@ -32,7 +32,7 @@ LIST = ".skfem-joint-files"
 _PROGRAM = "skfem_joint"
 _ELSEWHERE = "move it away, or choose another folder"
 
-#: Digests by the name of a file: one that is written again has several while that happens.
+#: Digests by the name of a file; a file that is being written again has several.
 Digests = dict[str, set[str]]
 
 
@@ -70,7 +70,7 @@ def _is_plain(folder: Path, name: str, kind: Callable[[int], bool] = stat.S_ISRE
 
 
 def _is_inside(name: Any) -> bool:
-    """Whether a name is one of a file below the folder, as this program writes it."""
+    """Whether a name is a path below the folder, in the form that this program writes."""
     if not isinstance(name, str) or any(character in name for character in "\\:\0"):
         return False
     parts = PurePosixPath(name).parts
@@ -82,10 +82,10 @@ def _listed(folder: Path) -> Digests:
 
     InputError if this program did not write them.
     """
-    found: Digests = {}
+    digests: Digests = {}
     for name, digest in [*_in_summary(folder / SUMMARY), *_in_list(folder / LIST)]:
-        found.setdefault(name, set()).add(digest)
-    return found
+        digests.setdefault(name, set()).add(digest)
+    return digests
 
 
 def _in_summary(path: Path) -> Sequence[tuple[str, str]]:
@@ -173,7 +173,7 @@ def clear(folder: Path, may_not_be_there: Callable[[str], bool] = lambda _: Fals
             "and this one might overwrite; move them away, or choose another folder"
         )
     try:
-        # The summary and the list last: if this is interrupted, they still tell of the rest.
+        # The summary and the list last: after an interruption they still list the rest.
         for name in (*ours, SUMMARY, LIST):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
@@ -267,7 +267,7 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
             with recording(record.take):
                 yield summary
         except BaseException:
-            with suppress(JointError, OSError):  # the list tells it too
+            with suppress(JointError, OSError):  # the list has the digests too
                 if record.is_right():
                     record.finish(content)
             raise

@@ -26,7 +26,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    """Write rows of a table, the first of which are its headings."""
+    """Write a table; its first row has the headings."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(rows)
 
@@ -36,9 +36,9 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
 
     Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
-    ``<model>_<joint>_friction_energy`` (J), what it has dissipated so far, ``<model>_<joint>_slip``
+    ``<model>_<joint>_friction_energy`` (J), dissipated since the start, ``<model>_<joint>_slip``
     (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction that
-    is at its limit.
+    is at its limit. Rows are stored times.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}
@@ -55,6 +55,14 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
                 arrays[f"{model}_{joint}_slipping"] = run.joint_slipping[:, k]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def text(study: Study) -> str:
+    """What is printed of a study: its title, facts of the structure, and two tables."""
+    content = summary(study)
+    facts = "\n".join(study.description.facts)
+    parts = [study.scene.title, facts, summary_table(content), estimate_table(content)]
+    return "\n\n".join(parts if study.scene.title else parts[1:])
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -85,8 +93,8 @@ def estimate_table(content: Mapping[str, Any]) -> str:
 def summary_table(content: Mapping[str, Any]) -> str:
     """Table of the models of a summary.
 
-    How much faster a model runs than the full one stands beside the same with its off-line time,
-    if that is faster too, and neither was interrupted.
+    It states how many times faster than the full model each runs, without and with its off-line
+    time, if it is faster with it and neither run was interrupted.
     """
     models: dict[str, dict[str, Any]] = content["models"]
     full = models.get("full")
@@ -98,13 +106,13 @@ def summary_table(content: Mapping[str, Any]) -> str:
 
     def at(*keys: str) -> list[Any]:
         """Entry of each model, None where there is none."""
-        found: list[Any] = list(models.values())
+        entries: list[Any] = list(models.values())
         for key in keys:
-            found = [None if one is None else one.get(key) for one in found]
-        return found
+            entries = [None if entry is None else entry.get(key) for entry in entries]
+        return entries
 
     def faster(model: dict[str, Any], offline: bool) -> float | None:
-        """How often a model runs while the full one runs once; None if it does not pay."""
+        """Run time of the full model over that of a model; None if that is not stated."""
         if full is None or model is full or full["interrupted"] or model["interrupted"]:
             return None
         total = model["wall_s"] + model["offline_s"]
@@ -121,7 +129,7 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("amplitude (half of peak to peak)", "amplitude_m"),
         ("offset (mean of both peaks)", "offset_m"),
     ):
-        for name in _names(one or {} for one in at(key)):
+        for name in _names(table or {} for table in at(key)):
             add(f"{label} at {name}, mm", "{:.5g}", at(key, name), 1e3)
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
@@ -187,7 +195,7 @@ def _shown(value: Any, form: str, scale: float = 1.0) -> str:
 
 
 def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Lines of a table, as wide as they need to be wherever they are shown."""
+    """Lines of a table, as wide as they need to be whatever the width of the terminal."""
     from rich.box import Box
     from rich.console import Console
     from rich.table import Table
