@@ -15,7 +15,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.reduction.zones import measured_lengths
 from skfem_joint.structure import AnyStructure
 

@@ -21,6 +21,7 @@ from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
+from skfem_joint.output.tables import write_csv
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
 from skfem_joint.scene import Scene
@@ -28,7 +29,6 @@ from skfem_joint.scene import Scene
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
 
-SERIES = "fields.pvd"
 #: Names that commands may give to their files; what belongs to somebody else is not overwritten.
 USED_NAMES = re.compile(
     r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
@@ -99,7 +99,7 @@ def write_error_time(folder: Path, measured: Report, notes: Sequence[str] = ()) 
     with writing(folder, {"title": measured.title, "warnings": notes}) as summary:
         with replacing(files[0]) as temporary:
             temporary.write_text(measured.markdown(), encoding="utf-8")
-        report.write_csv(files[1], [header, *rows])
+        write_csv(files[1], [header, *rows])
         for path, total in ((files[2], False), (files[3], True)):
             plots.save_figure(path, plots.error_time_figure(measured.points, total))
     return [*files, summary]
@@ -116,7 +116,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     if pictured or output.vtk:
         frames = frames_of(study.structure, study.runs)
     if output.vtk:
-        plan[SERIES] = partial(series.write_series, frames=frames)
+        plan["fields.pvd"] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
     if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)

@@ -24,13 +24,12 @@ from typing import Any, TextIO
 from skfem_joint import __version__
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import recording
-from skfem_joint.output.report import write_json
+from skfem_joint.output.tables import write_json
 
 SUMMARY = "summary.json"
 #: Digests of the files of a run that has not written all of them.
 LIST = ".skfem-joint-files"
 _PROGRAM = "skfem_joint"
-_ELSEWHERE = "move it away, or choose another folder"
 
 #: Digests by the name of a file; a file that is being written again has several.
 Digests = dict[str, set[str]]
@@ -102,11 +101,12 @@ def _in_summary(path: Path) -> Sequence[tuple[str, str]]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path}: is not the summary of a run of this program, or of an older version of it; "
-            f"nothing was removed; {_ELSEWHERE}"
+            "nothing was removed; move it away, or choose another folder"
         ) from error
     if not ours:
         raise InputError(
-            f"{path}: was changed since skfem-joint wrote it; nothing was removed; {_ELSEWHERE}"
+            f"{path}: was changed since skfem-joint wrote it; nothing was removed; move it away, "
+            "or choose another folder"
         )
     return [(name, str(digest)) for name, digest in files.items()]
 
@@ -127,7 +127,7 @@ def _in_list(path: Path) -> Sequence[tuple[str, str]]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(
             f"{path}: is not a list of files that skfem-joint wrote; nothing was removed; "
-            f"{_ELSEWHERE}"
+            "move it away, or choose another folder"
         ) from error
     return [(name, str(digest)) for name, digest in rows]
 

@@ -1,10 +1,8 @@
-"""Results as text and numbers: the printed table, ``summary.json`` and ``history.npz``."""
+"""Results of a study: what is printed, the content of ``summary.json``, and ``history.npz``."""
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +13,8 @@ from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.study import Study
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.files import replacing
+from skfem_joint.output.tables import text_table
 from skfem_joint.stepping.recording import Run
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON; NaN and infinity are refused."""
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    """Write a table; its first row has the headings."""
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def write_history(path: Path, runs: Mapping[str, Run]) -> None:
@@ -87,7 +73,7 @@ def estimate_table(content: Mapping[str, Any]) -> str:
                 rows[f"{name} model, {source.replace('_', ' ')}"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
-    return _table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
+    return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
 
 
 def summary_table(content: Mapping[str, Any]) -> str:
@@ -162,7 +148,7 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("the same with its off-line time", True),
     ):
         add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
-    return _table("", list(models), rows)
+    return text_table("", list(models), rows)
 
 
 def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -192,23 +178,3 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
 
 def _shown(value: Any, form: str, scale: float = 1.0) -> str:
     return "-" if value is None else form.format(value if scale == 1.0 else scale * value)
-
-
-def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Lines of a table, as wide as they need to be whatever the width of the terminal."""
-    from rich.box import Box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    below_names = Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
-    table = Table(box=below_names, pad_edge=False, show_edge=False)
-    table.add_column(Text(corner), no_wrap=True)
-    for name in columns:
-        table.add_column(Text(name), justify="right", no_wrap=True)
-    for label, cells in rows.items():
-        table.add_row(Text(label), *cells)
-    console = Console(width=10_000, color_system=None, force_terminal=False)
-    with console.capture() as captured:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())

@@ -28,7 +28,7 @@ from skfem_joint.output.fields import (
     Frames,
     frames_of,
 )
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 

@@ -13,7 +13,7 @@ from skfem_joint.analysis.sweep import STEADY, Row
 from skfem_joint.files import holding, replacing, safe_name
 from skfem_joint.output import plots
 from skfem_joint.output.record import writing
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
 from skfem_joint.scene.sweep_table import RangeTable
