@@ -16,7 +16,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_name
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.structure import AnyStructure
 
@@ -30,10 +30,10 @@ _LINES = {"full": "-", "condensed": ":", "reduced": "--"}
 _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 
-def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
+def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     """Write ``backbone.csv``, ``ring_down.csv`` if asked for, ``backbone.png``, a summary."""
-    points, structure = found.scene.system().points, found.scene.structure()
-    curves = [c for model in found.models for c in model.curves]
+    points, structure = backbone.scene.system().points, backbone.scene.structure()
+    curves = [c for model in backbone.models for c in model.curves]
     names, lengths = _active_lengths(structure, (slip for c in curves for slip in c.slip))
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
@@ -48,17 +48,17 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
             c.own_law_damping[k], c.viscous_damping[k], c.state[k],
         ]
-        for model in found.models
+        for model in backbone.models
         for c in model.curves
         for k in range(c.level.size)
     ]  # fmt: skip
     rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
     tables: dict[str, Rows] = {"backbone.csv": [header, *rows]}
-    if found.models[0].ring_downs:
+    if backbone.models[0].ring_downs:
         header = ["model", "mode", "time_s", "modal_amplitude", "frequency_Hz", "damping_ratio"]
         rows = [
             [model.name, c.mode, *row]
-            for model in found.models
+            for model in backbone.models
             for c, d in zip(model.curves, model.ring_downs, strict=True)
             for row in zip(d.time, d.amplitude, d.frequency, d.damping_ratio, strict=True)
         ]
@@ -67,27 +67,50 @@ def write_backbone(folder: Path, found: SceneBackbone) -> list[Path]:
     content = {
         "models": {
             model.name: {"modes": [_mode(model, k, joints) for k in range(len(model.curves))]}
-            for model in found.models
+            for model in backbone.models
         },
-        "warnings": list(found.warnings),
+        "warnings": list(backbone.warnings),
     }
     picture = folder / "backbone.png"
-    return _written(picture, backbone_figure(found.models, found.largest), content, tables)
+    return _written(picture, backbone_figure(backbone.models, backbone.largest), content, tables)
+
+
+def backbone_lines(backbone: SceneBackbone) -> list[str]:
+    """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
+    lines = []
+    for model in backbone.models:
+        for curve in model.curves:
+            f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
+            lines.append(
+                f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
+                f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
+                f"{state[0]} to {state[-1]} slip."
+            )
+        if model.name != "full":
+            worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
+            lines.append(
+                f"It errs by {worst['frequency']:.2g} % in frequency and by "
+                f"{worst['damping_ratio']:.2g} % in damping at most."
+            )
+    return lines
 
 
 def _active_lengths(
     structure: AnyStructure, slips: Iterable[FloatArray]
 ) -> tuple[list[str], list[list[float]]]:
-    """Columns of the active lengths of joints with an axis, and a row for each slip (m,), m."""
-    found = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]
-    known = list(next(one for one in found if one is not None))
-    rows = [[np.nan] * len(known) if one is None else list(one.values()) for one in found]
-    return [f"active_length_{safe_name(joint)}_m" for joint in known], rows
+    """Names of columns of active lengths, and a row of lengths (m) for each slip of all points (m).
+
+    Only joints with an axis have a column. A slip that is not known gives a row of NaN.
+    """
+    lengths = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]
+    joints = list(next(known for known in lengths if known is not None))
+    rows = [[np.nan] * len(joints) if x is None else list(x.values()) for x in lengths]
+    return [f"active_length_{safe_name(joint)}_m" for joint in joints], rows
 
 
 def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]:
     c = model.curves[k]
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "mode": c.mode,
         "unknowns": c.states.shape[1],
         "stuck_frequency_Hz": c.stuck_frequency,
@@ -97,27 +120,27 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
         "lowest_frequency_Hz": float(c.frequency.min()),
     }
     if model.name != "full":
-        told["error"] = model.errors[k]
+        content["error"] = model.errors[k]
     for d in model.ring_downs[k : k + 1]:
         work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
-        told |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
-    return told
+        content |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
+    return content
 
 
 def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = ()) -> Figure:
     """Frequency and damping over the amplitude of each mode.
 
-    That is the modal amplitude, which grows with the load whatever the named points do; where
-    ``largest`` gives the displacement of the node that each mode moves most for a modal amplitude
-    of 1 m kg^1/2, as that displacement.
+    ``largest`` is, for each mode, the displacement (m) of the node that it moves most at a modal
+    amplitude of 1 m kg^1/2: the amplitude is then drawn as this node's displacement. Without it the
+    modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
     figure = new_figure(7.5, 3.2 * len(first))
     panels = figure.subplots(len(first), 2, squeeze=False)
-    for k, (row, one) in enumerate(zip(panels, first, strict=True)):
+    for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
-            unit, size = prefixed_unit("m", [largest[k] * one.amplitude])
+            unit, size = prefixed_unit("m", [largest[k] * curve.amplitude])
             label, scale = f"amplitude where the mode moves most, {unit}", size / largest[k]
         for model, colour in zip(models, _COLOURS, strict=False):
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
@@ -130,16 +153,16 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                 if gross.any():
                     panel.plot(x[gross], y[gross], "s", label="gross slip", **how)
                 for d in down:
-                    seen = d.amplitude >= c.amplitude[0]
-                    at = d.amplitude[seen] / scale
-                    free = factor * getattr(d, name)[seen]
+                    drawn = d.amplitude >= c.amplitude[0]
+                    at = d.amplitude[drawn] / scale
+                    free = factor * getattr(d, name)[drawn]
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
         row[0].set(xlabel=label, ylabel="frequency, Hz")
         row[1].set(xlabel=label, ylabel="damping ratio, %")
-        row[0].axhline(one.stuck_frequency, color="#888888", linestyle=":", label="stuck")
-        row[0].set_title(f"mode {one.mode}", loc="left")
+        row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
+        row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
         for panel in row:
             _plain_ticks(panel.xaxis)
@@ -147,11 +170,11 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
     return figure
 
 
-def write_response(folder: Path, found: SceneResponse) -> list[Path]:
+def write_response(folder: Path, response: SceneResponse) -> list[Path]:
     """Write ``response.csv``, ``response.png`` and ``summary.json``."""
-    points, structure = found.scene.system().points, found.scene.structure()
+    points, structure = response.scene.system().points, response.scene.structure()
     names = [safe_name(point) for point in points]
-    every = [p for model in found.models for curve in model.curves for p in curve.points]
+    every = [p for model in response.models for curve in model.curves for p in curve.points]
     joints, lengths = _active_lengths(structure, (p.slip for p in every))
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
@@ -166,7 +189,7 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
             *p.offset, *np.abs(p.harmonics).ravel(), p.friction_energy, p.input_energy,
             p.slip.max(initial=0.0), p.share, p.periods, p.change, p.step_error,
         ]
-        for model in found.models
+        for model in response.models
         for curve in model.curves
         for p in curve.points
     ]  # fmt: skip
@@ -182,12 +205,22 @@ def write_response(folder: Path, found: SceneResponse) -> list[Path]:
                     for k, curve in enumerate(model.curves)
                 ],
             }
-            for model in found.models
+            for model in response.models
         },
-        "warnings": list(found.warnings),
+        "warnings": list(response.warnings),
     }
     tables = {"response.csv": [header, *rows]}
-    return _written(folder / "response.png", response_figure(found), content, tables)
+    return _written(folder / "response.png", response_figure(response), content, tables)
+
+
+def response_lines(response: SceneResponse) -> list[str]:
+    """What is printed of steady vibration: the peak of each curve."""
+    return [
+        f"{model.name} model, level {curve.level:g}: peak {1e3 * curve.peak[1]:.5g} mm at "
+        f"{curve.peak[0]:.6g} Hz, {len(curve.points)} frequencies."
+        for model in response.models
+        for curve in model.curves
+    ]
 
 
 def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
@@ -206,18 +239,25 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
     }
 
 
-def response_figure(found: SceneResponse) -> Figure:
-    """Amplitude over load and phase of the point that moves most, with the linear limits."""
-    points, most = found.scene.system().points, found.models[0].largest
+def response_figure(response: SceneResponse) -> Figure:
+    """Amplitude over load level, and phase, of the point that moves most.
+
+    The linear structures with stuck and with free joints are drawn beside them.
+    """
+    points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 6.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    columns = [c.column("amplitude")[:, most] / c.level for m in found.models for c in m.curves]
+    columns = [c.column("amplitude")[:, most] / c.level for m in response.models for c in m.curves]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
-    for name, limit, line in (("stuck", found.stuck, ":"), ("free", found.free, "-.")):
+    for name, limit, line in (("stuck", response.stuck, ":"), ("free", response.free, "-.")):
         upper.semilogy(
-            found.frequencies, limit[:, most] / scale, line, color="#888888", label=f"{name} joint"
+            response.frequencies,
+            limit[:, most] / scale,
+            line,
+            color="#888888",
+            label=f"{name} joint",
         )
-    for model in found.models:
+    for model in response.models:
         for curve, colour in zip(model.curves, _COLOURS * len(model.curves), strict=False):
             f, line = curve.column("frequency"), _LINES[model.name]
             label = f"{model.name}, level {curve.level:g}"
@@ -245,7 +285,7 @@ def _plain_ticks(axis: Any) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers with ten digits; nothing for what is not known."""
+    """Cell of a table: numbers with ten digits, empty where a value is not known."""
     if isinstance(value, float | np.floating):
         return f"{value:.10g}" if np.isfinite(value) else ""
     return "" if value is None else value

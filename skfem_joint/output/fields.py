@@ -1,4 +1,4 @@
-"""What models did, on all displacement nodes: stored fields, and the contact of both sides."""
+"""Stored fields of models on all displacement nodes, with the contact of both bodies."""
 
 from __future__ import annotations
 
@@ -44,26 +44,54 @@ CELL_ARRAYS = {
 
 @dataclass(frozen=True)
 class Field:
-    """History of one model on all displacement nodes."""
+    """History of a model on all N displacement nodes.
 
-    name: str  #: of the model's blocks, e.g. "full"
-    displacement: FloatArray  #: (frames, N, dim), m
-    velocity: FloatArray  #: (frames, N, dim), m/s
-    slip: FloatArray  #: (frames, N, dim), of the pressed body, m; 0 off its contact
-    friction_traction: FloatArray  #: (frames, N, dim), on the pressed body, Pa; 0 off its contact
-    slip_state: States  #: (frames, N), -1 no contact, 0 stick, 1 slip
-    friction_work_density: FloatArray  #: (frames, N), since the start, J/m2; 0 off the contact
+    Attributes
+    ----------
+    name : str
+        Of the model's blocks, such as ``"full"``.
+    displacement, velocity : ndarray, shape (frames, N, dim)
+        m and m/s.
+    slip, friction_traction : ndarray, shape (frames, N, dim)
+        Of the pressed body, m and Pa; 0 off its contact.
+    slip_state : ndarray of int, shape (frames, N)
+        -1 no contact, 0 stick, 1 slip.
+    friction_work_density : ndarray, shape (frames, N)
+        Since the start, J/m^2; 0 off the contact.
+    """
+
+    name: str
+    displacement: FloatArray
+    velocity: FloatArray
+    slip: FloatArray
+    friction_traction: FloatArray
+    slip_state: States
+    friction_work_density: FloatArray
 
 
 @dataclass(frozen=True)
 class Frames:
-    """What a series or a picture shows: fields of models of one structure at common times."""
+    """What a series or a picture shows: fields of models of a structure at common times.
+
+    Attributes
+    ----------
+    structure : Structure
+        With a mesh of N displacement nodes.
+    times : ndarray, shape (frames,)
+        Increasing, s.
+    fields : sequence of Field
+        A history of each model; frames beyond the last time are left out.
+    load_times : ndarray, shape (rows,)
+        Times of the forces, finer than the frames, s.
+    forces : mapping of str to ndarray, shape (rows,)
+        Force of the loads by the place where they act, N.
+    """
 
     structure: Structure
-    times: FloatArray  #: (frames,), increasing, s
-    fields: Sequence[Field]  #: one for each model; frames beyond the last time are left out
-    load_times: FloatArray = field(default_factory=lambda: np.zeros(0))  #: (rows,), finer, s
-    forces: Mapping[str, FloatArray] = field(default_factory=dict)  #: by where each acts, N
+    times: FloatArray
+    fields: Sequence[Field]
+    load_times: FloatArray = field(default_factory=lambda: np.zeros(0))
+    forces: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @cached_property
     def pressure(self) -> FloatArray:
@@ -79,16 +107,16 @@ class Frames:
         preload, gap = self.structure.preload, np.zeros(len(self.structure.nodes))
         if preload is None:
             return {}
-        for one in filter(None, preload.joints):
-            nodes = np.flatnonzero(one.area)
-            other = None if one.other is None else one.other[nodes]
-            gap += one.gap + _reaction(other, nodes, one.area[nodes], gap.size) @ one.gap
+        for joint in filter(None, preload.joints):
+            nodes = np.flatnonzero(joint.area)
+            other = None if joint.other is None else joint.other[nodes]
+            gap += joint.gap + _reaction(other, nodes, joint.area[nodes], gap.size) @ joint.gap
         moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
 
     @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
-        """Of each joint, means at the other body's nodes of what acts on the pressed one."""
+        """Of each joint, the matrix of means that takes values of the pressed body to the other."""
         n = len(self.structure.nodes)
         return [_reaction(p.other, p.nodes, p.area, n) for p in self.structure.patches]
 
@@ -146,7 +174,7 @@ class Frames:
 def _reaction(
     other: sparse.csr_array | None, nodes: IntArray, own: FloatArray, n: int
 ) -> sparse.csr_array:
-    """Means, at nodes of the other body, of what acts on ``nodes`` of areas ``own``, (n, n)."""
+    """Matrix of means at the other body's nodes of values on ``nodes`` of areas ``own``, (n, n)."""
     if other is None:
         return sparse.csr_array((n, n))
     # Elements of second order have shapes below zero, which would be negative areas.
@@ -163,8 +191,8 @@ def _reaction(
 def _mean_state(means: sparse.csr_array, state: States) -> States:
     """State of a mean: in contact if half of it is, and slipping if half of that slips."""
     contact, slip = means @ (state >= 0).astype(float), means @ (state == 1).astype(float)
-    found = np.where(2.0 * slip >= contact * (1.0 - 1e-12), 1, 0)
-    return np.where(contact >= 0.5 * (1.0 - 1e-12), found, -1).astype(np.int8)
+    slips = np.where(2.0 * slip >= contact * (1.0 - 1e-12), 1, 0)
+    return np.where(contact >= 0.5 * (1.0 - 1e-12), slips, -1).astype(np.int8)
 
 
 def frames_of(structure: AnyStructure, runs: Mapping[str, Run]) -> Frames:
@@ -173,8 +201,8 @@ def frames_of(structure: AnyStructure, runs: Mapping[str, Run]) -> Frames:
     Raises
     ------
     InputError
-        If there is no run, one stored no fields or other times, or was not made from the structure,
-        or the structure is given by matrices alone.
+        If there is no run, a run stored no fields or other times or is not of this structure, or
+        the structure is given by matrices alone.
     """
     structure = structure.meshed("fields need a mesh")
     if not isinstance(runs, Mapping) or not runs:

@@ -1,4 +1,4 @@
-"""Folders of results: what can be told before a command runs, and all that is written after it.
+"""Folders of results: what is checked before a command runs, and all that is written after it.
 
 Every command lists its files with their digests in a ``summary.json``, so that the next one knows
 which files are ours, however the one before ended: see `record`.
@@ -19,7 +19,9 @@ from skfem_joint.analysis.models import Study
 from skfem_joint.files import holding, needed, replacing, safe_name
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
+from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
+from skfem_joint.output.tables import write_csv
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
 from skfem_joint.scene import Scene
@@ -27,7 +29,6 @@ from skfem_joint.scene import Scene
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
 
-SERIES = "fields.pvd"
 #: Names that commands may give to their files; what belongs to somebody else is not overwritten.
 USED_NAMES = re.compile(
     r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
@@ -55,7 +56,7 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
         needed("pyvista", "vtk")
     if scene.output.plots:
         needed("imageio", "gif")
-        with pictures.offscreen():  # tells what is missing before the run
+        with offscreen():  # reports what is missing before the run
             pass
     with kept(folder, scene.output.plots) as notes:
         yield notes
@@ -67,11 +68,11 @@ def kept(
 ) -> Iterator[list[str]]:
     """Keep a folder for the results of one command, with pictures of curves if they are ``drawn``.
 
-    What an earlier command wrote into it, as its summary lists it, is removed: if this one fails,
-    no old results stand for its own. All else is left alone, of which the sentences tell that are
-    yielded. InputError if the folder cannot be written to, another command is writing to it,
-    matplotlib is missing, or the folder has files of other origin under names that are ``used``,
-    another program's summary, or results that were changed: then nothing is removed.
+    What an earlier command wrote into it, as its summary lists it, is removed, so that no old
+    results are taken for new ones if this command fails. All other files are left alone; yields
+    notes that name them. InputError if the folder cannot be written to, another command is writing
+    to it, matplotlib is missing, or the folder has files of other origin under names that are
+    ``used``, another program's summary, or results that were changed: then nothing is removed.
     """
     if drawn:
         needed("matplotlib", "plot")
@@ -91,23 +92,22 @@ def _is_empty_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
-def write_error_time(folder: Path, found: Report, notes: Sequence[str] = ()) -> list[Path]:
+def write_error_time(folder: Path, measured: Report, notes: Sequence[str] = ()) -> list[Path]:
     """Write a report's page, table and pictures with a summary, into a folder that exists."""
     files = [folder / name for name in FILES]
-    header, rows = found.table()
-    with writing(folder, {"title": found.title, "warnings": notes}) as summary:
+    header, rows = measured.table()
+    with writing(folder, {"title": measured.title, "warnings": notes}) as summary:
         with replacing(files[0]) as temporary:
-            temporary.write_text(found.markdown(), encoding="utf-8")
-        report.write_csv(files[1], [header, *rows])
+            temporary.write_text(measured.markdown(), encoding="utf-8")
+        write_csv(files[1], [header, *rows])
         for path, total in ((files[2], False), (files[3], True)):
-            plots.save_figure(path, plots.error_time_figure(found.points, total))
+            plots.save_figure(path, plots.error_time_figure(measured.points, total))
     return [*files, summary]
 
 
 def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
-    """Write what the scene asks for; returns the main files.
+    """Write the files that the scene asks for; returns all but those of the frames.
 
-    ``progress`` is called with what is done, and how much of how much.
     InputError if a file cannot be written.
     """
     plan = curves(study)
@@ -116,7 +116,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     if pictured or output.vtk:
         frames = frames_of(study.structure, study.runs)
     if output.vtk:
-        plan[SERIES] = partial(series.write_series, frames=frames)
+        plan["fields.pvd"] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
     if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)
@@ -130,7 +130,7 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
 
 
 def curves(study: Study) -> dict[str, Writer]:
-    """Histories and pictures of curves that a scene asks for, each with what writes it."""
+    """Writers, by the names of their files, of the histories and curves that a scene asks for."""
     scene, system = study.scene, study.system
     runs = study.runs
     plan: dict[str, Writer] = {}
@@ -143,11 +143,11 @@ def curves(study: Study) -> dict[str, Writer]:
         plan[name] = lambda path: plots.save_figure(path, figure(*arguments))
 
     add("histories.png", plots.histories_figure, runs, system.points)
-    if scene.cycle_steps is not None:  # a loop only where there is one
+    if scene.cycle_steps is not None:  # else there is no loop
         works = any(run.cycles.input.any() for run in runs.values())
         if works:
             add("energies.png", plots.energies_figure, runs)
-        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, lest it stay open
+        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, so that the loop closes
         works &= min(run.times.size for run in runs.values()) > rows
         for k, load in enumerate(system.loads if works else ()):
             name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
@@ -161,7 +161,7 @@ def curves(study: Study) -> dict[str, Writer]:
         if basis.modes_of_unit_length is not None:
             scaled = basis.modes_of_unit_length
             add("proper_orthogonal_modes.png", plots.modes_figure, *scaled, whose)
-    # Where a reduced model runs alone, the run that it was made from tells.
+    # The first model: if only a reduced model runs, this is what the run it was made from had.
     model = next(iter(study.models.values()))
     peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)

@@ -1,17 +1,15 @@
-"""Pictures of joints: the warped bodies with the load beside them, as a still and as a film.
+"""Pictures of a structure: warped bodies, coloured by stick and slip, above the load over time.
 
-They show what ``examples/paraview_joint.py`` shows in ParaView, through pyvista, without a display.
+They show what ``examples/paraview_joint.py`` shows in ParaView, drawn by pyvista. Every model has a
+column or a row of panels: its bodies seen obliquely from above, and below them each face on which
+a solid is pressed, seen at a right angle, because the bodies hide it.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -19,109 +17,64 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
+from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.plots import envelope, prefixed_unit
 from skfem_joint.output.series import Block, blocks_of, faces_of
-from skfem_joint.processes import SAFE_PATH
-from skfem_joint.structure import Structure
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
-#: Largest displacement in the picture, as a share of the structure's length.
-SHARE = 0.05
-
-_BETWEEN = 0.05  # of the width, between bodies and their faces
-_SPEED = 15.0  # frames a second of a film
-_WIDTH = 1400  # pixels
-_TITLE = 70  # pixels above the bodies
-_PANEL, _BAR = 300, 150  # pixels below them, with and without a load
-_TALLEST = 760  # pixels for the bodies
-_LABEL, _SPACE = 44, 30  # pixels above each model for its name, and between models
-_VIEW = np.array([0.0, -0.55, 0.85]) / np.hypot(0.55, 0.85)  # from the bodies to the eye
-# Across and up the picture, (3, 2).
-_PLANE = np.stack([[1.0, 0.0, 0.0], np.cross(_VIEW, [1.0, 0.0, 0.0])], axis=1)
-_LOADS = ("#1a1a1a", "#9c1c00", "#2e6b2e", "#8d5fb0")
-
-_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-#: Kinds of window without a display, best first, as VTK names them; "" is VTK's own choice.
-_WINDOWS = ("vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow", "")
-# VTK looks up its GL library when it draws first, and ends the process if there is none.
-_PROBE = """
-from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
-import vtkmodules.vtkRenderingOpenGL2
-window = vtkRenderWindow()
-window.SetOffScreenRendering(1)
-window.SetSize(8, 8)
-window.AddRenderer(vtkRenderer())
-window.Render()
-print("drawn" if window.SupportsOpenGL() else "no OpenGL")
-"""
 
 
-@contextmanager
-def offscreen() -> Iterator[None]:
-    """Let VTK draw into memory while the block runs.
+@dataclass(frozen=True)
+class PictureLayout:
+    """Sizes in a picture, in pixels.
 
-    Which kind of window works is tried out in a process of its own, once: a second. A choice that
-    the environment variable ``VTK_DEFAULT_OPENGL_WINDOW`` makes is kept. InputError if none works.
+    Attributes
+    ----------
+    width : int
+        Of the picture.
+    title : int
+        Height of the line with the time.
+    load, legend : int
+        Height of the lowest panel with and without curves of loads.
+    tallest : int
+        Height that the bodies and faces of all models share at most.
+    label : int
+        Height of the line above each panel that names it.
+    margin, space : int
+        Least space beside bodies, and space below them.
     """
-    chosen = os.environ.get(_VARIABLE)
-    window = _working_window(chosen, os.environ.get("DISPLAY", ""))
-    if window is None:
-        why = f" ({_VARIABLE} = {chosen!r} does not work)" if chosen else ""
-        raise InputError(
-            f"pictures: VTK cannot draw here{why}: there is no display and no GL library that does "
-            "without; install OSMesa (Debian: apt-get install libosmesa6) or EGL (libegl1 "
-            "libgl1-mesa-dri), or switch pictures off and open the series in ParaView elsewhere"
-        )
-    if window:
-        os.environ[_VARIABLE] = window
-    try:
-        yield
-    finally:
-        if not chosen:
-            os.environ.pop(_VARIABLE, None)
+
+    width: int = 1400
+    title: int = 64
+    load: int = 300
+    legend: int = 130
+    tallest: int = 760
+    label: int = 44
+    margin: int = 40
+    space: int = 10
 
 
-@cache
-def _working_window(chosen: str | None, display: str) -> str | None:
-    """Kind of window that draws."""
-    # With a display, and on systems that always have one, VTK's own choice is the right one.
-    own = display or not sys.platform.startswith("linux")
-    windows = (chosen,) if chosen else (_WINDOWS[::-1] if own else _WINDOWS)
-    return next((window for window in windows if _draws(window)), None)
-
-
-def _draws(window: str) -> bool:
-    """Whether a process of its own can draw with a kind of window."""
-    environment = {**os.environ, _VARIABLE: window}
-    if not window:
-        del environment[_VARIABLE]
-    try:
-        command = [sys.executable, SAFE_PATH, "-c", _PROBE]
-        ended = subprocess.run(command, env=environment, capture_output=True, timeout=60.0)
-    except (subprocess.TimeoutExpired, OSError):
-        return False
-    return ended.returncode == 0 and b"drawn" in ended.stdout
+_LAYOUT = PictureLayout()
 
 
 def warp_factor(frames: Frames) -> float:
-    """Scale that makes the largest displacement a `SHARE` of the length: 1, 2 or 5e n."""
-    largest = max(float(np.abs(one.displacement).max(initial=0.0)) for one in frames.fields)
+    """Factor of displacements, 1, 2 or 5 x 10^n; the largest is 1/50 to 1/20 of the length then."""
+    largest = max(float(np.abs(field.displacement).max(initial=0.0)) for field in frames.fields)
     if largest == 0.0:
         return 1.0
-    wanted = SHARE * float(np.ptp(frames.structure.positions, axis=0).max()) / largest
+    wanted = 0.05 * float(np.ptp(frames.structure.positions, axis=0).max()) / largest
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
 
 
 def telling_frame(frames: Frames) -> tuple[int, str]:
-    """Frame with most slip, else of largest displacement, and why it was taken.
+    """Frame with most slip, otherwise with the largest displacement, and which of them it is.
 
-    That of the second half of the run, which has settled, unless less than half as much slips
-    there.
+    It is a frame of the second half of the run, which has settled, unless less than half as many
+    points slip there as in the first half.
     """
     first, count = frames.fields[0], len(frames.times)
     slipping = np.count_nonzero(first.slip_state[:count] == 1, axis=1)
@@ -133,11 +86,9 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
 
 
 def still(path: str | Path, frames: Frames) -> None:
-    """Draw the frame that tells most as a PNG: models side by side, forces below, with a mark.
+    """Draw the `telling_frame` as a PNG.
 
-    The faces on which solids are pressed lie below each model once more, level, alone.
-
-    InputError without a GL library or pyvista, and for a path that cannot be written.
+    InputError without pyvista or a GL library, and for a path that cannot be written.
     """
     with _picture(path, frames) as (temporary, picture):
         picture.show(*telling_frame(frames))
@@ -145,11 +96,14 @@ def still(path: str | Path, frames: Frames) -> None:
 
 
 def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
-    """Draw at most ``most`` evenly spread frames as a GIF; the rest as for :func:`still`."""
+    """Draw at most ``most`` evenly spread frames as a GIF of 15 frames a second.
+
+    InputError as for :func:`still`, and without imageio.
+    """
     needed("imageio", "gif")
     with _picture(path, frames) as (temporary, picture):
         chosen = np.unique(np.linspace(0, len(frames.times) - 1, most).round().astype(int))
-        picture.plotter.open_gif(str(temporary), fps=_SPEED, subrectangles=True)
+        picture.plotter.open_gif(str(temporary), fps=15.0, subrectangles=True)
         for frame in chosen:
             picture.show(int(frame))
             picture.plotter.write_frame()
@@ -157,17 +111,16 @@ def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
 
 
 @contextmanager
-def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, _Picture]]:
-    """File that a picture is written to before it takes its place, and what it shows."""
-    pyvista = needed("pyvista", "vtk")
+def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, Picture]]:
+    """Temporary file that takes its place when it is written, and the picture to write to it."""
+    needed("pyvista", "vtk")  # a library that is missing is reported before a window is tried
     with offscreen():
-        plotter = pyvista.Plotter(off_screen=True, window_size=[_WIDTH, 800])
+        picture = Picture(frames)
         try:
-            picture = _Picture(plotter, frames)
             with replacing(Path(path)) as temporary:
                 yield temporary, picture
         finally:
-            plotter.close()
+            picture.plotter.close()
 
 
 def outline(surface: Any) -> Any:
@@ -187,164 +140,199 @@ def outline(surface: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """A body of a model, or a face that is shown alone: turned, then moved."""
+class View:
+    """What a panel of a model shows, and from where.
 
-    block: Block
-    turn: FloatArray  #: (3, 3)
-    shift: FloatArray  #: (3,), m
+    Attributes
+    ----------
+    label : str
+        Name of the face; empty for the bodies.
+    blocks : sequence of Block
+        What is drawn.
+    axes : ndarray, shape (3, 3)
+        Unit vectors across the picture, up, and from the blocks to the eye, as rows.
+    low, high : ndarray, shape (2,)
+        Least and largest coordinates across and up that any model reaches in any frame, m.
+    """
 
-    def placed(self, points: Any) -> FloatArray:
-        """Where points (n, 3) are drawn."""
-        return np.asarray(points @ self.turn.T + self.shift)
+    label: str
+    blocks: Sequence[Block]
+    axes: FloatArray
+    low: FloatArray
+    high: FloatArray
 
 
-@dataclass
-class _Body:
-    """One part of one model in the picture."""
+def views_of(frames: Frames, factor: float) -> list[View]:
+    """View of the bodies, and views of the faces on which solids are pressed.
+
+    Displacements are drawn ``factor`` times as large as they are.
+    """
+    structure = frames.structure
+    parts = [("", blocks_of(structure), _axes(np.array([0.0, -0.55, 0.85])))]
+    normals = {
+        f"contact {patch.joint.on}": patch.normal.sum(axis=0)
+        for patch in structure.patches
+        if patch.normal is not None
+    }
+    parts += [  # the faces that are pressed; not those that they are pressed on
+        (block.label, [block], _axes(normals[block.label]))
+        for block in faces_of(structure)
+        if block.label in normals
+    ]
+    count, views = len(frames.times), []
+    moves = [factor * structure.body.in_space(f.displacement[:count]) for f in frames.fields]
+    for label, blocks, axes in parts:
+        reached = []
+        for block in blocks:
+            at = np.asarray(block.grid.points) @ axes[:2].T
+            for u in moves:
+                own = u[:, block.nodes] @ axes[:2].T
+                reached += [at, at + own.min(axis=0), at + own.max(axis=0)]
+        points = np.concatenate(reached)
+        views.append(View(label, blocks, axes, points.min(axis=0), points.max(axis=0)))
+    return views
+
+
+def _axes(normal: FloatArray) -> FloatArray:
+    """Orthonormal axes across the picture, up, and to the eye, which is above and on the normal.
+
+    The first is x in the direction of view; if the normal is within 25 degrees of x, it is y.
+    """
+    eye = normal / (np.linalg.norm(normal) or 1.0) * (1.0 if normal[2] >= 0.0 else -1.0)
+    across = np.eye(3)[0 if abs(eye[0]) < 0.9 else 1]
+    across = across - (across @ eye) * eye
+    across /= np.linalg.norm(across)
+    return np.array([across, np.cross(eye, across), eye])
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A block of a model in the picture: its surface and edges, which move with the frames."""
 
     field: Field
-    part: _Part
+    block: Block
     surface: Any
     edges: Any
 
 
-def _level(structure: Structure, block: Block) -> _Part | None:
-    """The face of a joint, turned to lie level; None of what is not pressed, only against it."""
-    for patch in structure.patches:
-        if block.label == f"contact {patch.joint.on}" and patch.normal is not None:
-            normal = patch.normal.sum(axis=0)
-            normal *= (1.0 if normal[2] >= 0.0 else -1.0) / (np.linalg.norm(normal) or 1.0)
-            x, y, z = normal
-            tilt = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
-            turn = np.eye(3) + tilt + tilt @ tilt / (1.0 + z)
-            middle = block.grid.points.mean(axis=0)
-            return _Part(block, turn, middle - turn @ middle)
-    return None
+class Picture:
+    """Panels of all models and the curves of the loads; `show` sets them to a frame.
 
+    Parameters
+    ----------
+    frames : Frames
+        Stored fields of the models and their loads.
 
-class _Picture:
-    """The bodies, the loads' curves and the texts; ``show`` sets them to a frame."""
+    Attributes
+    ----------
+    plotter : pyvista.Plotter
+        The picture, with the title in the first row, the models' panels below it and the loads and
+        the legend in the last row.
+    views : list of View
+        The panels of each model.
+    """
 
-    def __init__(self, plotter: Any, frames: Frames) -> None:
-        self.plotter, self.frames, self.factor = plotter, frames, warp_factor(frames)
+    def __init__(self, frames: Frames) -> None:
+        pyvista = needed("pyvista", "vtk")
+        self.frames, self.factor = frames, warp_factor(frames)
+        self.views = views_of(frames, self.factor)
         self.time_unit, self.time_scale = prefixed_unit("s", [np.asarray(frames.times)])
-        self.bodies: list[_Body] = []
-        plotter.set_background("white")
-        self._add_bodies()
-        self.marks = self._add_loads() if frames.forces else []
-
-    def _add_bodies(self) -> None:
-        """Lay the models out in the window, aim the camera at them, and add their bodies."""
-        fields, structure = self.frames.fields, self.frames.structure
-        parts, low, high, names = self._parts()
-        n = len(fields)
-        (wide, tall), label = high - low, _LABEL if n > 1 else 0
-        layouts = []
-        for columns, rows in ((1, n), (n, 1)):
-            room = 0.94 * _WIDTH - (columns - 1) * _SPACE
-            height = _TALLEST - rows * label - (rows - 1) * _SPACE
-            layouts.append((max(columns * wide / room, rows * tall / height), columns, rows))
-        pixel, columns, rows = min(layouts)  # world length of a pixel
-        step = np.array([(columns > 1) * (wide + _SPACE * pixel), 0.0])
-        if rows > 1:
-            step[1] = -tall - (_SPACE + label) * pixel
-        end = (n - 1) * step
-        self._aim(low + np.minimum(end, 0.0), high + np.array([end[0], label * pixel]), pixel)
-        for k, one in enumerate(fields):
-            place = k * step
-            if n > 1:
-                x, y = (np.array([low[0], high[1]]) + place - self.origin) / pixel
-                self._write(one.name, (x, y + 8.0), 13, f"model {one.name}")
-            for name, at in names.items():
-                x, y = (at + place - self.origin) / pixel
-                self._write(name, (x, y + 4.0), 10, f"{one.name} {name}")
-            shift = np.array([place[0], place[1] / _PLANE[1, 1], 0.0])
-            for part in parts:
-                mapper = self._add_body(one, replace(part, shift=part.shift + shift))
-        if not structure.patches:
-            return
-        bottom = 100 if self.frames.forces else 40
-        self.plotter.add_scalar_bar(
-            title="", mapper=mapper, color="black", n_labels=0, vertical=False, width=0.24,
-            height=60 / self.size[1], position_x=0.74, position_y=bottom / self.size[1],
+        models, each = len(frames.fields), len(self.views)
+        self.pixel, self.columns = self._arranged()
+        heights = [self._height(view) for view in self.views] * (models // self.columns)
+        self.panel = _LAYOUT.load if frames.forces else _LAYOUT.legend
+        weights = [_LAYOUT.title, *heights, self.panel]
+        last = len(weights) - 1
+        self.plotter = pyvista.Plotter(
+            off_screen=True, window_size=(_LAYOUT.width, sum(weights)), border=False,
+            shape=(last + 1, self.columns), row_weights=weights,
+            groups=[(0, slice(None)), (last, slice(None))],
         )  # fmt: skip
-        self._write("contact", (0.74 * _WIDTH, bottom + 26.0), 10, "contact")
-        for k, name in enumerate(STATES):
-            x = (0.74 + 0.08 * (k + 0.5)) * _WIDTH
-            self._write(name, (x, bottom - 26.0), 10, name).prop.justification_horizontal = "center"
+        self.plotter.set_background("white", all_renderers=True)
+        self.drawn: list[_Drawn] = []
+        for k, field in enumerate(frames.fields):
+            row, column = divmod(k, self.columns)
+            for j, view in enumerate(self.views):
+                self.plotter.subplot(1 + row * each + j, column)
+                self._add_view(field, view)
+        self.plotter.subplot(last, 0)
+        self.marks = self._add_loads() if frames.forces else []
+        if frames.structure.patches:
+            self._add_legend()
 
-    def _parts(self) -> tuple[list[_Part], FloatArray, FloatArray, dict[str, FloatArray]]:
-        """Bodies and, below them, level faces; what they reach; the faces' names and places."""
-        structure, names = self.frames.structure, {}
-        parts = [_Part(block, np.eye(3), np.zeros(3)) for block in blocks_of(structure)]
-        low, high = self._extents(parts)
-        space = _BETWEEN * (high[0] - low[0])
-        for face in (_level(structure, block) for block in faces_of(structure)):
-            if face is not None:
-                least, most = self._extents([face])
-                down = low[1] - space - most[1]
-                shift = np.array([0.0, down / _PLANE[1, 1], 0.0])
-                parts.append(replace(face, shift=face.shift + shift))
-                names[face.block.label] = np.array([least[0], most[1] + down])
-                low = np.array([min(low[0], least[0]), least[1] + down])
-                high[0] = max(high[0], most[0])
-        return parts, low, high, names
+    def _arranged(self) -> tuple[float, int]:
+        """Length of a pixel (m) and number of columns, with models beside or below each other.
 
-    def _extents(self, parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray]:
-        """Least and largest coordinates across and up the picture that some parts reach."""
-        in_space, count = self.frames.structure.body.in_space, len(self.frames.times)
-        reached = []
-        for one in self.frames.fields:
-            u = self.factor * in_space(one.displacement[:count])
-            for part in parts:
-                moves = u[:, part.block.nodes] @ part.turn.T @ _PLANE
-                at = part.placed(part.block.grid.points) @ _PLANE
-                reached += [at + moves.min(axis=0), at + moves.max(axis=0)]
-        points = np.concatenate(reached)
-        return points.min(axis=0), points.max(axis=0)
+        The arrangement that draws them larger is taken.
+        """
+        models = len(self.frames.fields)
+        wide, tall = np.transpose([view.high - view.low for view in self.views])
+        lines = len(self.views) * (_LAYOUT.label + _LAYOUT.space)
+        arrangements = []
+        for columns, rows in ((1, models), (models, 1)):
+            across = _LAYOUT.width / columns - 2 * _LAYOUT.margin
+            up = max(_LAYOUT.tallest / rows - lines, 0.1 * _LAYOUT.tallest / rows)
+            arrangements.append((max(float(wide.max() / across), float(tall.sum() / up)), columns))
+        return min(arrangements)
 
-    def _add_body(self, field: Field, part: _Part) -> Any:
-        """Add a part, its edges and where they were; returns what gives it its colours."""
-        surface = part.block.grid.extract_surface(algorithm="dataset_surface")
+    def _height(self, view: View) -> int:
+        """Height of a view's panel, pixels."""
+        body = (view.high[1] - view.low[1]) / self.pixel
+        return _LAYOUT.label + _LAYOUT.space + int(np.ceil(body))
+
+    def _add_view(self, field: Field, view: View) -> None:
+        """Add the blocks of a view to the present panel, with its name, and aim the camera."""
+        size = np.array([_LAYOUT.width / self.columns, self._height(view)])
+        left = 0.5 * (size[0] - (view.high[0] - view.low[0]) / self.pixel)  # it is in the middle
+        corner = view.low - self.pixel * np.array([left, 0.5 * _LAYOUT.space])
+        middle = (corner + 0.5 * self.pixel * size) @ view.axes[:2]
+        far = 10.0 * float(np.ptp(self.frames.structure.positions, axis=0).max()) + 1.0
+        camera = self.plotter.camera
+        camera.parallel_projection = True
+        camera.focal_point, camera.up = middle, view.axes[1]
+        camera.position = middle + far * view.axes[2]
+        camera.parallel_scale = 0.5 * float(size[1]) * self.pixel
+        for block in view.blocks:
+            self.drawn.append(self._add_block(field, block, view))
+        names = [field.name] if len(self.frames.fields) > 1 else []
+        name = ", ".join([*names, view.label] if view.label else names)
+        self._write(name, (left, size[1] - _LAYOUT.label + 10.0), 12)
+
+    def _add_block(self, field: Field, block: Block, view: View) -> _Drawn:
+        """Add a block's surface and its edges, in grey too where they were at rest."""
+        surface = block.grid.extract_surface(algorithm="dataset_surface")
         edges = outline(surface)
-        still_edges = edges.copy()
-        still_edges.points = part.placed(np.asarray(edges.points))
-        self.plotter.add_mesh(still_edges, color="#9aa0a6", line_width=1)
-        self.bodies.append(_Body(field, part, surface, edges))
         surface.cell_data["state"] = np.zeros(surface.n_cells)
-        actor = self.plotter.add_mesh(
+        self.plotter.add_mesh(edges.copy(), color="#9aa0a6", line_width=1)
+        self.mapper = self.plotter.add_mesh(
             surface, scalars="state", clim=(-1.5, 1.5), show_scalar_bar=False, ambient=0.7,
             diffuse=0.35, cmap=list(STATES.values()),
-        )  # fmt: skip
-        self.plotter.add_mesh(edges, color="black", line_width=2)
-        return actor.mapper
+        ).mapper  # fmt: skip
+        actor = self.plotter.add_mesh(edges, color="black", line_width=2)
+        # Two pixels nearer to the eye, so that the surface does not hide its own edges.
+        actor.position = 2.0 * self.pixel * view.axes[2]
+        return _Drawn(field, block, surface, edges)
 
-    def _aim(self, low: FloatArray, high: FloatArray, pixel: float) -> None:
-        """Set the window's size and the camera for a rectangle in the plane of the picture."""
-        panel = _PANEL if self.frames.forces else _BAR
-        height = int(np.clip(np.ceil((high[1] - low[1]) / pixel), 160, _TALLEST))
-        self.size = (_WIDTH, (_TITLE + height + panel + 1) // 2 * 2)
-        self.plotter.window_size = self.size
-        # The bodies' middle lies above the window's by half of what the panel has over the title.
-        middle = 0.5 * (low + high) - [0.0, 0.5 * (panel - _TITLE) * pixel]
-        self.origin = middle - 0.5 * pixel * np.array(self.size)
-        centre, camera = _PLANE @ middle, self.plotter.camera
-        camera.parallel_projection = True
-        camera.focal_point = centre
-        camera.position = centre + 10.0 * (np.ptp([low, high], axis=0).sum() + abs(high[1])) * _VIEW
-        camera.up = _PLANE[:, 1]
-        camera.parallel_scale = 0.5 * self.size[1] * pixel
-        self.pixel = pixel
+    def _add_legend(self) -> None:
+        """Name the colours of contact at the right of the present panel."""
+        left, bottom, wide = 0.74 * _LAYOUT.width, 0.5 * self.panel - 40.0, 0.08 * _LAYOUT.width
+        self.plotter.add_scalar_bar(
+            title="", mapper=self.mapper, color="black", n_labels=0, vertical=False, width=0.24,
+            height=60 / self.panel, position_x=0.74, position_y=bottom / self.panel,
+        )  # fmt: skip
+        self._write("contact", (left, bottom + 26.0), 10)
+        for k, name in enumerate(STATES):
+            text = self._write(name, (left + (k + 0.5) * wide, bottom - 26.0), 10)
+            text.prop.justification_horizontal = "center"
 
     def _add_loads(self) -> list[tuple[Any, FloatArray]]:
         """Curves of the loads with a mark each; returns the marks and the forces in their unit."""
-        import pyvista
-
+        pyvista = needed("pyvista", "vtk")
         forces, marks = self.frames.forces, []
         unit, scale = prefixed_unit("N", forces.values())
-        chart = pyvista.Chart2D(size=(0.7, (_PANEL - 35) / self.size[1]), loc=(0.01, 0.005))
-        for (on, force), colour in zip(forces.items(), cycle(_LOADS), strict=False):
+        chart = pyvista.Chart2D(size=(0.7, 1.0 - 35 / self.panel), loc=(0.01, 0.01))
+        colours = cycle(("#1a1a1a", "#9c1c00", "#2e6b2e", "#8d5fb0"))
+        for (on, force), colour in zip(forces.items(), colours, strict=False):
             times, values = self.frames.load_times / self.time_scale, np.asarray(force) / scale
             if (band := envelope(times, values)) is None:
                 chart.line(times, values, color=colour, width=2.0, label=on)
@@ -352,43 +340,38 @@ class _Picture:
                 chart.area(*band, color=pyvista.Color(colour, opacity=0.4), label=on)
             mark = chart.scatter([0.0], [0.0], color="#d11f1f", size=16, style="o")
             marks.append((mark, values))
-        one = f" on {next(iter(forces))}" if len(forces) == 1 else ""
+        where = f" on {next(iter(forces))}" if len(forces) == 1 else ""
         chart.x_label, chart.y_label = f"time, {self.time_unit}", ""
-        self._write(f"force{one}, {unit}", (0.02 * _WIDTH, _PANEL - 38.0), 10, "force")
+        self._write(f"force{where}, {unit}", (0.02 * _LAYOUT.width, self.panel - 38.0), 10)
         chart.legend_visible = len(forces) > 1
         chart.GetLegend().SetLabelSize(18)
         low = min(0.0, *(float(values.min(initial=0.0)) for _, values in marks))
         high = max(0.0, *(float(values.max(initial=0.0)) for _, values in marks))
-        room = 0.15 * (high - low) or 1.0
-        chart.y_range = (low - room, high + (1 + 3 * (len(forces) > 1)) * room)  # for the legend
+        space = 0.15 * (high - low) or 1.0
+        chart.y_range = (low - space, high + (4 if len(forces) > 1 else 1) * space)  # the legend's
         chart.background_color = chart.border_color = (1.0, 1.0, 1.0, 0.0)
         for axis in (chart.x_axis, chart.y_axis):
             axis.label_size, axis.tick_label_size, axis.grid = 20, 18, True
         self.plotter.add_chart(chart)
         return marks
 
-    def _write(self, text: str, place: tuple[float, float], size: int, name: str) -> Any:
-        """Write a text at pixels from the left lower corner; it replaces one of the same name."""
+    def _write(self, text: str, place: tuple[float, float], size: int) -> Any:
+        """Write a text at pixels from the left lower corner of the present panel.
+
+        It takes the place of an earlier text there.
+        """
         return self.plotter.add_text(
-            text, position=place, font_size=size, color="black", name=name, render=False
-        )
+            text, position=place, font_size=size, color="black", name=f"text at {place}",
+            render=False,
+        )  # fmt: skip
 
     def show(self, frame: int, why: str = "") -> None:
         """Set everything to a frame; ``why`` says what is special about it."""
-        for one in self.frames.fields:
-            arrays = self.frames.arrays(one, frame)
-            for body in (body for body in self.bodies if body.field is one):
-                grid, surface = body.part.block.fill(arrays), body.surface
-                moved = grid.points + self.factor * np.asarray(grid["displacement"])
-                points = body.part.placed(moved)
-                # Nearer to the eye, edges are not lost in the surface that they lie on.
-                for part, nearer in ((surface, 0.0), (body.edges, 2.0 * self.pixel)):
-                    at = np.asarray(part.point_data["vtkOriginalPointIds"])
-                    part.points = points[at] + nearer * _VIEW
-                state = np.asarray(grid.cell_data["contact_state"])[
-                    surface.cell_data["vtkOriginalCellIds"]
-                ]
-                surface.cell_data["state"] = state.astype(float)
+        for field in self.frames.fields:
+            arrays = self.frames.arrays(field, frame)
+            for drawn in self.drawn:
+                if drawn.field is field:
+                    self._move(drawn, arrays)
         time = self.frames.times[frame]
         now = [float(np.interp(time, self.frames.load_times, force)) for _, force in self.marks]
         largest = [np.abs(force).max(initial=0.0) for _, force in self.marks]
@@ -396,7 +379,18 @@ class _Picture:
             why += ", no load then"
         text = f"t = {time / self.time_scale:.3f} {self.time_unit}{f' ({why})' if why else ''}"
         text += f"      displacement × {self.factor:g}"
-        self._write(text, (0.03 * _WIDTH, self.size[1] - 48.0), 14, "frame")
+        self.plotter.subplot(0, 0)
+        self._write(text, (0.03 * _LAYOUT.width, 12.0), 14)
         for (mark, _), force in zip(self.marks, now, strict=True):
             mark.update([time / self.time_scale], [force])
-        self.plotter.reset_camera_clipping_range()
+        for renderer in self.plotter.renderers:
+            renderer.reset_camera_clipping_range()
+
+    def _move(self, drawn: _Drawn, arrays: dict[str, Any]) -> None:
+        """Move a block to a frame and colour it by its contact."""
+        grid, surface = drawn.block.fill(arrays), drawn.surface
+        points = grid.points + self.factor * np.asarray(grid["displacement"])
+        for mesh in (surface, drawn.edges):
+            mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
+        cells = surface.cell_data["vtkOriginalCellIds"]
+        surface.cell_data["state"] = grid.cell_data["contact_state"][cells].astype(float)

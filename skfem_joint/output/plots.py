@@ -25,17 +25,11 @@ from skfem_joint.structure import Body, Patch
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: What is below this share of the largest beside it is not drawn.
-AT_REST = 1e-9
-#: Dots per inch of the written pictures.
-DPI = 150
-#: Modes in a picture of modes, values in a picture of values, and most marks on a curve.
-MODES, VALUES, MARKS = 5, 20, 50
-#: A history that crosses its mean more often is drawn as a band, of at most so many parts.
-CROSSINGS, PARTS = 300, 400
+# Curves below this share of the largest are round-off, and are not drawn.
+_AT_REST = 1e-9
 
-# The full model is broad, pale and solid; the others go over it thin, dark and broken, so that
-# curves on top of each other stay apart, in grey too. One that is alone needs none of that.
+# The full model is broad, pale and solid. The others are drawn over it, thin, dark and broken, so
+# that equal curves can be told apart, in grey too. A single curve needs none of that.
 _FULL: dict[str, Any] = {"color": "#7fb2e5", "linewidth": 3.2, "linestyle": "-"}
 _OTHERS: tuple[dict[str, Any], ...] = (
     {"color": "#9c1c00", "linewidth": 1.4, "linestyle": "--"},
@@ -43,9 +37,14 @@ _OTHERS: tuple[dict[str, Any], ...] = (
     {"color": "#2e6b2e", "linewidth": 1.4, "linestyle": "-."},
 )
 _ALONE: dict[str, Any] = {"color": "#1f5fa8", "linewidth": 1.2, "linestyle": "-"}
-_SHADES = ("#000000", "#a33b00", "#1f5fa8", "#2e7d32", "#8d5fb0")
-_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
-_LOST = ("friction", "viscous", "scheme")
+# Colours and lines of the modes in a picture of modes, which shows as many.
+_MODES = (
+    ("#000000", "-"),
+    ("#a33b00", "--"),
+    ("#1f5fa8", "-."),
+    ("#2e7d32", ":"),
+    ("#8d5fb0", (0, (6, 1, 1, 1, 1, 1))),
+)
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
@@ -61,7 +60,7 @@ def save_figure(path: Path, figure: Figure) -> Path:
 
     # Without chunks, Agg gives up on a curve of very many points that fill the panel.
     with replacing(path) as temporary, rc_context({"agg.path.chunksize": 20_000}):
-        figure.savefig(temporary, format="png", dpi=DPI)
+        figure.savefig(temporary, format="png", dpi=150)
     return path
 
 
@@ -88,8 +87,8 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     """Displacement of named points over time, one panel for each that moves.
 
     A point at rest beside the others, such as a component that is zero by symmetry, has no panel,
-    nor has one that moves as one before it. ``runs`` go by the name in the legend; beside others,
-    the one called "full" is drawn solid. Long histories are drawn as an `envelope`.
+    and points that move alike share the first one's. ``runs`` are named in the legend; the run
+    "full" is drawn solid beside others. Long histories are drawn as an `envelope`.
     """
     moving = _moving(runs, points)
     figure, panels = _panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
@@ -117,17 +116,17 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
 def envelope(
     times: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Ends of parts of a history of very many cycles, and its least and largest value there.
+    """Band of a history with very many cycles: ends of parts, least and largest values in them.
 
-    Parts hold two cycles or more. None for a history whose cycles can be told apart: one that
-    crosses its mean no more than `CROSSINGS` times; what is near the mean does not count.
+    There are at most 400 parts, of two cycles or more. None for a history that crosses its mean at
+    most 300 times, values near the mean left out: its cycles can be told apart as a curve.
     """
     away = values - 0.5 * (values.max(initial=-np.inf) + values.min(initial=np.inf))
     far = away[np.abs(away) > 0.01 * np.abs(away).max(initial=0.0)]
     crossings = int(np.count_nonzero(np.diff(np.sign(far))))
-    if crossings <= CROSSINGS:
+    if crossings <= 300:
         return None
-    starts = np.linspace(0, values.size, min(PARTS, crossings // 4), endpoint=False).astype(int)
+    starts = np.linspace(0, values.size, min(400, crossings // 4), endpoint=False).astype(int)
     low, high = (part.reduceat(values, starts) for part in (np.minimum, np.maximum))
     # From the first to the last time, each part's values at its end.
     ends = times[np.append(starts, values.size - 1)]
@@ -135,11 +134,11 @@ def envelope(
 
 
 def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
-    """Points that do not rest and do not move as one before them."""
+    """Points that move, each otherwise than those before it."""
     if not runs or not points or min(run.times.size for run in runs.values()) == 0:
         raise InputError("histories: found no runs, no points, or a run that stored no points")
     moves = [np.concatenate([run.point(point) for run in runs.values()]) for point in points]
-    largest = AT_REST * max(np.abs(u).max() for u in moves)
+    largest = _AT_REST * max(np.abs(u).max() for u in moves)
     drawn: dict[str, FloatArray] = {}
     for point, u in zip(points, moves, strict=True):
         others = [np.zeros(1), *drawn.values()]
@@ -181,13 +180,15 @@ def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
 
     ``whose`` says what moves in these modes, for the title.
     """
-    modes, values = proper.modes.T[:MODES], proper.proper_values
+    modes, values = proper.modes.T, proper.proper_values
     figure, (panel,) = _panels(7.5, 4.5)
     panel.axhline(0.0, color="0.6", linewidth=0.8)
-    for k, (mode, value) in enumerate(zip(modes, values, strict=False)):
-        largest = mode[np.argmax(np.abs(mode))]
-        look: dict[str, Any] = {"color": _SHADES[k], "linestyle": _LINES[k], "linewidth": 1.8}
-        panel.plot(xi, mode / (largest or 1.0), label=f"{k + 1}: {value:.3g} %", **look)
+    for k, (mode, value, style) in enumerate(zip(modes, values, _MODES, strict=False), 1):
+        largest, (colour, line) = mode[np.argmax(np.abs(mode))], style
+        panel.plot(
+            xi, mode / (largest or 1.0), color=colour, linestyle=line, linewidth=1.8,
+            label=f"{k}: {value:.3g} %",
+        )  # fmt: skip
     panel.set_title(f"proper orthogonal modes of\n{whose}", loc="left")
     panel.set(
         xlabel="position on the active length, ξ (1 = loaded end)",
@@ -201,7 +202,7 @@ def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
 def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     """Proper values (percent, logarithmic) beside their cumulative sum and the 99 % line."""
     values, sums = proper.proper_values, proper.cumulative
-    count = min(VALUES, int(np.count_nonzero(values > 1e-12 * values[0])))
+    count = min(20, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
     figure, (left, right) = _panels(4.0, 3.8, columns=2)
     figure.suptitle(f"proper orthogonal modes of {whose}")
@@ -220,17 +221,20 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
 def energies_figure(runs: Mapping[str, Run]) -> Figure:
     """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel."""
     cycles = [run.cycles for run in runs.values()]
-    works = {"input": [one.input.sum(axis=1) for one in cycles]}
-    works |= {name: [getattr(one, name) for one in cycles] for name in _LOST}
-    size = {name: max(np.abs(one).max(initial=0.0) for one in works[name]) for name in works}
-    titles = [name for name in works if size[name] > AT_REST * size["input"]] or ["input"]
+    works = {"input": [works_of.input.sum(axis=1) for works_of in cycles]}
+    works |= {
+        name: [getattr(works_of, name) for works_of in cycles]
+        for name in ("friction", "viscous", "scheme")
+    }
+    size = {name: max(np.abs(work).max(initial=0.0) for work in works[name]) for name in works}
+    titles = [name for name in works if size[name] > _AT_REST * size["input"]] or ["input"]
     columns = 2 if len(titles) == 4 else len(titles)
     figure, panels = _panels(3.8, 3.0, len(titles) // columns, columns)
     for panel, title in zip(panels, titles, strict=True):
         unit, scale = prefixed_unit("J", works[title])
         for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
             number = np.arange(1, work.size + 1)
-            marks = {"marker": "o", "markersize": 4} if work.size <= MARKS else {}
+            marks = {"marker": "o", "markersize": 4} if work.size <= 50 else {}
             panel.plot(number, work / scale, label=name, **marks, **style)
         panel.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
         panel.set_title(title, loc="left")
@@ -335,11 +339,11 @@ def _scaled(
     results: Mapping[str, Sequence[float | None]], unit: str
 ) -> tuple[str, dict[str, FloatArray]]:
     """Unit with a comma before it and results in it; not a number where there is none."""
-    values = {name: np.array(one, dtype=float) for name, one in results.items()}
-    finite = [one[np.isfinite(one)] for one in values.values()]
+    values = {name: np.array(result, dtype=float) for name, result in results.items()}
+    finite = [result[np.isfinite(result)] for result in values.values()]
     unit, scale = prefixed_unit(unit, finite) if len(unit) == 1 and unit != "%" else (unit, 1.0)
     scale = 0.01 if unit == "%" else scale
-    return f", {unit}" * bool(unit), {name: one / scale for name, one in values.items()}
+    return f", {unit}" * bool(unit), {name: result / scale for name, result in values.items()}
 
 
 def _styles(runs: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -24,15 +24,14 @@ from typing import Any, TextIO
 from skfem_joint import __version__
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import recording
-from skfem_joint.output.report import write_json
+from skfem_joint.output.tables import write_json
 
 SUMMARY = "summary.json"
 #: Digests of the files of a run that has not written all of them.
 LIST = ".skfem-joint-files"
 _PROGRAM = "skfem_joint"
-_ELSEWHERE = "move it away, or choose another folder"
 
-#: Digests by the name of a file: one that is written again has several while that happens.
+#: Digests by the name of a file; a file that is being written again has several.
 Digests = dict[str, set[str]]
 
 
@@ -70,7 +69,7 @@ def _is_plain(folder: Path, name: str, kind: Callable[[int], bool] = stat.S_ISRE
 
 
 def _is_inside(name: Any) -> bool:
-    """Whether a name is one of a file below the folder, as this program writes it."""
+    """Whether a name is a path below the folder, in the form that this program writes."""
     if not isinstance(name, str) or any(character in name for character in "\\:\0"):
         return False
     parts = PurePosixPath(name).parts
@@ -82,10 +81,10 @@ def _listed(folder: Path) -> Digests:
 
     InputError if this program did not write them.
     """
-    found: Digests = {}
+    digests: Digests = {}
     for name, digest in [*_in_summary(folder / SUMMARY), *_in_list(folder / LIST)]:
-        found.setdefault(name, set()).add(digest)
-    return found
+        digests.setdefault(name, set()).add(digest)
+    return digests
 
 
 def _in_summary(path: Path) -> Sequence[tuple[str, str]]:
@@ -102,11 +101,12 @@ def _in_summary(path: Path) -> Sequence[tuple[str, str]]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path}: is not the summary of a run of this program, or of an older version of it; "
-            f"nothing was removed; {_ELSEWHERE}"
+            "nothing was removed; move it away, or choose another folder"
         ) from error
     if not ours:
         raise InputError(
-            f"{path}: was changed since skfem-joint wrote it; nothing was removed; {_ELSEWHERE}"
+            f"{path}: was changed since skfem-joint wrote it; nothing was removed; move it away, "
+            "or choose another folder"
         )
     return [(name, str(digest)) for name, digest in files.items()]
 
@@ -127,7 +127,7 @@ def _in_list(path: Path) -> Sequence[tuple[str, str]]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(
             f"{path}: is not a list of files that skfem-joint wrote; nothing was removed; "
-            f"{_ELSEWHERE}"
+            "move it away, or choose another folder"
         ) from error
     return [(name, str(digest)) for name, digest in rows]
 
@@ -173,7 +173,7 @@ def clear(folder: Path, may_not_be_there: Callable[[str], bool] = lambda _: Fals
             "and this one might overwrite; move them away, or choose another folder"
         )
     try:
-        # The summary and the list last: if this is interrupted, they still tell of the rest.
+        # The summary and the list last: after an interruption they still list the rest.
         for name in (*ours, SUMMARY, LIST):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
@@ -267,7 +267,7 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
             with recording(record.take):
                 yield summary
         except BaseException:
-            with suppress(JointError, OSError):  # the list tells it too
+            with suppress(JointError, OSError):  # the list has the digests too
                 if record.is_right():
                     record.finish(content)
             raise

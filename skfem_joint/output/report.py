@@ -1,10 +1,8 @@
-"""Results as text and numbers: the printed table, ``summary.json`` and ``history.npz``."""
+"""Results of a study: what is printed, the content of ``summary.json``, and ``history.npz``."""
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +13,8 @@ from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.models import Study
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.files import replacing
+from skfem_joint.output.tables import text_table
 from skfem_joint.stepping.recording import Run
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON; NaN and infinity are refused."""
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    """Write rows of a table, the first of which are its headings."""
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def write_history(path: Path, runs: Mapping[str, Run]) -> None:
@@ -36,9 +22,9 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
 
     Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
-    ``<model>_<joint>_friction_energy`` (J), what it has dissipated so far, ``<model>_<joint>_slip``
+    ``<model>_<joint>_friction_energy`` (J), dissipated since the start, ``<model>_<joint>_slip``
     (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction that
-    is at its limit.
+    is at its limit. Rows are stored times.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}
@@ -55,6 +41,14 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
                 arrays[f"{model}_{joint}_slipping"] = run.joint_slipping[:, k]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def text(study: Study) -> str:
+    """What is printed of a study: its title, facts of the structure, and two tables."""
+    content = summary(study)
+    facts = "\n".join(study.description.facts)
+    parts = [study.scene.title, facts, summary_table(content), estimate_table(content)]
+    return "\n\n".join(parts if study.scene.title else parts[1:])
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -79,14 +73,14 @@ def estimate_table(content: Mapping[str, Any]) -> str:
                 rows[f"{name} model, {source.replace('_', ' ')}"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
-    return _table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
+    return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
 
 
 def summary_table(content: Mapping[str, Any]) -> str:
     """Table of the models of a summary.
 
-    How much faster a model runs than the full one stands beside the same with its off-line time,
-    if that is faster too, and neither was interrupted.
+    It states how many times faster than the full model each runs, without and with its off-line
+    time, if it is faster with it and neither run was interrupted.
     """
     models: dict[str, dict[str, Any]] = content["models"]
     full = models.get("full")
@@ -98,13 +92,13 @@ def summary_table(content: Mapping[str, Any]) -> str:
 
     def at(*keys: str) -> list[Any]:
         """Entry of each model, None where there is none."""
-        found: list[Any] = list(models.values())
+        entries: list[Any] = list(models.values())
         for key in keys:
-            found = [None if one is None else one.get(key) for one in found]
-        return found
+            entries = [None if entry is None else entry.get(key) for entry in entries]
+        return entries
 
     def faster(model: dict[str, Any], offline: bool) -> float | None:
-        """How often a model runs while the full one runs once; None if it does not pay."""
+        """Run time of the full model over that of a model; None if that is not stated."""
         if full is None or model is full or full["interrupted"] or model["interrupted"]:
             return None
         total = model["wall_s"] + model["offline_s"]
@@ -121,7 +115,7 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("amplitude (half of peak to peak)", "amplitude_m"),
         ("offset (mean of both peaks)", "offset_m"),
     ):
-        for name in _names(one or {} for one in at(key)):
+        for name in _names(table or {} for table in at(key)):
             add(f"{label} at {name}, mm", "{:.5g}", at(key, name), 1e3)
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
@@ -154,7 +148,7 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("the same with its off-line time", True),
     ):
         add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
-    return _table("", list(models), rows)
+    return text_table("", list(models), rows)
 
 
 def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -184,23 +178,3 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
 
 def _shown(value: Any, form: str, scale: float = 1.0) -> str:
     return "-" if value is None else form.format(value if scale == 1.0 else scale * value)
-
-
-def _table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Lines of a table, as wide as they need to be wherever they are shown."""
-    from rich.box import Box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    below_names = Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
-    table = Table(box=below_names, pad_edge=False, show_edge=False)
-    table.add_column(Text(corner), no_wrap=True)
-    for name in columns:
-        table.add_column(Text(name), justify="right", no_wrap=True)
-    for label, cells in rows.items():
-        table.add_row(Text(label), *cells)
-    console = Console(width=10_000, color_system=None, force_terminal=False)
-    with console.capture() as captured:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())

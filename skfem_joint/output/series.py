@@ -28,15 +28,15 @@ from skfem_joint.output.fields import (
     Frames,
     frames_of,
 )
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
 GAP = 0.5
 
-# Linear cells by dimension and corners: name in VTK, corners beside the first one, and corners of
-# one that is inside out.
+# Linear cells by dimension and corners: name in VTK, corners next to the first corner, and order of
+# corners that turns a cell that is inside out.
 _CELLS: dict[tuple[int, int], tuple[str, tuple[int, ...], tuple[int, ...]]] = {
     (1, 2): ("LINE", (1,), (1, 0)),
     (2, 3): ("TRIANGLE", (1, 2), (2, 1, 0)),
@@ -51,15 +51,27 @@ _HEXAHEDRON = (0, 3, 6, 2, 1, 5, 7, 4)
 
 @dataclass(frozen=True)
 class Block:
-    """One body, or the face of one that touches, as a grid."""
+    """A body, or a face at which bodies touch, as a grid.
 
-    label: str  #: name of the body, empty for one that is alone; "contact NAME" for a face
-    grid: Any  #: pyvista.UnstructuredGrid with what does not change in time
-    nodes: IntArray  #: displacement node of each point
-    cells: IntArray  #: linear sub-cell of each cell
+    Attributes
+    ----------
+    label : str
+        Name of the body, empty if there is only one; ``"contact NAME"`` for a face.
+    grid : pyvista.UnstructuredGrid
+        Its cells and points, with the values that do not change in time.
+    nodes : ndarray of int, shape (n_points,)
+        Displacement node of each point.
+    cells : ndarray of int, shape (n_cells,)
+        Linear sub-cell of each cell.
+    """
+
+    label: str
+    grid: Any
+    nodes: IntArray
+    cells: IntArray
 
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
-        """Give the grid the values of one frame, from :meth:`Frames.arrays`; returns it."""
+        """Set the grid to the values of a frame, from :meth:`Frames.arrays`; returns it."""
         for name, array in arrays.items():
             if name in CELL_ARRAYS:
                 self.grid.cell_data[name] = array[self.cells]
@@ -119,7 +131,7 @@ def _touching(structure: Structure) -> dict[str, IntArray]:
 
 
 def _behind(cells: IntArray, facets: IntArray) -> IntArray:
-    """Cell that has all corners of each facet on a border; both are given by their corners."""
+    """Cell behind each facet of a border: the cell that has all corners of the facet."""
 
     def corners(some: IntArray) -> sparse.csr_array:
         starts = some.shape[1] * np.arange(len(some) + 1)
@@ -132,7 +144,7 @@ def _behind(cells: IntArray, facets: IntArray) -> IntArray:
 def _grid(
     structure: Structure, kind: str, corners: IntArray, points: FloatArray, elements: IntArray
 ) -> Any:
-    """Grid of cells that are parts of elements, with what is told of these."""
+    """Grid of cells that are parts of ``elements``, with their regions, bodies and units."""
     pyvista, mesh = needed("pyvista", "vtk"), structure.mesh
     region, names = np.full(mesh.n_elements, -1, dtype=np.int32), list(mesh.regions)
     for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
@@ -158,7 +170,7 @@ def _add_texts(grid: Any, name: str, texts: Sequence[str]) -> None:
 
 
 def _labels(structure: Structure) -> list[str]:
-    """Name of each body: its region if one is exactly the body; empty for one that is alone."""
+    """Name of each body: the region that is exactly the body; empty if there is only one body."""
     mesh = structure.mesh
     count = int(mesh.body.max()) + 1
     if count == 1:
@@ -190,10 +202,10 @@ def _section(structure: Structure) -> FloatArray:
 
 
 def _heights(structure: Structure) -> FloatArray:
-    """How far each body is moved in the direction of its thickness, so that it lies on another.
+    """How far each body is moved in the direction of its thickness, m, so that bodies lie apart.
 
-    Only bodies whose *cells* are pressed on another one lie on it; those that touch at facets are
-    beside each other as it is.
+    Only bodies whose *cells* are pressed on another body lie on it; bodies that touch at facets are
+    beside each other already.
     """
     body = structure.mesh.body
     height = np.zeros(int(body.max()) + 1)
@@ -269,8 +281,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     else "full: body 1"; a body that is alone has the model's name. Models lie on each other: switch
     blocks off or move them in ParaView. A bar is swept to its width and thickness, a plate to its
     thickness, with the mesh in the middle. Bodies whose *cells* are pressed on another one are
-    moved apart: the pressed one lies above the other, with half of its thickness as a gap. Faces of
-    solids that touch are blocks too, named "full: contact NAME" by their boundary.
+    moved apart: the pressed body lies above the other, with a gap of half of the other's thickness.
+    Faces of solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
     Points carry `POINT_ARRAYS`, and with clamping bolts `PRELOAD_ARRAYS`. The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
@@ -282,14 +294,14 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
 
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes
-    its place only when it is whole, the index last: whatever ends the writing leaves one of the
-    frames done. InputError for names that lead to one file, a path that cannot be written, and
+    its place only when it is whole, the index last: whatever ends the writing leaves an index of
+    the frames that are done. InputError for equal file names, a path that cannot be written, and
     without pyvista.
     """
     index, names = Path(path), _names(frames)
     if len({safe_name(name).casefold() for name in names}) < len(names):
-        found = ", ".join(repr(name) for name in names)
-        raise InputError(f"fields: the names {found} lead to files of the same name")
+        listed = ", ".join(repr(name) for name in names)
+        raise InputError(f"fields: the names {listed} lead to files of the same name")
     blocks = [*blocks_of(frames.structure), *faces_of(frames.structure)]
     files = series_files(index, frames)
     try:

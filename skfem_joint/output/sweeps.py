@@ -13,7 +13,7 @@ from skfem_joint.analysis.sweep import STEADY, Row
 from skfem_joint.files import holding, replacing, safe_name
 from skfem_joint.output import plots
 from skfem_joint.output.record import writing
-from skfem_joint.output.report import write_csv
+from skfem_joint.output.tables import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
 from skfem_joint.scene.sweep_table import RangeTable
@@ -34,17 +34,17 @@ def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
     whole sentences, those of a scene in one cell.
     """
     ordered = sorted(rows, key=lambda row: row.number)
-    found: dict[str, list[Any]] = {"scene": [row.number for row in ordered]}
+    table: dict[str, list[Any]] = {"scene": [row.number for row in ordered]}
     for key in swept.values[0]:
-        found[key] = [swept.values[row.number][key] for row in ordered]
+        table[key] = [swept.values[row.number][key] for row in ordered]
     names = list(dict.fromkeys(name for row in ordered for name in row.results))
     chosen = [name for name in names if _is_chosen(name, swept.table.results)]
     for name in (*chosen, *(name for name in names if name.endswith(f".{STEADY}"))):
         values = [row.results.get(name) for row in ordered]
         if any(value is not None for value in values):
-            found[name] = values
-    found["warnings"] = [" ".join(row.warnings) for row in ordered]
-    return found | {"failure": [row.failure for row in ordered]}
+            table[name] = values
+    table["warnings"] = [" ".join(row.warnings) for row in ordered]
+    return table | {"failure": [row.failure for row in ordered]}
 
 
 def doubtful(rows: Iterable[Row]) -> dict[str, int]:
@@ -55,6 +55,22 @@ def doubtful(rows: Iterable[Row]) -> dict[str, int]:
     rows = list(rows)
     warned, unsteady = sum(bool(row.warnings) for row in rows), sum(not row.steady for row in rows)
     return {"scenes_with_warnings": warned, "scenes_not_steady": unsteady}
+
+
+def lines(swept: Swept, rows: Sequence[Row]) -> list[str]:
+    """What is printed of a sweep: why scenes failed, and how many ended, failed or are doubtful."""
+    failed = [row for row in rows if row.failure]
+    printed = [f"Scene {row.number}, {swept.label(row.number)}: {row.failure}\n" for row in failed]
+    printed.append(
+        f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed."
+    )
+    doubts = doubtful(rows)
+    if any(doubts.values()):
+        printed.append(
+            f"{doubts['scenes_with_warnings']} have warnings, {doubts['scenes_not_steady']} are "
+            f"not steady: see the columns of {TABLE}."
+        )
+    return printed
 
 
 def _is_chosen(name: str, results: Iterable[str]) -> bool:

@@ -35,7 +35,6 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.choice import step_problem
-from skfem_joint.minimise.condensed_newton import CondensedNewton
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
@@ -43,7 +42,7 @@ from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.minimise.truncated_newton import CondensedNewton
+    from skfem_joint.minimise.condensed_newton import CondensedNewton
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class QuasiStatic:
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
-        from skfem_joint.minimise.truncated_newton import CondensedNewton  # loads the compiler
+        from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
 
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone

@@ -16,7 +16,7 @@ import skfem_joint as sj
 from skfem_joint.analysis.history import slip_state
 from skfem_joint.analysis.models import Study
 from skfem_joint.files import safe_name
-from skfem_joint.output import folder, prepare, report, write
+from skfem_joint.output import folder, prepare, report, tables, write
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
 
@@ -139,7 +139,7 @@ def test_energies_per_cycle_are_null_without_cycles():
 def test_not_a_number_is_never_written(tmp_path):
     for value in (math.nan, math.inf):
         with pytest.raises(ValueError, match="not JSON compliant"):
-            report.write_json(tmp_path / "summary.json", {"a": value})
+            tables.write_json(tmp_path / "summary.json", {"a": value})
     assert not list(tmp_path.iterdir())
 
 

@@ -3,17 +3,18 @@
 import os
 import sys
 from dataclasses import replace
-from itertools import combinations
+from typing import Any
 
 import matplotlib.image
 import numpy as np
 import pytest
+import pyvista
 from bodies import structure
 from numpy.typing import NDArray
 from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
 
 import skfem_joint as sj
-from skfem_joint.output import pictures
+from skfem_joint.output import offscreen, pictures
 from skfem_joint.output.series import faces_of
 
 INCLINED = (3.0, 4.0, 0.0)
@@ -22,7 +23,7 @@ VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 def can_draw() -> bool:
     try:
-        with pictures.offscreen():
+        with offscreen.offscreen():
             return True
     except sj.InputError:
         return False
@@ -61,18 +62,19 @@ def test_a_still_shows_stick_slip_and_no_contact(tmp_path, build):
 
 
 @pytest.mark.parametrize("side", ["left", "bottom", "back"])
-def test_the_face_of_a_joint_is_shown_level_and_as_large_as_it_is(side):
-    """Whichever way it looks."""
+def test_the_face_of_a_joint_is_shown_as_large_as_it_is(side):
+    """At a right angle, wherever it is on the solid, and not mirrored."""
     mesh = sj.build_box([("all", 0.1, 2)], (0.05, 0.02), (2, 2))
-    made = structure(mesh, [replace(JOINT, on=side)], ["right"])
-    (block,) = faces_of(made)
-    before = np.asarray(block.grid.points)
-    part = pictures._level(made, block)
-    after = part.placed(before)
-    assert np.ptp(after[:, 2]) < 1e-12
-    assert np.linalg.det(part.turn) == pytest.approx(1.0, rel=1e-12)
-    np.testing.assert_allclose(after.mean(axis=0), before.mean(axis=0), atol=1e-12)
-    assert sorted(np.ptp(after, axis=0)) == pytest.approx(sorted(np.ptp(before, axis=0)), abs=1e-12)
+    frames = pulled(structure(mesh, [replace(JOINT, on=side)], ["right"]))
+    (block,) = faces_of(frames.structure)
+    bodies, face = pictures.views_of(frames, factor=0.0)
+    assert (bodies.label, face.label) == ("", block.label)
+    np.testing.assert_allclose(face.axes @ face.axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(face.axes) == pytest.approx(1.0, rel=1e-12)
+    seen = np.ptp(np.asarray(block.grid.points) @ face.axes.T, axis=0)
+    assert seen[2] < 1e-12
+    assert sorted(seen) == pytest.approx(sorted(np.ptp(block.grid.points, axis=0)), abs=1e-12)
+    np.testing.assert_allclose(face.high - face.low, seen[:2], atol=1e-12)
 
 
 @pytest.mark.parametrize(("kind", "order"), BOXES)
@@ -112,35 +114,40 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken():
 @draws
 @pytest.mark.parametrize("thickness", [1e-3, 0.05])
 @pytest.mark.parametrize("width", [0.02, 0.3])
-def test_models_and_their_names_lie_clear_of_each_other(tmp_path, thickness, width):
+def test_bodies_stay_in_their_panels_clear_of_the_names_above_them(tmp_path, thickness, width):
     mesh = sj.build_plate([("bar", 0.2, 8)], width, 2)
     made = structure(mesh, [replace(JOINT, on="bottom")], thickness=thickness)
     with pictures._picture(tmp_path / "a.png", pulled(made, ("full", "reduced"))) as (_, picture):
-        renderer, size = picture.plotter.renderer, picture.size
-        boxes = {}
+        plotter = picture.plotter
+        panels = [renderer for renderer in plotter.renderers if meshes_of(renderer)]
+        assert len(panels) == 2
+        boxes = [panel_of(renderer) for renderer in panels]
+        assert np.any((boxes[0][1] <= boxes[1][0]) | (boxes[1][1] <= boxes[0][0]))
         for frame in range(len(picture.frames.times)):
             picture.show(frame)
-            picture.plotter.render()
-            for body in picture.bodies:
+            plotter.render()
+            for renderer, (low, high) in zip(panels, boxes, strict=True):
                 pixels = []
-                for point in np.asarray(body.surface.points):
-                    renderer.SetWorldPoint(*point, 1.0)
-                    renderer.WorldToDisplay()
-                    pixels.append(renderer.GetDisplayPoint()[:2])
-                low, high = np.min(pixels, axis=0), np.max(pixels, axis=0)
-                assert np.all(low > 0.0)
-                assert np.all(high < size)
-                old = boxes.get(body.field.name, (low, high))
-                boxes[body.field.name] = (np.minimum(low, old[0]), np.maximum(high, old[1]))
-        for name in ("full", "reduced"):
-            bounds = [0] * 4
-            picture.plotter.actors[f"model {name}"].GetBoundingBox(renderer, bounds)
-            origin = np.array(picture.plotter.actors[f"model {name}"].GetPosition())
-            assert origin[0] == pytest.approx(boxes[name][0][0], abs=1.0)
-            assert 0.0 < origin[1] - boxes[name][1][1] < pictures._LABEL
-            boxes[f"name {name}"] = (origin, origin + np.array([bounds[1], bounds[3]]))
-    for one, other in combinations(boxes.values(), 2):
-        assert np.any((one[1] < other[0]) | (other[1] < one[0]))
+                for mesh in meshes_of(renderer):
+                    for point in np.asarray(mesh.points):
+                        renderer.SetWorldPoint(*point, 1.0)
+                        renderer.WorldToDisplay()
+                        pixels.append(renderer.GetDisplayPoint()[:2])
+                assert np.all(np.min(pixels, axis=0) > low)
+                names = [actor for key, actor in renderer.actors.items() if "text" in key]
+                foot = low[1] + min(actor.GetPosition()[1] for actor in names)
+                assert np.max(pixels, axis=0)[1] < foot <= high[1]
+
+
+def meshes_of(renderer: Any) -> list[Any]:
+    actors = renderer.actors.values()
+    return [actor.mapper.dataset for actor in actors if isinstance(actor, pyvista.Actor)]
+
+
+def panel_of(renderer: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Left lower and right upper corner of a panel, pixels."""
+    low = np.array(renderer.GetOrigin(), dtype=float)
+    return low, low + np.array(renderer.GetSize())
 
 
 @draws
@@ -163,14 +170,14 @@ def test_a_gif_has_the_frames_asked_for(tmp_path):
 def test_bodies_and_the_mark_on_the_load_move_with_the_frame(tmp_path, build):
     frames = pulled(build())
     with pictures._picture(tmp_path / "a.png", frames) as (_, picture):
-        before = max(body.part.block.grid.bounds[1] for body in picture.bodies)
+        before = max(drawn.block.grid.bounds[1] for drawn in picture.drawn)
         ((mark, _),) = picture.marks
         for frame in (3, 2):
             picture.show(frame)
             assert mark.x == pytest.approx([1e3 * frames.times[frame]])
             expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
             assert mark.y == pytest.approx([expected], abs=0.05)
-        right = max(body.surface.bounds[1] for body in picture.bodies)
+        right = max(drawn.surface.bounds[1] for drawn in picture.drawn)
     moved = frames.structure.body.in_space(frames.fields[0].displacement[2])[:, 0].max()
     assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
 
@@ -210,15 +217,15 @@ def test_a_missing_library_or_place_is_an_input_error(
 @pytest.fixture
 def windows(monkeypatch):
     """Nothing is known of the kinds of window that work, before and after."""
-    pictures._working_window.cache_clear()
+    offscreen._working_window.cache_clear()
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv(VARIABLE, raising=False)
     yield monkeypatch
-    pictures._working_window.cache_clear()
+    offscreen._working_window.cache_clear()
 
 
 def test_a_gl_library_that_ends_the_process_is_an_input_error(tmp_path, windows):
-    windows.setattr(pictures, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    windows.setattr(offscreen, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(sj.InputError, match="libosmesa6"):
         pictures.still(tmp_path / "a.png", pulled(lap()))
     assert not list(tmp_path.iterdir())
@@ -233,15 +240,15 @@ def test_the_first_kind_of_window_that_works_is_taken_but_the_users_choice_is_ke
         tried.append(window)
         return window in ("vtkEGLRenderWindow", "mine")
 
-    windows.setattr(pictures, "_draws", works)
+    windows.setattr(offscreen, "_draws", works)
     for _ in range(2):
-        with pictures.offscreen():
+        with offscreen.offscreen():
             assert os.environ[VARIABLE] == "vtkEGLRenderWindow"
         assert VARIABLE not in os.environ
     assert tried == ["vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"]  # found once, then known
     windows.setenv(VARIABLE, "mine")
-    with pictures.offscreen():
+    with offscreen.offscreen():
         assert os.environ[VARIABLE] == "mine"
     windows.setenv(VARIABLE, "broken")
-    with pytest.raises(sj.InputError, match="'broken' does not work"), pictures.offscreen():
+    with pytest.raises(sj.InputError, match="'broken' does not work"), offscreen.offscreen():
         pass

@@ -127,7 +127,7 @@ def test_a_long_history_is_a_band_between_the_amplitudes_of_its_beats():
     band = plots.envelope(t, u)
     ends, low, high = band
     assert (ends[0], ends[-1], low.min(), high.max()) == (0.0, 1.0, u.min(), u.max())
-    assert 300 < ends.size <= plots.PARTS + 1
+    assert 300 < ends.size <= 400 + 1
     # A part holds cycles enough to reach the beat's amplitude somewhere in it.
     reached = np.abs(np.cos(2 * np.pi * (ends[1:] - 0.5 * np.diff(ends))))
     slope = 2 * np.pi * np.diff(ends).max()
@@ -181,7 +181,7 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
         head = path.read_bytes()[:24]
         assert head[:8] == b"\x89PNG\r\n\x1a\n"
         inches = figures[name].get_size_inches()
-        assert struct.unpack(">II", head[16:24]) == tuple(round(x * plots.DPI) for x in inches)
+        assert struct.unpack(">II", head[16:24]) == tuple(round(x * 150) for x in inches)
         assert matplotlib.image.imread(path).std() > 0.02  # not an empty page
 
 

@@ -1,0 +1,47 @@
+"""Tables and mappings as text: CSV, JSON, and columns for a terminal."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from skfem_joint.files import replacing
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON; NaN and infinity are refused."""
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table; its first row has the headings."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def text_table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """Table as text, as wide as it needs to be whatever the width of the terminal.
+
+    ``corner`` stands above the labels of the rows, which are the keys of ``rows``.
+    """
+    from rich.box import Box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    below_names = Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
+    table = Table(box=below_names, pad_edge=False, show_edge=False)
+    table.add_column(Text(corner), no_wrap=True)
+    for name in columns:
+        table.add_column(Text(name), justify="right", no_wrap=True)
+    for label, cells in rows.items():
+        table.add_row(Text(label), *cells)
+    console = Console(width=10_000, color_system=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
