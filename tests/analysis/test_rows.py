@@ -245,8 +245,17 @@ def timeless(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("name", ["response", "backbone", "error-time"])
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("response", signal.SIGINT),
+        ("backbone", signal.SIGTERM),
+        pytest.param("response", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("backbone", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("error-time", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("error-time", signal.SIGTERM, marks=pytest.mark.slow),
+    ],
+)
 def test_a_command_that_is_told_to_end_keeps_its_rows_and_goes_on(
     name, number, tmp_path, capsys, monkeypatch
 ):
