@@ -160,7 +160,10 @@ def test_files_are_whole_when_nobody_reads_the_table(scene, tmp_path):
     assert (tmp_path / "text").read_bytes().startswith(b"Ring \\xd8 5 \\xe9 ")
 
 
-@pytest.mark.parametrize("closed", [(1,), (2,), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize(
+    "closed",
+    [*(pytest.param(some, marks=pytest.mark.slow) for some in [(1,), (2,), (1, 2)]), (0, 1, 2)],
+)
 def test_closed_streams_lose_no_result_and_get_into_no_file(closed, scene, tmp_path):
     path, out = scene(FULL_ONLY, ONE_CYCLE), tmp_path / "out"
     for run, status in ((command("run", path, "--out", out), 0), (command("check", out), 2)):

@@ -76,9 +76,18 @@ def assert_only_whole_files(folder: Path) -> int:
     return count
 
 
-@pytest.mark.parametrize("model", ["full", "reduced"])
 @pytest.mark.parametrize(
-    "name", ["structure_harmonic", "structure_impulse", "plate_reference", "two_plates"]
+    ("name", "model"),
+    [
+        ("structure_harmonic", "full"),
+        ("structure_harmonic", "reduced"),
+        ("structure_impulse", "full"),
+        ("structure_impulse", "reduced"),
+        pytest.param("plate_reference", "full", marks=pytest.mark.slow),
+        pytest.param("plate_reference", "reduced", marks=pytest.mark.slow),
+        pytest.param("two_plates", "full", marks=pytest.mark.slow),
+        ("two_plates", "reduced"),
+    ],
 )
 def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_path):
     """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
@@ -179,6 +188,7 @@ def test_another_scene_or_mesh_is_refused(scene, tmp_path, capsys):
     assert cli.main(arguments) == 0
 
 
+@pytest.mark.slow
 def test_a_limit_on_file_sizes_leaves_whole_files(scene, tmp_path):
     out = tmp_path / "out"
     path = scene(cycles=2, output="vtk = true\nplots = true\nframes = 2", run='"full"')

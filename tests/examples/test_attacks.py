@@ -7,6 +7,7 @@ from scipy.io import savemat
 from stability import checks, hostile, killed, mutated, pairs
 
 
+@pytest.mark.slow
 def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
     assert mutated.main(["--out", str(tmp_path), "--count", "60", "--seed", "77"]) == 0
     said = capsys.readouterr().out
@@ -28,6 +29,7 @@ def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeyp
 FEW = ["csr.npz", "plain.mat", "coordinate.mtx", "mesh.msh", "checkpoint.npz"]
 
 
+@pytest.mark.slow
 def test_hostile_files_are_refused_or_run_rightly(tmp_path, capsys):
     arguments = ["--out", str(tmp_path), "--count", "15", "--kinds", *FEW]
     assert hostile.main(arguments) == 0
@@ -38,6 +40,7 @@ def test_hostile_files_are_refused_or_run_rightly(tmp_path, capsys):
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.slow
 def test_a_hostile_file_whose_results_differ_is_told_and_kept(tmp_path, capsys, monkeypatch):
     def stiffer(content, rng, kind):
         file = io.BytesIO()
@@ -51,6 +54,7 @@ def test_a_hostile_file_whose_results_differ_is_told_and_kept(tmp_path, capsys, 
     assert (tmp_path / "file_0" / "packed.mat").exists()
 
 
+@pytest.mark.slow
 def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, monkeypatch):
     short = killed.KINDS["bar"][0], "cycles = 10", *killed.KINDS["bar"][2:]
     monkeypatch.setitem(killed.KINDS, "bar", short)
@@ -61,11 +65,13 @@ def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, 
     assert "every file right" in said
 
 
+@pytest.mark.slow
 def test_steady_vibration_of_pairs_of_plates_is_that_of_marching(capsys):
     assert pairs.main(["--count", "4"]) == 0
     assert "4 of 4 amplitudes" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_amplitude_that_is_not_that_of_marching_is_told(capsys, monkeypatch):
     monkeypatch.setattr(pairs, "ALLOWED", 0.0)
     assert pairs.main(["--count", "1"]) == 1

@@ -247,6 +247,7 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, mo
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out

@@ -93,6 +93,7 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
     assert drawn(three, [row(k, 1e-4) for k in range(6)]) is None
 
 
+@pytest.mark.slow
 def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, capsys):
     sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
     alone = "cycles = 150\n[accuracy]\nestimate = false"
