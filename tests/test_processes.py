@@ -105,8 +105,6 @@ def test_an_interrupt_is_a_sentence_whenever_it_comes(executor, delay, scene, tm
     process = subprocess.Popen(
         [sys.executable, str(script), "sweep", str(path), *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        # A shell's job ignores it.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     while process.poll() is None and children(process.pid) < 2:
         time.sleep(0.002)

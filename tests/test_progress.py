@@ -160,8 +160,6 @@ def interrupted(pattern: bytes, *arguments: str | Path) -> tuple[int, bytes, flo
         subprocess.Popen(
             [sys.executable, "-m", "skfem_joint", *map(str, arguments)],
             stdout=terminal, stderr=terminal, env={**os.environ, "TERM": "xterm", "COLUMNS": "150"},
-            # A shell's job ignores it.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         ) as process,
     ):  # fmt: skip
         os.close(terminal)
