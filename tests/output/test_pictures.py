@@ -3,7 +3,6 @@
 import os
 import sys
 from dataclasses import replace
-from itertools import combinations
 
 import matplotlib.image
 import numpy as np
@@ -107,40 +106,6 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken():
     state[:, nodes] = 0
     frames.fields[0].displacement[:] = 0.0
     assert pictures.telling_frame(frames) == (0, "nothing moves")
-
-
-@draws
-@pytest.mark.parametrize("thickness", [1e-3, 0.05])
-@pytest.mark.parametrize("width", [0.02, 0.3])
-def test_models_and_their_names_lie_clear_of_each_other(tmp_path, thickness, width):
-    mesh = sj.build_plate([("bar", 0.2, 8)], width, 2)
-    made = structure(mesh, [replace(JOINT, on="bottom")], thickness=thickness)
-    with pictures._picture(tmp_path / "a.png", pulled(made, ("full", "reduced"))) as (_, picture):
-        renderer, size = picture.plotter.renderer, picture.size
-        boxes = {}
-        for frame in range(len(picture.frames.times)):
-            picture.show(frame)
-            picture.plotter.render()
-            for body in picture.bodies:
-                pixels = []
-                for point in np.asarray(body.surface.points):
-                    renderer.SetWorldPoint(*point, 1.0)
-                    renderer.WorldToDisplay()
-                    pixels.append(renderer.GetDisplayPoint()[:2])
-                low, high = np.min(pixels, axis=0), np.max(pixels, axis=0)
-                assert np.all(low > 0.0)
-                assert np.all(high < size)
-                old = boxes.get(body.field.name, (low, high))
-                boxes[body.field.name] = (np.minimum(low, old[0]), np.maximum(high, old[1]))
-        for name in ("full", "reduced"):
-            bounds = [0] * 4
-            picture.plotter.actors[f"model {name}"].GetBoundingBox(renderer, bounds)
-            origin = np.array(picture.plotter.actors[f"model {name}"].GetPosition())
-            assert origin[0] == pytest.approx(boxes[name][0][0], abs=1.0)
-            assert 0.0 < origin[1] - boxes[name][1][1] < pictures._LABEL
-            boxes[f"name {name}"] = (origin, origin + np.array([bounds[1], bounds[3]]))
-    for one, other in combinations(boxes.values(), 2):
-        assert np.any((one[1] < other[0]) | (other[1] < one[0]))
 
 
 @draws
