@@ -188,7 +188,7 @@ def test_broken_streams_end_without_a_traceback(tmp_path):
 
 
 def test_what_a_terminal_would_obey_is_shown_as_escapes(scene, tmp_path, capsys):
-    """A title, a name, a key, in what is said, refused and told of progress."""
+    """A title, a name and a key: in results, refusals and progress."""
     wild = "\\u001B]0;mine\\u0007\\u009B31m\\u202Ered"
     path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', f'title = "{wild}'))
     assert cli.main(["run", str(path), "--out", str(tmp_path / "out"), "-v"]) == 0
@@ -274,7 +274,7 @@ def test_reduction_that_does_not_fit_the_scene(scene, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
 )
-def test_missing_optional_library_is_told_before_the_run(
+def test_a_missing_optional_library_is_named_before_the_run(
     library, asked, scene, tmp_path, capsys, monkeypatch
 ):
     for module in [name for name in sys.modules if name.split(".")[0] == library]:

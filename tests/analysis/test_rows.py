@@ -255,7 +255,7 @@ def timeless(folder: Path) -> dict[str, Any]:
         pytest.param("error-time", signal.SIGTERM, marks=pytest.mark.slow),
     ],
 )
-def test_a_command_that_is_told_to_end_keeps_its_rows_and_goes_on(
+def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
     name, number, tmp_path, capsys, monkeypatch
 ):
     text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")

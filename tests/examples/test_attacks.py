@@ -19,7 +19,9 @@ def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("where", "bound"), [(mutated, "SAME"), (mutated, "ENERGY"), (checks, "ROUND_OFF")]
 )
-def test_a_broken_invariant_is_told_and_its_scene_kept(tmp_path, capsys, monkeypatch, where, bound):
+def test_a_broken_invariant_is_reported_and_its_scene_kept(
+    tmp_path, capsys, monkeypatch, where, bound
+):
     monkeypatch.setattr(where, bound, -2.0)
     assert mutated.main(["--out", str(tmp_path), "--count", "1"]) == 1
     assert "BROKEN: BrokenError: 1" in capsys.readouterr().out
@@ -41,7 +43,7 @@ def test_hostile_files_are_refused_or_run_rightly(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_hostile_file_whose_results_differ_is_told_and_kept(tmp_path, capsys, monkeypatch):
+def test_a_hostile_file_whose_results_differ_is_reported_and_kept(tmp_path, capsys, monkeypatch):
     def stiffer(content, rng, kind):
         file = io.BytesIO()
         savemat(file, {"K": 2.0 * hostile.stiffness("csc")})
@@ -66,13 +68,13 @@ def test_killed_and_paired_runs_leave_the_files_of_whole_ones(tmp_path, capsys, 
 
 
 @pytest.mark.slow
-def test_steady_vibration_of_pairs_of_plates_is_that_of_marching(capsys):
+def test_steady_vibration_of_pairs_of_plates_is_that_of_long_time_integration(capsys):
     assert pairs.main(["--count", "4"]) == 0
     assert "4 of 4 amplitudes" in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_an_amplitude_that_is_not_that_of_marching_is_told(capsys, monkeypatch):
+def test_an_amplitude_that_differs_from_long_time_integration_is_reported(capsys, monkeypatch):
     monkeypatch.setattr(pairs, "ALLOWED", 0.0)
     assert pairs.main(["--count", "1"]) == 1
     assert "WRONG" in capsys.readouterr().out

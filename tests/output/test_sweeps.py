@@ -159,7 +159,7 @@ def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
     assert table.read_text() == "mine"
 
 
-def test_failed_scenes_are_told_with_their_keys(tmp_path, capsys):
+def test_failed_scenes_are_reported_with_their_keys(tmp_path, capsys):
     sweep = '"reduction.reference" = ["static", "paper"]'
     path = sweep_file(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
     arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]

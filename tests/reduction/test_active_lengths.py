@@ -91,7 +91,7 @@ def test_creep_of_points_that_stick_is_no_slip():
 
 
 @pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
-def test_gross_slip_is_told_from_strain_and_creep(make):
+def test_gross_slip_is_distinguished_from_strain_and_creep(make):
     structure, system = make()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]

@@ -135,7 +135,7 @@ def test_estimate_tells_what_missing_modes_cost():
         assert found.of(source, "displacement_rms") == 0.0
 
 
-def test_what_cannot_be_condensed_is_told():
+def test_what_cannot_be_condensed_is_refused():
     system = system_of("plates")
     with pytest.raises(sj.InputError, match="'condensed' needs friction"):
         sj.condense(replace(system, w=np.zeros_like(system.w)))

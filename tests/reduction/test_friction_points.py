@@ -166,7 +166,7 @@ def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     assert reduced_system(line, basis, friction_points=7, warn=[]).w.size == 7
 
 
-def test_fewer_points_than_asked_for_are_told():
+def test_fewer_points_than_asked_for_are_reported():
     _, system, _ = case("strip")
     basis = own_basis(system, full("strip"), 5)
     warn: list[str] = []

@@ -90,13 +90,13 @@ def unloaded(structure: sj.Structure, system: sj.System, length: float) -> np.nd
     return structure.expand(basis.V.T)[..., 0].T
 
 
-def test_linear_region_follows_a_single_mouth_rigidly():
+def test_linear_region_follows_a_single_loaded_end_rigidly():
     V = unloaded(*fig_18(), 0.05)
     assert V.shape == (201, 5)
     assert np.allclose(V[100:], V[100], rtol=0.0, atol=1e-11 * np.abs(V).max())
 
 
-def test_linear_region_between_two_mouths_follows_linearly():
+def test_linear_region_between_two_loaded_ends_follows_linearly():
     regions = [("left", 0.1, 20), ("middle", 0.3, 30), ("right", 0.1, 20)]
     loads = [("middle", sj.Harmonic(1e5, 500.0))]
     V = unloaded(*bar(regions, ["left", "right"], loads, fixed=["start", "end"]), 0.05)

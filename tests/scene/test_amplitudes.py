@@ -225,7 +225,7 @@ def test_a_function_is_asked_for_all_times_at_once_and_its_mistakes_are_not_hidd
 
 
 @pytest.mark.parametrize("result", [None, "5", [1.0, 2.0, 3.0], 1j, math.nan, math.inf])
-def test_a_function_that_gives_no_number_is_told_so(result):
+def test_a_function_that_gives_no_number_is_refused(result):
     def wrong(t):
         return result if np.ndim(t) or t > 0.5 else 0.0
 

@@ -189,7 +189,7 @@ def test_files_that_unpack_to_far_more_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["K.npz", "K.mtx", "K.mat", "K.csv"])
-def test_a_cut_file_is_refused_or_told_of(tmp_path, name, caplog):
+def test_a_cut_file_is_refused_or_reported(tmp_path, name, caplog):
     """What is left of a table that is cut at the end of a row is another table."""
     path, whole = tmp_path / name, K.toarray()
     if name == "K.npz":

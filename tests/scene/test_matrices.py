@@ -187,7 +187,7 @@ def test_joints_of_pairs_have_what_pairs_can_take(how, said):
         MatrixModel(unit, unit, contacts={"lap": pairs}, joints=[joint])
 
 
-def test_rigid_motions_are_counted_and_a_floating_structure_is_told(tmp_path):
+def test_rigid_motions_are_counted_and_a_floating_structure_is_reported(tmp_path):
     _, tables = bar_export(tmp_path)
     tables["matrices"]["fixed"] = []
     tables["joint"][0]["friction"] = 0.0
@@ -270,7 +270,7 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({}, "\n".join(3 * [GOOD_PAIR]), "pair 3: other pairs of its nodes determine"),
     ],
 )
-def test_what_is_wrong_with_matrices_is_told_by_key_and_file(tmp_path, keys, contact, told):
+def test_what_is_wrong_with_matrices_is_reported_by_key_and_file(tmp_path, keys, contact, told):
     K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     files = {"K": K, "M": np.eye(3), "flat": np.ones((2, 3)), "small": np.eye(2)}
     files |= {"skew": K + np.eye(3, k=1), "negative": -K}
@@ -358,7 +358,7 @@ def test_pairs_that_lie_on_each_other_raise_no_doubt(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("change", [swapped, elsewhere])
-def test_a_pair_that_slips_as_all_moves_rigidly_is_told(dim, change):
+def test_a_pair_that_slips_as_all_moves_rigidly_is_reported(dim, change):
     some = two_bodies(dim, change)
     (found,) = some.unusual(some.system())
     assert "pair 5 of contact.upper slips" in found or "pair 6 of contact.upper slips" in found

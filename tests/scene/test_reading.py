@@ -124,7 +124,7 @@ def test_what_only_the_mesh_can_tell_is_refused_under_the_scenes_name(
     assert all(word in problem for word in words for problem in problems), problems
 
 
-def test_mistakes_of_tables_mesh_and_structure_are_told_together(scene_file):
+def test_mistakes_of_tables_mesh_and_structure_are_reported_together(scene_file):
     path = scene_file(
         ('fixed = ["left"]', 'fixed = ["lft"]'),
         ('against = "joint"', 'against = "nowhere"'),

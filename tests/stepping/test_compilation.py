@@ -150,7 +150,7 @@ def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path):
 
 
 @pytest.mark.slow
-def test_compilation_is_told_apart_from_preparation(tmp_path):
+def test_compilation_and_preparation_are_timed_apart(tmp_path):
     """A first run compiles; a run from the cache, or of another system, does not."""
     code = """
         from stepping_systems import of_stepper

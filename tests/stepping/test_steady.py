@@ -80,7 +80,7 @@ def test_linear_vibration_is_that_of_the_complex_stiffness(rho):
     ],
     ids=["little slip", "resonance", "gross slip", "dense", "slip vectors"],
 )
-def test_steady_vibration_is_where_marching_leads(system):
+def test_steady_vibration_is_where_long_time_integration_leads(system):
     run = sj.integrate(system, until="steady", steps_per_cycle=200)
     cycles = 60 if system.n < 60 else 600  # small ones are damped more
     marched = sj.integrate(system, cycles=cycles, steps_per_cycle=200)
@@ -120,7 +120,7 @@ def test_the_period_of_several_harmonics_is_the_common_one():
 
 @pytest.mark.parametrize("steps", [50, 52, 60, 100])
 @pytest.mark.parametrize("share", [0.7, 2.0, 6.0])
-def test_a_body_that_friction_alone_holds_vibrates_as_marching_says(steps, share):
+def test_a_body_that_friction_alone_holds_vibrates_as_after_long_time_integration(steps, share):
     system = loose(sj.Harmonic(1.0, 1500.0, 0.3), share=share)
     run = sj.integrate(system, until="steady", steps_per_cycle=steps)
     u = sj.integrate(system, cycles=1000, steps_per_cycle=steps).point_u[-steps - 1 :, 0]
