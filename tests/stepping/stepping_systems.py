@@ -139,7 +139,7 @@ def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
 
 
 def not_a_chain(system: System) -> System:
-    """The chain with its ends coupled, too weakly to matter, so that it is stepped as contact is."""
+    """The chain with its ends coupled, too weakly to matter: it is stepped as contact is."""
     K = system.K.tolil()
     K[0, -1] = K[-1, 0] = 1e-14 * system.K.diagonal().max()
     return replace(system, K=sparse.csr_array(K))
