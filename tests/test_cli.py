@@ -7,7 +7,6 @@ import subprocess
 import sys
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -357,20 +356,22 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
     assert "left as they are: notes.txt." in shown
 
 
-def test_error_time_replaces_what_was_there(scene, tmp_path, monkeypatch, capsys):
-    for name in error_time.THREADS:
-        monkeypatch.setenv(name, "1")
-    found = SimpleNamespace(title="", markdown=str, table=lambda: ([], []), points=[])
-    monkeypatch.setattr(error_time, "error_time", lambda *_, **__: found)
-    monkeypatch.setattr(error_time, "advice", lambda *_: "")
+@pytest.mark.slow
+def test_error_time_replaces_what_was_there(scene, tmp_path):
     out = earlier(tmp_path / "out")
-    for _ in range(2):
-        assert cli.main(["error-time", str(scene()), "--out", str(out)]) == 0
-        assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
+    arguments = ["error-time", "--quick", str(scene(ONE_CYCLE)), "--out", str(out)]
+    assert cli.main(arguments) == 0
+    assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
+
+
+def test_files_that_no_summary_lists_are_of_other_origin_and_stay(scene, tmp_path, capsys):
+    out = earlier(tmp_path / "out")
     (out / "summary.json").unlink()
+    before = files_below(out)
     for name in ("error-time", "run", "backbone", "response"):
         assert cli.main([name, str(scene()), "--out", str(out)]) == 2
         assert "move them away" in capsys.readouterr().err
+    assert files_below(out) == before
 
 
 @pytest.mark.parametrize(

@@ -264,8 +264,6 @@ def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(text.replace("cycles = 12", "cycles = 1") + SCENE, encoding="utf-8")
     command = [name, str(scene), *(["--quick"] if name == "error-time" else [])]
-    for thread in et.THREADS:
-        monkeypatch.setenv(thread, "1")
     monkeypatch.setattr(et, "QUICK", et.QUICK | {"modes": (2,), "factors": ()})
     assert cli.main([*command, "--out", str(tmp_path / "whole")]) == 0
     assert "taken up" not in capsys.readouterr().out
