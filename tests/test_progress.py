@@ -42,7 +42,7 @@ def told_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
 
 
 @pytest.mark.parametrize("estimated", [True, False])
-def test_a_response_reports_every_vibration_that_it_computes(estimated):
+def test_a_response_tells_every_vibration_that_it_looks_for(estimated):
     frequencies, levels = np.linspace(1900.0, 2100.0, 5), (0.5, 1.0)
     curves, told = told_by(
         lambda tell: response(BAR, frequencies, levels, estimated=estimated, progress=tell)

@@ -269,7 +269,7 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({}, "\n".join(3 * [GOOD_PAIR]), "pair 3: other pairs of its nodes determine"),
     ],
 )
-def test_what_is_wrong_with_matrices_is_reported_by_key_and_file(tmp_path, keys, contact, told):
+def test_what_is_wrong_with_matrices_is_told_by_key_and_file(tmp_path, keys, contact, told):
     K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     files = {"K": K, "M": np.eye(3), "flat": np.ones((2, 3)), "small": np.eye(2)}
     files |= {"skew": K + np.eye(3, k=1), "negative": -K}

@@ -125,7 +125,7 @@ WRONG: dict[str, tuple[str, str, list[tuple[str, str]], str]] = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_wrong_with_solids_is_one_sentence_and_status_2(tmp_path, wrong, capsys):
+def test_what_is_wrong_with_solids_is_told_in_a_sentence_with_status_2(tmp_path, wrong, capsys):
     lower, upper, changes, told = WRONG[wrong]
     files = {file.stem: file.read_text() for file in FILES.iterdir()}
     for kind in ("hex8", "tet10"):  # a corner is pushed through the elements beside it
