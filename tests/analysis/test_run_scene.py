@@ -114,7 +114,7 @@ def test_energy_balances_close_and_joints_add_up(what, request):
 
 FEW: dict[str, Any] = {"time": {"cycles": 6}}
 LITTLE: dict[str, Any] = {"load": [harmonic(amplitude=500.0)], "time": {"cycles": 3}}
-ENDS = [harmonic("mouth", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)]
+ENDS = [harmonic("loaded_end", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)]
 INNER: dict[str, Any] = FEW | {"bar": "inner_joint"}
 #: Scenes of bars and the largest errors of their reduced models: peak, friction energy, history.
 SOUND: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {

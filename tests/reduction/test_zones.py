@@ -25,7 +25,7 @@ PULL = Harmonic(1e5, 500.0)
 
 
 def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]:
-    """Name of each zone, and where along its axis its mouth and its other end are."""
+    """Name of each zone, and where along its axis its loaded end and its other end are."""
     found = []
     for zone in active_zones(structure, system):
         along = structure.nodes[zone.nodes] @ zone.axis
