@@ -126,9 +126,8 @@ def test_a_body_that_friction_alone_holds_vibrates_as_after_long_time_integratio
     u = sj.integrate(system, cycles=1000, steps_per_cycle=steps).point_u[-steps - 1 :, 0]
     amplitude = run.amplitude_of("end")
     assert amplitude == pytest.approx(0.5 * np.ptp(u), rel=1e-3)
-    assert (
-        abs(run.offset_of("end")) < 1e-4 * amplitude
-    )  # of the vibration without offset, which no long integration has
+    # A long integration keeps the offset of its start; the steady vibration has none.
+    assert abs(run.offset_of("end")) < 1e-4 * amplitude
     assert run.peak_of("end") == pytest.approx(amplitude, rel=1e-4)
     assert run.steady.unstrained == 1
     assert not run.steady.drift.any()
