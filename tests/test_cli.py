@@ -7,7 +7,6 @@ import subprocess
 import sys
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,7 +159,10 @@ def test_files_are_whole_when_nobody_reads_the_table(scene, tmp_path):
     assert (tmp_path / "text").read_bytes().startswith(b"Ring \\xd8 5 \\xe9 ")
 
 
-@pytest.mark.parametrize("closed", [(1,), (2,), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize(
+    "closed",
+    [*(pytest.param(some, marks=pytest.mark.slow) for some in [(1,), (2,), (1, 2)]), (0, 1, 2)],
+)
 def test_closed_streams_lose_no_result_and_get_into_no_file(closed, scene, tmp_path):
     path, out = scene(FULL_ONLY, ONE_CYCLE), tmp_path / "out"
     for run, status in ((command("run", path, "--out", out), 0), (command("check", out), 2)):
@@ -185,7 +187,7 @@ def test_broken_streams_end_without_a_traceback(tmp_path):
 
 
 def test_what_a_terminal_would_obey_is_shown_as_escapes(scene, tmp_path, capsys):
-    """A title, a name, a key, in what is said, refused and told of progress."""
+    """A title, a name and a key: in results, refusals and progress."""
     wild = "\\u001B]0;mine\\u0007\\u009B31m\\u202Ered"
     path = scene(FULL_ONLY, ONE_CYCLE, ('title = "', f'title = "{wild}'))
     assert cli.main(["run", str(path), "--out", str(tmp_path / "out"), "-v"]) == 0
@@ -281,7 +283,7 @@ def test_reduction_that_does_not_fit_the_scene(scene, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
 )
-def test_missing_optional_library_is_told_before_the_run(
+def test_a_missing_optional_library_is_named_before_the_run(
     library, asked, scene, tmp_path, capsys, monkeypatch
 ):
     for module in [name for name in sys.modules if name.split(".")[0] == library]:
@@ -364,20 +366,22 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
     assert "left as they are: notes.txt." in shown
 
 
-def test_error_time_replaces_what_was_there(scene, tmp_path, monkeypatch, capsys):
-    for name in error_time.THREADS:
-        monkeypatch.setenv(name, "1")
-    found = SimpleNamespace(title="", markdown=str, table=lambda: ([], []), points=[])
-    monkeypatch.setattr(error_time, "error_time", lambda *_, **__: found)
-    monkeypatch.setattr(error_time, "advice", lambda *_: "")
+@pytest.mark.slow
+def test_error_time_replaces_what_was_there(scene, tmp_path):
     out = earlier(tmp_path / "out")
-    for _ in range(2):
-        assert cli.main(["error-time", str(scene()), "--out", str(out)]) == 0
-        assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
+    arguments = ["error-time", "--quick", str(scene(ONE_CYCLE)), "--out", str(out)]
+    assert cli.main(arguments) == 0
+    assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
+
+
+def test_files_that_no_summary_lists_are_of_other_origin_and_stay(scene, tmp_path, capsys):
+    out = earlier(tmp_path / "out")
     (out / "summary.json").unlink()
+    before = files_below(out)
     for name in ("error-time", "run", "backbone", "response"):
         assert cli.main([name, str(scene()), "--out", str(out)]) == 2
         assert "move them away" in capsys.readouterr().err
+    assert files_below(out) == before
 
 
 @pytest.mark.parametrize(

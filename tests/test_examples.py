@@ -101,6 +101,7 @@ def test_the_brake_reuss_beam_has_the_published_frequencies():
     assert all(0.98 * low < one < 1.02 * high for one, (low, high) in pairs)
 
 
+@pytest.mark.slow
 def test_peaks_of_the_response_lie_where_the_structure_rings_down(run):
     found = run("damping")
     down, end = found["down"], found["end"]

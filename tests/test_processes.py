@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -49,11 +50,11 @@ def scene(tmp_path):
     [
         ("run", False),
         ("sweep --workers 2", False),
-        ("sweep --workers 2", True),
-        ("sweep --workers 2 --executor dask", False),
-        ("response --workers 2", False),
-        ("error-time --quick", False),
-        ("error-time --quick", True),
+        pytest.param("sweep --workers 2", True, marks=pytest.mark.slow),
+        pytest.param("sweep --workers 2 --executor dask", False, marks=pytest.mark.slow),
+        pytest.param("response --workers 2", False, marks=pytest.mark.slow),
+        pytest.param("error-time --quick", False, marks=pytest.mark.slow),
+        pytest.param("error-time --quick", True, marks=pytest.mark.slow),
     ],
 )
 def test_no_command_runs_code_of_the_current_folder(command, of_module, scene, tmp_path):
@@ -84,8 +85,17 @@ def children(pid: int) -> int:
     return count
 
 
-@pytest.mark.parametrize("executor", ["processes", "dask"])
-@pytest.mark.parametrize("delay", [0.0, 0.2, 1.0, 3.0])
+#: The executor of a sweep, and the time (s) from the start of its second process.
+INTERRUPTS = [*product(("processes", "dask"), (0.0, 0.2, 1.0, 3.0))]
+
+
+@pytest.mark.parametrize(
+    ("executor", "delay"),
+    [
+        pytest.param(*case, marks=() if case == ("processes", 0.2) else pytest.mark.slow)
+        for case in INTERRUPTS
+    ],
+)
 def test_an_interrupt_is_a_sentence_whenever_it_comes(executor, delay, scene, tmp_path):
     """Ctrl-C reaches all processes of a terminal, here while the second one is being started."""
     if executor == "dask":
@@ -95,8 +105,6 @@ def test_an_interrupt_is_a_sentence_whenever_it_comes(executor, delay, scene, tm
     process = subprocess.Popen(
         [sys.executable, str(script), "sweep", str(path), *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        # A shell's job ignores it.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     while process.poll() is None and children(process.pid) < 2:
         time.sleep(0.002)

@@ -38,7 +38,13 @@ def valid(rng: random.Random) -> tuple[Tables, NamedMesh]:
     return tables, sj.merged(bodies) if len(bodies) > 1 else bodies[0]
 
 
-@pytest.mark.parametrize("part", range(6))
+def in_parts(count: int) -> pytest.MarkDecorator:
+    """So many parts of the scenes drawn at random; all but the first are slow cases."""
+    slow = [pytest.param(part, marks=pytest.mark.slow) for part in range(1, count)]
+    return pytest.mark.parametrize("part", [0, *slow])
+
+
+@in_parts(6)
 def test_any_valid_scene_keeps_the_invariants(part):
     for seed in range(25 * part, 25 * part + 25):
         scene = scene_from(*valid(random.Random(seed)))
@@ -121,7 +127,7 @@ def wrong_values(key: str, value: Any) -> tuple[Any, ...]:
     return wrong
 
 
-@pytest.mark.parametrize("part", range(6))
+@in_parts(6)
 def test_one_wrong_value_is_refused_by_the_name_of_its_key(part):
     for seed in range(50 * part, 50 * part + 50):
         rng = random.Random(seed)
@@ -142,7 +148,7 @@ REQUIRED = {"material", "load", "time", "file", "E", "density", "pressure", "fri
             "rise_time"}  # fmt: skip
 
 
-@pytest.mark.parametrize("part", range(5))
+@in_parts(5)
 def test_an_unknown_and_a_missing_key_are_refused_by_name(part):
     for seed in range(50 * part, 50 * part + 50):
         rng = random.Random(seed)

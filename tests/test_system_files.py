@@ -29,7 +29,7 @@ SHAPES = [
 
 def bar(*shapes):
     """A bar pressed on a base over a third of its length."""
-    mesh = sj.build_bar([("joint", 0.1, 10), ("arm", 0.2, 10)], {"mouth": 0.1, "end": 0.3})
+    mesh = sj.build_bar([("joint", 0.1, 10), ("arm", 0.2, 10)], {"loaded_end": 0.1, "end": 0.3})
     structure = sj.Structure(
         mesh, sj.Material(E=200e9, density=8000.0), width=0.05, thickness=0.01,
         joints=[sj.Joint("joint", 50e6, 0.7)], stiffness_damping=1e-6, free=True,

@@ -22,7 +22,7 @@ BARS: dict[str, tuple[list[tuple[str, float, int]], dict[str, float]]] = {
     ),
     "inner_joint": (
         [("a", 0.2, 20), ("joint", 0.2, 100), ("b", 0.2, 20)],
-        {"fixed": 0.0, "mouth": 0.2, "free_end": 0.6},
+        {"fixed": 0.0, "loaded_end": 0.2, "free_end": 0.6},
     ),
     "coarse": ([("joint", 0.1, 4), ("linear", 0.5, 10)], STRUCTURE),
     "lap_joint": ([("joint", LENGTH, 100)], {"fixed": 0.0, "free_end": LENGTH}),

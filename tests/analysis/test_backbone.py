@@ -96,7 +96,7 @@ def test_a_joint_beyond_its_limit_slips_as_a_whole():
 
 
 @pytest.mark.parametrize("bolted", [False, True])
-def test_loops_of_slips_that_turn_agree_with_masings_within_what_is_told(bolted):
+def test_loops_of_slips_that_turn_agree_with_masings_within_the_stated_error(bolted):
     (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
     assert 1e-6 < found.masing_error < 0.1
 
@@ -108,7 +108,7 @@ def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_stick
     assert held.friction_damping == pytest.approx(fixed.friction_damping, rel=1e-5)
 
 
-def test_higher_modes_near_odd_multiples_are_told():
+def test_higher_modes_near_odd_multiples_are_reported():
     (found,) = backbone(bar(), levels=2)
     assert any("mode 2 at 3 times" in sentence for sentence in found.warnings)
 
@@ -152,7 +152,7 @@ def test_nothing_is_left_where_all_is_in_contact():
         backbone(whole)
 
 
-def test_modes_that_ring_together_are_told_apart():
+def test_modes_that_ring_together_are_separated():
     system = struck(1.0, 1e-6)  # a newton: the joint sticks
     hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
     for curve in backbone(system, (1, 2), levels=1):
@@ -205,7 +205,7 @@ def creeping(beta: float) -> sj.System:
     return replace(system, M=mass)
 
 
-def test_a_law_that_creeps_is_told_to_damp_as_its_ring_down_does():
+def test_the_stated_damping_of_a_law_that_creeps_is_that_of_its_ring_down():
     """With beta = 100 s/m Coulomb's curve is from 0.2 to 3 %, the ring-down from 1 to 3 %."""
     downs = {}
     for beta in (np.inf, 100.0):

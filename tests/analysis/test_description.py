@@ -97,7 +97,13 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
     assert run_scene(scene).models["full"].run.energy_residual < 1e-9
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.slow if "solid" in path.stem else ())
+        for path in EXAMPLES
+    ],
+)
 def test_sound_scenes_raise_no_doubt(path):
     """But where plates lapped on each other are bent, which changes the pressure between them."""
     scene = load_scene(path)

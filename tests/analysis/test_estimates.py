@@ -83,14 +83,14 @@ def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_
         assert np.abs(V.T @ (system.M @ lacks)).max(initial=0.0) < 1e-9
 
 
-def test_what_few_unknowns_lack_does_not_depend_on_the_basis():
+def test_the_error_of_few_unknowns_does_not_depend_on_the_basis():
     """Of 13 unknowns the basis spans most: what is left of known motions is all but round-off."""
     one = judged(list(scenes(8086, 6))[-1])
     assert not one.refused
     assert None not in one.stated.values()
 
 
-def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
+def test_missing_modes_reduce_the_error_of_a_basis_to_a_fraction():
     scene = bar_scene("reduced")
     system, plan, V = scene.system(), plan_of(scene), basis_for(scene).V
     full, residual = results(verification_run(system, plan)), Residual(system)
@@ -105,7 +105,7 @@ def test_enriching_a_basis_by_what_it_lacks_leaves_a_fraction_of_its_error():
 
 
 @pytest.mark.parametrize(("sets", "looked_at"), [(80, False), (30, True)])
-def test_what_merged_points_leave_out_is_told_and_not_from_below(sets, looked_at, monkeypatch):
+def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at, monkeypatch):
     """Without a step of all points, where few of them resolve how the model slips."""
     scene = plate_scene("reduced", mesh=plate(100))
     system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
@@ -143,7 +143,7 @@ def test_scenes_at_random_state_their_errors(kind, count):
 
 
 @pytest.mark.parametrize("steps", [8, 25, 50])
-def test_time_step_of_a_resonant_joint_is_told(steps):
+def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
     resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
     scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
     plan, system = plan_of(scene), scene.system()
@@ -164,7 +164,7 @@ def test_a_full_estimate_takes_half_the_steps_and_twice_as_many_where_they_diffe
 
 
 @pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
-def test_looks_end_where_the_reduced_run_has_settled(monkeypatch, frequency, settles):
+def test_verification_runs_end_where_the_reduced_run_has_settled(monkeypatch, frequency, settles):
     taken = steps_taken(monkeypatch, estimate)
     damped = {"damping": {"stiffness": 1e-5 if settles else 1e-7}}
     time = {"cycles": 12, "steps_per_cycle": 100}
@@ -173,7 +173,7 @@ def test_looks_end_where_the_reduced_run_has_settled(monkeypatch, frequency, set
     assert set(taken[:-1]) == {400 if settles else 1200}  # the run itself is not made again
 
 
-def test_an_error_beyond_five_percent_is_told_with_its_source_and_cure():
+def test_an_error_beyond_five_percent_is_reported_with_its_source_and_cure():
     few = {"reference": "paper", "active_length": 0.03}
     (told,) = [w for w in run_scene(bar_scene("reduced", reduction=few)).warnings if "errs by" in w]
     assert "friction energy of the reduced model" in told

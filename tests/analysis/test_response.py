@@ -12,7 +12,6 @@ from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.analysis import linear_response as linear
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import at_frequency
@@ -38,11 +37,9 @@ def test_small_and_large_loads_go_to_the_linear_limits():
         assert curve.column("amplitude") / curve.level == pytest.approx(linear, rel=2e-3)
 
 
-def test_a_linear_response_takes_few_factors(monkeypatch):
-    system, f, made = bar(), np.linspace(1500.0, 2800.0, 60), []
-    monkeypatch.setattr(linear, "splu", lambda H: made.append(0) or splu(H))
+def test_a_linear_response_is_the_amplitude_of_complex_numbers():
+    system, f = bar(), np.linspace(1500.0, 2800.0, 60)
     found = linear_response(system, f, stuck=False)
-    assert len(made) <= 4
     exact = []
     for omega in 2.0 * np.pi * f:
         H = system.K + 1j * omega * system.C - omega**2 * system.M

@@ -128,8 +128,8 @@ class Interrupted(Rows):
 RESPONSE = {"frequencies": {"from": 1800.0, "to": 2600.0, "points": 4}, "levels": [0.1, 0.3]}
 
 
-def response_of(rows: Rows, **options: Any) -> Any:
-    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={}, **options)
+def response_of(rows: Rows) -> Any:
+    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={})
     found = scene_response(scene, None, rows=rows)
     return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
 
@@ -141,9 +141,9 @@ def side_by_side(rows: Rows) -> Any:
     return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
 
 
-def backbone_of(rows: Rows) -> Any:
+def backbone_of(rows: Rows, **options: Any) -> Any:
     asked = {"levels": 4, "ring_down": 6, "modes": [1, 2]}
-    scene = bar_scene(bar="structure", backbone=asked, reduction={})
+    scene = bar_scene(bar="structure", backbone=asked, reduction={}, **options)
     found = scene_backbone(scene, rows=rows)
     return [(m.name, m.curves, m.ring_downs, m.errors) for m in found.models], found.warnings
 
@@ -203,11 +203,10 @@ def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, t
 
 def test_rows_of_another_scene_are_not_used(tmp_path):
     path = tmp_path / "rows.jsonl"
-    response_of(Rows(path, RESPONSE_ROWS))
-    rows, other = Rows(path, RESPONSE_ROWS), {"joint": [joint(friction=0.65)]}
-    found = response_of(rows, **other)
-    assert rows.taken == 0
-    assert same(found, response_of(Rows(tmp_path / "other.jsonl", RESPONSE_ROWS), **other))
+    backbone_of(Rows(path, BACKBONE_ROWS))
+    rows = Rows(path, BACKBONE_ROWS)
+    backbone_of(rows, joint=[joint(friction=0.65)])
+    assert rows.taken == 0 < rows.made
 
 
 SCENE = """
@@ -241,9 +240,18 @@ def timeless(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("name", ["response", "backbone", "error-time"])
-def test_a_command_that_is_told_to_end_keeps_its_rows_and_goes_on(
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("response", signal.SIGINT),
+        ("backbone", signal.SIGTERM),
+        pytest.param("response", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("backbone", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("error-time", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("error-time", signal.SIGTERM, marks=pytest.mark.slow),
+    ],
+)
+def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
     name, number, tmp_path, capsys, monkeypatch
 ):
     text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
@@ -252,8 +260,6 @@ def test_a_command_that_is_told_to_end_keeps_its_rows_and_goes_on(
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(text.replace("cycles = 12", "cycles = 1") + SCENE, encoding="utf-8")
     command = [name, str(scene), *(["--quick"] if name == "error-time" else [])]
-    for thread in et.THREADS:
-        monkeypatch.setenv(thread, "1")
     monkeypatch.setattr(et, "QUICK", et.QUICK | {"modes": (2,), "factors": ()})
     assert cli.main([*command, "--out", str(tmp_path / "whole")]) == 0
     assert "taken up" not in capsys.readouterr().out

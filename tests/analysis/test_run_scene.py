@@ -115,7 +115,7 @@ def test_energy_balances_close_and_joints_add_up(what, request):
 
 FEW: dict[str, Any] = {"time": {"cycles": 6}}
 LITTLE: dict[str, Any] = {"load": [harmonic(amplitude=500.0)], "time": {"cycles": 3}}
-ENDS = [harmonic("mouth", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)]
+ENDS = [harmonic("loaded_end", 80e3, 300.0), harmonic("free_end", 87.5e3, 300.0)]
 INNER: dict[str, Any] = FEW | {"bar": "inner_joint"}
 #: Scenes of bars and the largest errors of their reduced models: peak, friction energy, history.
 SOUND: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
@@ -191,7 +191,7 @@ def test_gross_slip_of_a_plate_warns_at_every_frequency():
     assert GROSS not in said(20e3)
 
 
-def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
+def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_reported():
     note = "Edges were made straight."
     results = sj.run_scene(
         plate_scene(
@@ -206,7 +206,7 @@ def test_notes_of_the_mesh_keys_without_effect_and_unsteady_ends_are_told():
     assert any("reduction.active_length has no effect" in one for one in results.warnings)
 
 
-def test_steady_vibration_is_told_apart_from_an_offset_that_depends_on_its_past():
+def test_steady_vibration_is_separated_from_an_offset_that_depends_on_its_past():
     upper = {"on": "upper_joint", "against": "joint", "pressure": 1e6, "friction": MU}
     loads = [
         harmonic("upper_right", 7e3, 1500.0) | {"direction": [1.0, 0.0]},
@@ -271,7 +271,7 @@ def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
         assert np.abs(found.friction).max() <= 1.0 + 1e-12
 
 
-def test_reduced_beta_follows_the_slip_velocity_and_is_told():
+def test_reduced_beta_follows_the_slip_velocity_and_is_reported():
     told = run_bar("reduced", time={"cycles": 2})
     assert any("uses beta = " in warning for warning in told.warnings)
     assert np.all(told.models["reduced"].run.system.beta < 1e5)

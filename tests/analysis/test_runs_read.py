@@ -57,13 +57,13 @@ def test_the_peak_stress_of_a_bar_in_tension_is_force_over_area(dim):
 def jointed(limit=0.9):
     """A bar pressed on a base over its first 0.1 m, pulled by a share of what friction holds."""
     strips = [("joint", 0.1, 50), ("arm", 0.1, 5)]
-    mesh = sj.build_bar(strips, {"mouth": 0.1, "end": 0.2})
+    mesh = sj.build_bar(strips, {"loaded_end": 0.1, "end": 0.2})
     structure = sj.Structure(
         mesh, sj.Material(200e9, 8000.0), width=0.05, thickness=0.01, stiffness_damping=1e-6,
         joints=[sj.Joint("joint", 8e6, 0.7, beta=np.inf)],
     )  # fmt: skip
     load = sj.Load("end", sj.Harmonic(limit * 8e6 * 0.7 * 0.1 * 0.05, 50.0))
-    return structure, structure.system([load], points=["mouth"])
+    return structure, structure.system([load], points=["loaded_end"])
 
 
 def test_the_active_region_of_slow_slip_is_the_load_over_the_friction_by_length():

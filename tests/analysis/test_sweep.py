@@ -137,7 +137,7 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
         assert journal.read_text() == others
 
 
-@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("given", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_killed_process_costs_no_row(scenes, given):
     def killing(rows):
         for k, row in enumerate(rows):
@@ -154,6 +154,7 @@ def test_a_killed_process_costs_no_row(scenes, given):
     assert_all_there(rows, scenes)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_killed_worker_of_dask_costs_no_row():
     distributed = pytest.importorskip("distributed")

@@ -109,6 +109,7 @@ def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(truth,
         FirstOrder(coulomb.system)
 
 
+@pytest.mark.slow
 def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth):
     gentle = replace(truth, system=truth.system.with_beta(20.0))
     own = results(truth.grid.integrate(gentle.system, 256))
@@ -120,6 +121,7 @@ def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth):
             assert difference(own, found.results)["displacement_rms"] < 1e-6
 
 
+@pytest.mark.slow
 def test_the_report_joins_competitors_to_our_models(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ready_made, "load_scene", lambda _: small(beta=200.0))
     monkeypatch.setattr(ready_made, "COARSE", (5,))
@@ -134,6 +136,7 @@ def test_the_report_joins_competitors_to_our_models(tmp_path, monkeypatch, capsy
     assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_benchmarks_of_steps_run(monkeypatch, capsys):
     monkeypatch.setattr(growth, "SIZES", ((20, 5, 1), (40, 5, 1)))
     growth.main(["--quick"])
@@ -159,6 +162,7 @@ def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
     assert "memory said" in text
 
 
+@pytest.mark.slow
 def test_reductions_keep_what_was_asked_of_them(capsys):
     """Bars of the paper, under several harmonics, and bodies in the plane: one of each maker."""
     reduction.main(["Case VII", "1 : 5", "bending"])

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks import explicit
 from benchmarks.explicit import runge_kutta, stable_step
+from bodies import DENSITY, E
 from scipy import linalg
 from stepping_systems import LapJoint, dense_system, order_of, oscillator, reference_plate
 
@@ -50,13 +50,24 @@ def test_reduction_stretches_the_stable_step_by_around_17():
     assert ratio == pytest.approx(16.6, abs=0.05)
 
 
-def test_bounds_for_large_systems_are_safe_and_near(monkeypatch):
-    for changes in ({}, {"beta": 1.0}, {"friction": 0.0, "options": {"stiffness_damping": 1e-8}}):
-        system = LapJoint(elements=60, **changes).system
-        exact = stable_step(system)
-        with monkeypatch.context() as patch:
-            patch.setattr(explicit, "DENSE_LIMIT", 10)
-            assert 0.9 * exact < stable_step(system) <= exact
+def test_bounds_for_large_systems_are_safe_and_near():
+    """Where not all eigenvalues are computed, beside closed forms of a uniform bar."""
+    n, length = 600, 0.25
+    highest = 2.0 * np.sqrt(E / DENSITY) * n / length * np.cos(np.pi / 4.0 / n)  # rad/s
+    damping, real_axis = 1e-5, 2.785293563
+    rate = 0.5 * damping * highest**2 * (1.0 + np.sqrt(1.0 - (2.0 / damping / highest) ** 2))
+    friction = LapJoint(elements=n, beta=1e7, options={"mass": "lumped"}).system
+    slope = (friction.w * 2.0 / np.pi * 1e7 / friction.M.diagonal()).max()
+    bars = [
+        LapJoint(elements=n, friction=0.0, options={"mass": "lumped", "stiffness_damping": b})
+        for b in (1e-12, damping)
+    ]
+    for system, exact in (
+        (bars[0].system, 2.0 * np.sqrt(2.0) / highest),
+        (bars[1].system, real_axis / rate),
+        (friction, real_axis / slope),
+    ):
+        assert 0.9 * exact < stable_step(system) <= exact * (1.0 + 1e-9)
 
 
 def test_step_beyond_the_stable_one_is_refused_and_the_right_one_named():

@@ -230,7 +230,7 @@ def test_creep_of_stuck_points_of_plates_is_wrong_in_silence(monkeypatch, bodies
 # The report
 
 
-def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, monkeypatch, capsys):
+def test_what_is_wrong_is_counted_and_named_and_sets_the_exit_status(tmp_path, monkeypatch, capsys):
     verdicts = [
         Verdict(EASY, RIGHT, error=1e-3, error_bound=0.02, energy=1e-12),
         Verdict(replace(EASY, axis="explicit"), REFUSED, "a step of 1e-5 s; use 2e-6 s"),
@@ -247,6 +247,7 @@ def test_what_is_wrong_is_counted_named_and_told_by_the_exit_status(tmp_path, mo
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out

@@ -61,7 +61,7 @@ def solve(method: str, H0: Any, H1: Any, w: Any, beta: Any, g: Any) -> tuple[boo
     [("newton", 2), ("newton", 60), *((m, n) for m in ("nested", "descend") for n in (2, 60, 130))],
 )
 @pytest.mark.parametrize("beta", LAWS)
-def test_every_tier_finds_the_minimiser_of_the_step(method, beta, n):
+def test_every_tier_converges_to_the_minimiser_of_the_step(method, beta, n):
     for seed in range(5):
         H0, H1, w, betas, g = problem(n, beta, seed)
         converged, v, sigma = solve(method, H0, H1, w, betas, g)

@@ -106,6 +106,7 @@ def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
 
 
+@pytest.mark.slow
 @paraview
 @pytest.mark.parametrize("series", ["bars"], indirect=True)
 def test_without_a_display_the_script_draws_or_says_what_is_missing(series, tmp_path):
@@ -139,6 +140,7 @@ def display():
             server.terminate()
 
 
+@pytest.mark.slow
 @drawing
 @pytest.mark.parametrize("series", ["bars", "solids"], indirect=True)
 def test_the_script_draws_the_joint_and_the_mark_on_its_load(series, tmp_path, display):

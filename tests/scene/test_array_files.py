@@ -111,7 +111,7 @@ def header(shape: str, kind: str = "<f8") -> bytes:
 
 
 def archived(path: Path, data: bytes, how: int = zipfile.ZIP_STORED) -> None:
-    with zipfile.ZipFile(path, "w", how) as archive:
+    with zipfile.ZipFile(path, "w", how, compresslevel=1) as archive:
         archive.writestr("K.npy", data)
 
 
@@ -178,11 +178,11 @@ def test_files_that_unpack_to_far_more_are_refused(tmp_path):
     """A dense matrix of zeros takes a thousandth of its size as a file."""
     zeros = header(f"({LIMITS.unpacked // 8},)") + bytes(LIMITS.unpacked)
     archived(tmp_path / "K.npz", zeros, zipfile.ZIP_DEFLATED)
-    assert (tmp_path / "K.npz").stat().st_size < LIMITS.unpacked // 500
+    assert (tmp_path / "K.npz").stat().st_size < LIMITS.unpacked // 200
     refused(tmp_path, "K.npz", "it unpacks to .* bytes, must be at most")
     content = io.BytesIO()
     savemat(content, {"K": np.zeros((2, 2))})
-    part = zlib.compress(content.getvalue()[128:] + bytes(LIMITS.unpacked))
+    part = zlib.compress(content.getvalue()[128:] + bytes(LIMITS.unpacked), level=1)
     data = content.getvalue()[:128] + struct.pack("<II", 15, len(part)) + part
     (tmp_path / "K.mat").write_bytes(data)
     refused(tmp_path, "K.mat", "it unpacks to .* bytes, must be at most")
@@ -199,7 +199,7 @@ def test_a_cut_file_is_refused_or_reported(tmp_path, name, caplog):
     elif name == "K.mat":
         savemat(path, {"K": K.tocsc()}, do_compression=True)
     else:
-        np.savetxt(path, whole, delimiter=",")
+        np.savetxt(path, whole, delimiter=",", fmt="%g")
     content = path.read_bytes()
     assert np.array_equal(as_dense(read_array(tmp_path, name)), whole)
     assert not caplog.messages

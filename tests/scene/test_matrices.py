@@ -214,7 +214,7 @@ def scene_file(folder: Path, tables: dict[str, Any]) -> Path:
 @pytest.mark.parametrize(
     "command", ["check", "run", "response", "backbone", "error-time", "sweep", "resume"]
 )
-def test_every_command_takes_matrices(tmp_path, command, monkeypatch):
+def test_every_command_takes_matrices(tmp_path, command):
     changes = {"reduction": {}, "time": SHORT, "bar": "coarse"}
     _, tables = bar_export(tmp_path, npz, "full", "reduced", **changes)
     tables["output"] = {"plots": command == "run"}
@@ -225,7 +225,6 @@ def test_every_command_takes_matrices(tmp_path, command, monkeypatch):
     }
     tables |= {command: extra[command]} if command in extra else {}
     path, out = scene_file(tmp_path, tables), tmp_path / "out"
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
     options = {"error-time": ["--quick"], "sweep": ["--workers", "1"]}
     options["resume"] = ["--checkpoint-every", "10"]
     arguments = [] if command == "check" else ["--out", str(out), *options.get(command, [])]

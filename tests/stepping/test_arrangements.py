@@ -10,11 +10,17 @@ import skfem
 from bodies import LAP, lap, structure
 from scipy import sparse
 from scipy.integrate import trapezoid
-from stepping_systems import LapJoint, reference_plate, relative_slips, run_of, struts
+from stepping_systems import (
+    LapJoint,
+    not_a_chain,
+    reference_plate,
+    relative_slips,
+    run_of,
+    struts,
+)
 
 import skfem_joint as sj
-from skfem_joint.stepping import driver
-from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
 
@@ -148,7 +154,7 @@ def test_a_load_on_a_region_works_on_its_mean_displacement():
 
 
 @pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.5)])
-def test_all_steppers_keep_the_same_books(scheme, monkeypatch):
+def test_all_steppers_keep_the_same_books(scheme):
     """A linear system, with friction too faint to be felt where a stepper needs some."""
     system = LapJoint(elements=25).system
     none = replace(system, w=0.0 * system.w)
@@ -156,9 +162,8 @@ def test_all_steppers_keep_the_same_books(scheme, monkeypatch):
     start = (np.linspace(0.0, 1e-5, 25), np.linspace(0.1, -0.1, 25))
     options: dict[str, Any] = {"scheme": scheme, "cycle_steps": 40, "initial": start}
     runs = {"linear": run_of(none, **options), "chain": run_of(faint, **options),
-            "dense": run_of(faint.project(np.eye(25)), **options)}  # fmt: skip
-    monkeypatch.setattr(driver, "arranged", lambda s: Arranged(s, "contact"))
-    runs["contact"] = run_of(faint, **options)
+            "dense": run_of(faint.project(np.eye(25)), **options),
+            "contact": run_of(not_a_chain(faint), **options)}  # fmt: skip
     expected = runs.pop("linear")
     assert expected.counters.friction_evaluations == 0
     for kind, run in runs.items():
@@ -179,11 +184,9 @@ def test_all_steppers_keep_the_same_books(scheme, monkeypatch):
 
 @pytest.mark.parametrize("beta", [1e5, 1e9, inf])
 @pytest.mark.parametrize("normal_force", ["equal", "consistent"])
-def test_contact_steps_of_a_chain_agree_with_the_chain_s_own(beta, normal_force, monkeypatch):
+def test_contact_steps_of_a_chain_agree_with_the_chain_s_own(beta, normal_force):
     system = LapJoint(elements=40, beta=beta, normal_force=normal_force).system
-    chain = run_of(system)
-    monkeypatch.setattr(driver, "arranged", lambda s: Arranged(s, "contact"))
-    contact = run_of(system)
+    chain, contact = run_of(system), run_of(not_a_chain(system))
     assert chain.counters.linear_solves == 0
     assert contact.counters.linear_solves > 0
     assert_same(contact, chain, rtol=1e-8)

@@ -9,6 +9,8 @@ import sys
 import textwrap
 from pathlib import Path
 
+import pytest
+
 HERE = Path(__file__).parent
 #: Runs a function in a forked process, which then has imported but not compiled anything.
 FORKED = """
@@ -50,6 +52,7 @@ def errors_of(*code: str, **environment: str) -> str:
     return result.stderr
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_or_loaded_while_time_is_taken():
     """The first steps ask for the load; from then on no function meets new types."""
     code = """
@@ -146,7 +149,8 @@ def test_on_a_full_disk_all_runs_and_it_is_said_once(tmp_path):
     assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1
 
 
-def test_compilation_is_told_apart_from_preparation(tmp_path):
+@pytest.mark.slow
+def test_compilation_and_preparation_are_timed_apart(tmp_path):
     """A first run compiles; a run from the cache, or of another system, does not."""
     code = """
         from stepping_systems import of_stepper

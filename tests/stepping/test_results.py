@@ -49,14 +49,3 @@ def test_shapes_are_those_that_are_described(run):
                 checked += 1
     assert checked == 22
     assert [part.shape for part in run.final] == [(system.n,), (system.n,)]
-
-
-def test_a_run_is_shown_in_a_few_lines(run):
-    lines = repr(run).splitlines()
-    assert len(lines) == 7
-    assert lines[0] == "Run of 120 steps, to 0.006 s"
-    assert f"end {run.peak_of('end'):.6g} m" in lines[3]
-    assert f"joint {run.friction_energy['joint']:.6g} J" in lines[4]
-    assert repr(run.cycles) in lines[5]
-    assert max(map(len, lines)) < 200
-    assert repr(sj.integrate(run.system, step=1e-5, n_steps=2).cycles) == "Cycles: none"

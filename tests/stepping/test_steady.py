@@ -80,12 +80,12 @@ def test_linear_vibration_is_that_of_the_complex_stiffness(rho):
     ],
     ids=["little slip", "resonance", "gross slip", "dense", "slip vectors"],
 )
-def test_steady_vibration_is_where_marching_leads(system):
+def test_steady_vibration_is_where_long_time_integration_leads(system):
     run = sj.integrate(system, until="steady", steps_per_cycle=200)
     cycles = 60 if system.n < 60 else 600  # small ones are damped more
-    marched = sj.integrate(system, cycles=cycles, steps_per_cycle=200)
-    assert amplitude(run) == pytest.approx(amplitude(marched), rel=5e-4)
-    assert run.cycles.friction[-1] == pytest.approx(marched.cycles.friction[-1], rel=5e-4)
+    integrated = sj.integrate(system, cycles=cycles, steps_per_cycle=200)
+    assert amplitude(run) == pytest.approx(amplitude(integrated), rel=5e-4)
+    assert run.cycles.friction[-1] == pytest.approx(integrated.cycles.friction[-1], rel=5e-4)
     # All of the work of the loads is lost in the period.
     lost = run.friction_work.sum() + run.viscous_work + run.scheme_work
     assert run.input_work.sum() == pytest.approx(lost, rel=3e-4)
@@ -120,13 +120,14 @@ def test_the_period_of_several_harmonics_is_the_common_one():
 
 @pytest.mark.parametrize("steps", [50, 52, 60, 100])
 @pytest.mark.parametrize("share", [0.7, 2.0, 6.0])
-def test_a_body_that_friction_alone_holds_vibrates_as_marching_says(steps, share):
+def test_a_body_that_friction_alone_holds_vibrates_as_after_long_time_integration(steps, share):
     system = loose(sj.Harmonic(1.0, 1500.0, 0.3), share=share)
     run = sj.integrate(system, until="steady", steps_per_cycle=steps)
     u = sj.integrate(system, cycles=1000, steps_per_cycle=steps).point_u[-steps - 1 :, 0]
     amplitude = run.amplitude_of("end")
     assert amplitude == pytest.approx(0.5 * np.ptp(u), rel=1e-3)
-    assert abs(run.offset_of("end")) < 1e-4 * amplitude  # the one without, which is no marching's
+    # A long integration keeps the offset of its start; the steady vibration has none.
+    assert abs(run.offset_of("end")) < 1e-4 * amplitude
     assert run.peak_of("end") == pytest.approx(amplitude, rel=1e-4)
     assert run.steady.unstrained == 1
     assert not run.steady.drift.any()
@@ -148,8 +149,8 @@ def test_the_search_does_not_depend_on_where_a_loose_body_lies():
 def test_a_body_that_drifts_for_ever_has_a_steady_velocity():
     system = loose(sj.Harmonic(1.0, 1500.0), sj.Harmonic(0.5, 3000.0, 1.0))
     run = sj.integrate(system, until="steady", steps_per_cycle=80)
-    marched = sj.integrate(system, cycles=1000, steps_per_cycle=80)
-    u = marched.point_u[-81:, 0]
+    integrated = sj.integrate(system, cycles=1000, steps_per_cycle=80)
+    u = integrated.point_u[-81:, 0]
     assert run.steady.drift[0] == pytest.approx(u[-1] - u[0], rel=1e-3)
     assert abs(run.steady.drift[0]) > 0.05 * run.amplitude_of("end")
     vibration = u - np.linspace(0.0, u[-1] - u[0], 81)

@@ -60,8 +60,8 @@ def test_a_slow_load_gives_the_closed_form_of_two_slipping_ends():
     # held at its end, so that the upper one's end moves by both ends' stretch.
     some = damped_bars(160, 160, arm=5)
     run = cycle(some.system([sj.Load("upper_end", sj.Harmonic(-FORCE, 5.0))]), 2, 200)
-    at_mouth = FORCE * 0.1 / (2 * EA) + FORCE**2 / (8 * EA * TAU)
-    expected = 2 * (at_mouth + FORCE * 0.5 / EA)
+    at_loaded_end = FORCE * 0.1 / (2 * EA) + FORCE**2 / (8 * EA * TAU)
+    expected = 2 * (at_loaded_end + FORCE * 0.5 / EA)
     assert run.cycles.peak[-1][0] == pytest.approx(expected, rel=1e-4)
     assert run.cycles.friction[-1] == pytest.approx(FORCE**3 / (3 * EA * TAU), rel=1e-2)
     (patch,) = some.patches

@@ -236,7 +236,7 @@ def test_contacts_of_a_sum_keep_their_names_and_energies_apart():
     assert run.friction_energy == pytest.approx(energies, rel=1e-12)
 
 
-def test_contacts_are_named_as_the_part_of_the_mesh_unless_told_otherwise():
+def test_contacts_are_named_as_the_part_of_the_mesh_unless_named_otherwise():
     basis = basis_of(block("quad", 1, 2, (0.2, 0.1)))
     how = {"pressure": 8e6, "friction": 0.7}
     both = contact(basis, "base", **how) + contact(basis, "top", name="lid", **how)

@@ -1,0 +1,13 @@
+"""Settings that hold for all tests."""
+
+import os
+import signal
+
+# The tests run in several processes, so linear algebra gets one thread in each. The variables are
+# read when numpy and scipy are imported, which is after this file.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+# A shell makes its background jobs ignore Ctrl-C, and so would every process that a test starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
