@@ -347,7 +347,7 @@ def _error_time(options: argparse.Namespace) -> int:
             how = {"repeats": options.repeats, "quick": options.quick}
             found = comparison.error_time(scene, **how, progress=progress, rows=rows)
         files = folder.write_error_time(options.out, found, notes)
-    for level in comparison.LEVELS:
+    for level in comparison.SETTINGS.levels:
         print(comparison.advice(found.points, level), end="\n\n")
     return _told(notes, options.out, files)
 

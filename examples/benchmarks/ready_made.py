@@ -71,7 +71,7 @@ def ready_made_jobs(reference, bound, forms=FORMS):
     if not has_arctan_law(reference.system):
         return
     models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]
-    light = reference.grid.integrate(models[1].system, min(et.OWN, reference.parts))
+    light = reference.grid.integrate(models[1].system, min(et.SETTINGS.own, reference.parts))
     own = [reference.results, results(light)]
     finest = reference.grid.integrate(reference.system, reference.parts, fields=SAMPLES)
     truth, times = sampled(reference, finest.u, finest.v), sample_times(reference)
@@ -178,7 +178,7 @@ def ratios(points):
         (et.COULOMB, RMS, "full, Coulomb / ready-made, error"),
         (et.COULOMB, TIME_ERROR, "the same, Coulomb's own time-step error"),
     ):
-        for level in et.LEVELS:
+        for level in et.SETTINGS.levels:
             ours = time_at(curves.get(family, []), level, error)
             found = [time for one in made if (time := time_at(one, level, TIME_ERROR))]
             theirs = min(found, default=None)
@@ -228,7 +228,7 @@ def main(arguments=None):
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = write_error_time(options.out, report)
-    advice = (et.advice(report.points, level) for level in et.LEVELS)
+    advice = (et.advice(report.points, level) for level in et.SETTINGS.levels)
     print(*advice, *report.sections, sep="\n\n")
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return 0

@@ -64,8 +64,8 @@ def active_region(structure: Structure, run: Run, period: float | None = None) -
     Raises
     ------
     InputError
-        If the run is not one of this structure, ``period`` is not positive, or not given where the
-        run tells none, or a reduced model stored no fields.
+        If the run is not one of this structure, ``period`` is not positive, or neither given nor
+        known from the run, or a reduced model stored no fields.
     """
     check_some(POSITIVE, period=period)
     if period is None:

@@ -247,7 +247,7 @@ class Grid:
     def integrate(self, system: System, parts: int, fields: int = 0) -> Run:
         """Run of ``parts`` steps an interval, all unknowns stored ``fields`` times in each.
 
-        An interrupt is raised as KeyboardInterrupt: half a run tells nothing.
+        An interrupt is raised as KeyboardInterrupt: half a run is of no use.
         """
         n_steps = parts * self.intervals
         plan = Plan(

@@ -1,4 +1,4 @@
-"""What a run says of all contact points of its structure, at its stored times.
+"""Slip, friction and work of a run at all contact points of its structure, at its stored times.
 
 Full, condensed and reduced models keep different things: a full one has every contact point, a
 condensed one those that carry friction, a reduced one a few that stand for all of them. The
@@ -13,18 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis.history import GREY_SHARE, GREY_SHARE_REDUCED, States, slip_state
+from skfem_joint.analysis.history import SLIPPING, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.minimise.law import force_vectors
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 from skfem_joint.structure.patch import shares_of
 from skfem_joint.system import System
-
-#: Largest displacement against supports and closed contact that is round-off, of the largest.
-_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
@@ -67,6 +63,8 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     InputError
         If the run stored no fields, or its system was not made from this structure.
     """
+    from skfem_joint.minimise.law import force_vectors  # loads the compiler
+
     check_fields(run)
     system, rows = contact_system(structure, run), _slip_rows(structure, run)
     slip, rate = (np.asarray((rows @ x.T).T) for x in (run.u, run.v))
@@ -76,7 +74,7 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     else:
         friction = force_vectors(rate, system.beta, system.directions)
         work = _spread(run, system, slip, friction)
-    grey = GREY_SHARE if picks_unknowns(run.system.B) else GREY_SHARE_REDUCED
+    grey = SLIPPING.grey if picks_unknowns(run.system.B) else SLIPPING.grey_reduced
     state = slip_state(system.slip_norm(rate), system.beta, grey)
     return ContactHistory(system, slip, friction, state, work)
 
@@ -122,8 +120,8 @@ def contact_system(structure: Structure, run: Run) -> System:
 def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
     """Largest slip of each contact point of a structure in a run, (m,), m.
 
-    Over every step where each contact point of the run is one of the structure's, and over the
-    stored fields of a reduced model whose points stand for several.
+    Every step counts where each contact point of the run is a point of the structure. Of a reduced
+    model, whose points stand for several, the stored fields count.
 
     Raises
     ------
@@ -162,14 +160,15 @@ def _unknowns(structure: Structure, run: Run) -> Matrix:
     contact included.
     """
     T, inverse = run.system.T, structure.change_of_unknowns.inverse
-    found = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
+    holds = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
     if T is not None and T.shape[0] == inverse.shape[1]:
         V = inverse @ T
-        if abs(structure.T @ V - T).max() <= _ROUND_OFF * abs(T).max():
+        # Displacements against supports and closed contact are round-off.
+        if abs(structure.T @ V - T).max() <= 1e-9 * abs(T).max():
             return V
-        found += " that do not obey its supports and contact"
+        holds += " that do not obey its supports and contact"
     raise InputError(
-        f"run: its system has {found}, the structure {inverse.shape[1]} displacements; give the "
+        f"run: its system has {holds}, the structure {inverse.shape[1]} displacements; give the "
         "structure that its system was made from"
     )
 

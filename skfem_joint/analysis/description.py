@@ -3,7 +3,7 @@
 The stuck structure vibrates in its lowest modes, each of which follows the loads exactly where they
 are straight between steps; what the modes leave out follows at once. At the time of its largest
 strain energy, loads and inertia together are what the joints have to hold. How much of that makes
-the first joint slip as a whole is found by limit analysis, so that moments count.
+the first joint slip as a whole is computed by limit analysis, so that moments count.
 """
 
 from __future__ import annotations
@@ -31,12 +31,35 @@ from skfem_joint.structure import AnyStructure, PressureTable
 from skfem_joint.structure.doubts import per_wavelength
 from skfem_joint.system import System
 
-#: Frequencies that are shown; steps over which the stuck structure is followed.
-SHOWN, MOST_STEPS = 3, 5_000
-#: Share of kinetic energy from which on a mode with the joints stuck is one with the joints loose.
-ALIKE = 0.5
-#: Strains, and displacements over the structure's length, that are not small.
-LARGE_STRAIN, LARGE = 0.01, 0.1
+
+@dataclass(frozen=True)
+class DescriptionSettings:
+    """Numbers of descriptions.
+
+    Attributes
+    ----------
+    shown : int
+        Frequencies that are shown.
+    most_steps : int
+        Most steps over which the stuck structure is followed.
+    alike : float
+        Share of kinetic energy from which on a mode with stuck joints resembles a mode with loose
+        ones.
+    large_strain : float
+        Strain that is not small.
+    large : float
+        Displacement over the structure's length, or change of the normal force over that force,
+        that is not small.
+    """
+
+    shown: int = 3
+    most_steps: int = 5_000
+    alike: float = 0.5
+    large_strain: float = 0.01
+    large: float = 0.1
+
+
+SETTINGS = DescriptionSettings()
 
 
 @dataclass(frozen=True)
@@ -130,12 +153,12 @@ def _moves(
         natural_modes(system, modes.SETTINGS.searched, joints=joints)
         for joints in ("loose", "stuck")
     ]
-    rigid, (loose, stuck) = [one.rigid_motions for one in both], [one.straining for one in both]
-    values["frequencies_stuck_Hz"] = stuck.frequencies[:SHOWN].tolist()
-    values["frequencies_loose_Hz"] = loose.frequencies[:SHOWN].tolist()
+    rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
+    values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
+    values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
     if held.size:
-        number, likeness = alike(system.M, stuck.modes[:, :SHOWN], loose.modes)
+        number, likeness = alike(system.M, stuck.modes[:, : SETTINGS.shown], loose.modes)
         values["stuck_modes_like_loose"] = (number + 1).tolist()
         values["stuck_modes_like_loose_share"] = likeness.tolist()
         text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
@@ -209,7 +232,7 @@ def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft:
         f"{structure.pressed_at(int(acts.dof[worst]))}"
     )
     draft.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
-    if share[worst] > LARGE:
+    if share[worst] > SETTINGS.large:
         draft.doubts.append(
             f"Vibration of the stuck structure would change the normal force by {text}: that it "
             "stays as the clamping makes it, which all models assume, is doubtful there."
@@ -238,12 +261,12 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _D
         f"strain {strain:.2g}."
     )
     cure = "are loads, stiffness, section and supports right?"
-    if largest > LARGE * length:
+    if largest > SETTINGS.large * length:
         draft.doubts.append(
             f"The loads at rest move the structure by {largest:.3g} m, more than a tenth of its "
             f"{length:.3g} m: {cure}"
         )
-    if strain > LARGE_STRAIN:
+    if strain > SETTINGS.large_strain:
         draft.doubts.append(
             f"The loads at rest strain the structure by {100.0 * strain:.3g} %, more than metals "
             f"bear elastically: {cure}"
@@ -252,21 +275,39 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _D
 
 @dataclass(frozen=True)
 class _Vibration:
-    """What the stuck structure does under its loads."""
+    """Vibration of the stuck structure under its loads.
 
-    static: FloatArray  #: (n,), N, loads at the time at which they strain most
-    dynamic: FloatArray  #: (n,), N, loads with inertia, at theirs
-    amplified: float | None  #: how much more the second strain, root of energy; None: nothing does
-    follows: FloatArray  #: (n, k), what it moves by under unit loads at rest, and its modes
-    inertia: FloatArray  #: (n, modes), deceleration of each mode, m/s2
-    history: FloatArray  #: (k, times), of what follows
-    most: FloatArray  #: (k,), of the history, at the time of the largest strain
+    Attributes
+    ----------
+    static : ndarray, shape (n,)
+        Loads at the time at which they strain the structure most at rest, N.
+    dynamic : ndarray, shape (n,)
+        Loads with inertia at the time at which both together strain it most, N.
+    amplified : float, optional
+        Root of the second strain energy over the first; None where nothing is strained.
+    follows : ndarray, shape (n, k)
+        Displacements under unit loads at rest, and modes.
+    inertia : ndarray, shape (n, modes)
+        Deceleration of each mode, m/s2.
+    history : ndarray, shape (k, times)
+        Amplitudes of ``follows``.
+    most : ndarray, shape (k,)
+        The same at the time of the largest strain.
+    """
+
+    static: FloatArray
+    dynamic: FloatArray
+    amplified: float | None
+    follows: FloatArray
+    inertia: FloatArray
+    history: FloatArray
+    most: FloatArray
 
 
 def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vibration:
     """Vibration of the stuck structure, from rest."""
     F, frequency, shapes = system.load_vectors(), modes.frequencies, modes.modes
-    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), MOST_STEPS)
+    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), SETTINGS.most_steps)
     h = scene.time_step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
     follow = _solve(system, F, held) if F.size else F
@@ -317,12 +358,12 @@ def alike(M: Matrix, modes: FloatArray, others: FloatArray) -> tuple[IntArray, F
 
 
 def _compared(number: IntArray, share: FloatArray) -> str:
-    """Which loose mode each stuck one is, in words."""
+    """Sentence about which loose mode each stuck mode resembles."""
     if not number.size:
         return ""
     words = [
         f"loose mode {k + 1} ({100.0 * x:.2g} % alike)"
-        if x >= ALIKE
+        if x >= SETTINGS.alike
         else f"none of the loose modes (most like {k + 1}, {100.0 * x:.2g} %)"
         for k, x in zip(number.tolist(), share.tolist(), strict=True)
     ]
@@ -331,5 +372,7 @@ def _compared(number: IntArray, share: FloatArray) -> str:
 
 def _listed(frequencies: FloatArray) -> str:
     return (
-        ", ".join(f"{f:.5g}" for f in frequencies[:SHOWN]) + " Hz" if frequencies.size else "none"
+        ", ".join(f"{f:.5g}" for f in frequencies[: SETTINGS.shown]) + " Hz"
+        if frequencies.size
+        else "none"
     )

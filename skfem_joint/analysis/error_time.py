@@ -24,25 +24,42 @@ from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.system import System
 
-#: Steps of an interval of a model's own reference, to tell its time-step error from the rest.
-OWN = 256
-#: Runs longer than this are not repeated, s.
-LONGEST_REPEATED = 2.0
+
+@dataclass(frozen=True)
+class ErrorTimeSettings:
+    """Numbers of error-time reports.
+
+    Attributes
+    ----------
+    own : int
+        Steps of an interval of a model's own reference, which its time-step error is measured from.
+    longest_repeated : float
+        Longer runs are not repeated, s.
+    levels : tuple of float
+        Errors of the displacement history that the report advises on.
+    worthwhile : float
+        Run times closer than this ratio are the same.
+    """
+
+    own: int = 256
+    longest_repeated: float = 2.0
+    levels: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
+    worthwhile: float = 1.2
+
+
+SETTINGS = ErrorTimeSettings()
+#: Families of models, which are the curves of the report.
 FULL, STEEPNESS, COULOMB = "full", "full, other beta", "full, Coulomb"
 REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
 FINISHED = "finished"
 #: Columns of errors beside those of the certificate.
 RMS, TIME_ERROR, TO_FINE_MESH = QUANTITIES[0], "time-step error", "to fine mesh"
-#: Errors of the displacement history that the report advises on.
-LEVELS = (1e-2, 1e-3, 1e-4)
-#: Run times closer than this ratio are the same.
-WORTHWHILE = 1.2
 #: What a report is written to.
 FILES = ("error-time.md", "error-time.csv", "error-time.png", "total-time.png")
 #: Variables that set the threads of the usual BLAS libraries.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: What is run: steps of an interval of full and of reduced models (none beyond a quarter of the
-#: reference's), other steepnesses over the scene's beta, modes; and for a look in seconds.
+#: reference's), other steepnesses over the scene's beta, modes; and the same of a quick report.
 RANGE: dict[str, tuple[Any, ...]] = {
     "parts": (1, 2, 4, 8, 16, 32, 64),
     "reduced_parts": (1, 2, 4, 8),
@@ -61,7 +78,19 @@ _NOTES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run of a job: run time and preparation inside it (s), what it took; None: no end."""
+    """One run of a job.
+
+    Attributes
+    ----------
+    results : Results, optional
+        None where it did not end.
+    wall_s, offline_s : float
+        Run time, and time before its first step, s.
+    work : mapping of str to int
+        Counters of its work.
+    status : str
+        `FINISHED`, or why it did not end.
+    """
 
     results: Results | None
     wall_s: float = inf
@@ -72,14 +101,30 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Job:
-    """Something to measure."""
+    """Run that is to be measured.
 
-    family: str  #: name of its curve
-    what: Mapping[str, Any]  #: what is run, by name: modes, friction points, step (s) and so on
-    run: Callable[[], Outcome]  #: does it once
-    offline_s: float = 0.0  #: preparation before, s
-    own: Results | None = None  #: of the same discrete model without time-step error
-    truth: Results | None = None  #: to compare with instead of the reference's results
+    Attributes
+    ----------
+    family : str
+        Name of its curve.
+    what : mapping of str
+        What is run, by name: modes, friction points, step (s) and so on.
+    run : callable
+        Does it once.
+    offline_s : float
+        Preparation before the run, s.
+    own : Results, optional
+        Results of the same discrete model without time-step error.
+    truth : Results, optional
+        Results to compare with instead of the reference's.
+    """
+
+    family: str
+    what: Mapping[str, Any]
+    run: Callable[[], Outcome]
+    offline_s: float = 0.0
+    own: Results | None = None
+    truth: Results | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +152,7 @@ class Point:
         return self.wall_s + total * self.offline_s
 
     def error(self, name: str = RMS) -> float:
-        """One of the errors; infinite where it is not known."""
+        """Error by its name; infinite where it is not known."""
         value = self.errors.get(name)
         return inf if value is None else value
 
@@ -132,9 +177,10 @@ def measure(
 ) -> list[Point]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
-    Those shorter than `LONGEST_REPEATED` are run again in ``repeats`` rounds, each in the opposite
-    order of the one before; their time is the median of these. Each run is one of the ``rows``, if
-    there are any, with the time that it took; ``of`` is a digest of what the jobs come from.
+    Those shorter than `ErrorTimeSettings.longest_repeated` are run again in ``repeats`` rounds,
+    each in the opposite order of the round before; their time is the median of these. Each run is
+    one of the ``rows``, if there are any, with the time that it took; ``of`` is a digest of what
+    the jobs come from.
     """
     jobs, points, rows = list(jobs), [], rows or Rows()
     marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
@@ -149,7 +195,7 @@ def measure(
             errors[TIME_ERROR] = own
             errors[TO_FINE_MESH] = difference(reference.fine_mesh, first.results)[RMS]
         points.append(Point(job, first, errors, first.wall_s))
-    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= LONGEST_REPEATED]
+    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= SETTINGS.longest_repeated]
     walls: dict[int, list[float]] = {k: [] for k in short}
     rows.asked += repeats * len(short)
     for done in range(repeats):
@@ -196,7 +242,7 @@ def other_jobs(
     rows: Rows | None = None,
 ) -> Iterator[Job]:
     """Another full model at several steps an interval, with a reference of its own."""
-    grid, finest, rows = reference.grid, min(OWN, reference.parts), rows or Rows()
+    grid, finest, rows = reference.grid, min(SETTINGS.own, reference.parts), rows or Rows()
     mark = rows.mark("own reference", system, grid, finest)
     own = rows.row(mark, lambda: results(grid.integrate(system, finest)))
     return at_steps(reference, parts, family, system, what, own=own)
@@ -259,7 +305,9 @@ def reduced_jobs(
 
 def _most_rows(scene: Scene, wanted: Mapping[str, tuple[Any, ...]]) -> int:
     """Rows of a report before its timed rounds, if no step of it is too short."""
-    others = len(wanted["factors"]) + 1 if any(one.law == "arctan" for one in scene.joint) else 0
+    others = (
+        len(wanted["factors"]) + 1 if any(joint.law == "arctan" for joint in scene.joint) else 0
+    )
     reference, reductions = 8, len(wanted["modes"])  # steps, mesh and law of the reference
     runs = (1 + others) * len(wanted["parts"]) + 2 * reductions * len(wanted["reduced_parts"])
     return reference + others + reductions + runs
@@ -342,7 +390,7 @@ def advice(points: Sequence[Point], level: float) -> str:
             return start + "no model of this report reaches it."
         return f"{start}use {reduced}. Only reduced models reach it."
     saved = 0.0 if reduced is None else full.wall_s - reduced.wall_s
-    if reduced is not None and saved > (WORTHWHILE - 1.0) * reduced.wall_s:
+    if reduced is not None and saved > (SETTINGS.worthwhile - 1.0) * reduced.wall_s:
         runs = max(1, round(reduced.offline_s / saved))
         return (
             f"{start}use {reduced}. A reduction pays {full.wall_s / reduced.wall_s:.2g} times in "
@@ -352,10 +400,10 @@ def advice(points: Sequence[Point], level: float) -> str:
     least = min((p.error() for p in small if p.counts), default=None)
     if least is None:
         return f"{start}use {full}. No reduced model was run."
-    found = f"none reaches it, the best has {least:.1e}"
+    why = f"none reaches it, the best has {least:.1e}"
     if reduced is not None:
-        found = f"the fastest that reaches it is {reduced}"
-    return f"{start}use {full}. A reduction does not pay: {found}."
+        why = f"the fastest that reaches it is {reduced}"
+    return f"{start}use {full}. A reduction does not pay: {why}."
 
 
 def _seconds(value: float) -> str:
@@ -394,13 +442,15 @@ class Report:
 
     def certificate(self) -> str:
         """How well the reference is known."""
-        one = self.reference
-        steps = one.parts * one.grid.intervals
+        reference = self.reference
+        steps = reference.parts * reference.grid.intervals
         header = ["source", *(name.replace("_", " ") for name in QUANTITIES), "order"]
-        rows = [[e.source, *(e.errors[k] for k in QUANTITIES), e.order] for e in one.estimates]
+        rows = [
+            [e.source, *(e.errors[k] for k in QUANTITIES), e.order] for e in reference.estimates
+        ]
         return (
             "Errors are measured against the *discrete truth*: the scene's own mesh and friction "
-            f"law, {steps // 2} and {steps} steps extrapolated with order {one.order:.2f}. "
+            f"law, {steps // 2} and {steps} steps extrapolated with order {reference.order:.2f}. "
             f"Estimated relative errors of a run of {steps // 4} steps, each source alone:\n\n"
         ) + markdown_table(header, rows)
 
@@ -412,7 +462,7 @@ class Report:
             "## How well the reference is known",
             self.certificate(),
             "## Which model to use",
-            "\n".join(f"- {advice(self.points, level)}" for level in LEVELS),
+            "\n".join(f"- {advice(self.points, level)}" for level in SETTINGS.levels),
             *self.sections,
             "## All points",
             "![error against run time](error-time.png)",

@@ -203,7 +203,7 @@ def verification_run(
 ) -> Run:
     """Run a system to estimate errors: it stores its named points, and fields every so many steps.
 
-    An interrupt is raised as KeyboardInterrupt: half a run tells nothing.
+    An interrupt is raised as KeyboardInterrupt: half a run is of no use.
     """
     plan = plan.storing(fields_every=fields_every)
     return integrate_plan(system, plan, progress=progress).finished()
@@ -256,8 +256,8 @@ def of_reduced(
     halved, other = extrapolation(2.0**2), results(verify(points.model(W, beta), plan.finer(2)))
     truth = best.plus(halved, other, steep)
 
-    def change(one: Results, other: Results, factor: float = 1.0) -> Parts:
-        return difference(truth, truth.plus(factor, one, other))
+    def change(first: Results, second: Results, factor: float = 1.0) -> Parts:
+        return difference(truth, truth.plus(factor, first, second))
 
     whole = first
     for before, after in changes:
@@ -530,9 +530,9 @@ def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
     """
     errors = difference(results(fine, every), results(coarse))
     last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]
-    for name, one, other in zip(QUANTITIES[1:], _by_cycle(fine), _by_cycle(coarse), strict=True):
+    for name, ours, theirs in zip(QUANTITIES[1:], _by_cycle(fine), _by_cycle(coarse), strict=True):
         error = errors[name]
-        if error is not None and one.size:
-            mean = float(np.sqrt(np.mean((one - other)[-last:] ** 2))) / abs(float(one[-1]))
+        if error is not None and ours.size:
+            mean = float(np.sqrt(np.mean((ours - theirs)[-last:] ** 2))) / abs(float(ours[-1]))
             errors[name] = max(error, mean if motion is None else min(mean, motion))
     return _at_least(errors, results(fine, every), results(coarse))

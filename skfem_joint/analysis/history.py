@@ -1,4 +1,4 @@
-"""What a run says: loops, stick and slip, steady state, distance from another run."""
+"""Results of runs: loops, stick and slip, steady state, and distances between runs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,27 @@ States = NDArray[np.int8]
 
 #: Results that errors are estimated for.
 QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
-#: A point that moves less than this share of what moves most is compared with that share.
-AT_REST = 1e-2
 
-#: Under the regularised law a point slips while it is faster than this share of its own largest
-#: velocity; points whose own largest is below `GREY_SHARE` of all points' always stick, below
-#: `GREY_SHARE_REDUCED` in a reduced model, whose modes do not hold them quite still.
-SLIP_SHARE = 0.05
-GREY_SHARE, GREY_SHARE_REDUCED = 1e-3, 1e-2
+
+@dataclass(frozen=True)
+class Slipping:
+    """When a point counts as slipping under the regularised law, under which all points creep.
+
+    Attributes
+    ----------
+    share : float
+        It slips while it is faster than this share of its own largest velocity.
+    grey, grey_reduced : float
+        It always sticks if that is below this share of the largest velocity of all points; in a
+        reduced model, whose modes do not hold points quite still, below the second one.
+    """
+
+    share: float = 0.05
+    grey: float = 1e-3
+    grey_reduced: float = 1e-2
+
+
+SLIPPING = Slipping()
 
 
 def hysteresis_loop(
@@ -42,7 +55,7 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_SHARE) -> States:
+def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = SLIPPING.grey) -> States:
     """1 where a contact point slips, 0 where it sticks.
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
@@ -53,18 +66,28 @@ def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY_S
     """
     speed = np.abs(slip_velocity)
     own = speed.max(axis=0, initial=0.0)
-    limit = np.where(np.isinf(beta), 0.0, SLIP_SHARE * own)
+    limit = np.where(np.isinf(beta), 0.0, SLIPPING.share * own)
     active = np.isinf(beta) | (own > grey * own.max(initial=0.0))
     return np.asarray((speed > limit) & active, dtype=np.int8)
 
 
 @dataclass(frozen=True)
 class SteadyState:
-    """How much the last cycle differs from the one before."""
+    """How much the last cycle differs from the one before.
 
-    reached: bool  #: both stay below the tolerance asked for
-    energy_change: float  #: of the work put in, relative
-    peak_change: float  #: relative
+    Attributes
+    ----------
+    reached : bool
+        Whether both changes stay below the tolerance asked for.
+    energy_change : float
+        Relative change of the work put in.
+    peak_change : float
+        Change of the peaks, relative to the largest.
+    """
+
+    reached: bool
+    energy_change: float
+    peak_change: float
 
 
 def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
@@ -168,23 +191,25 @@ def differences(
 ) -> dict[str, tuple[float, float]]:
     """Root mean square and largest difference of each named point, relative; {} if none moves.
 
-    Histories (rows, points), m, are compared with the root mean square and the largest value of the
-    reference: of the component of a point, ending in ``.x``, ``.y``, ``.z``, that has the largest.
+    Differences of histories (rows, points), m, are divided by the root mean square and the largest
+    value of the reference. Of the components of a point, whose names end in ``.x``, ``.y`` and
+    ``.z``, the largest counts. A point that moves less than a hundredth of the one that moves most
+    is compared with that hundredth.
     """
     if not np.any(reference):
         return {}
     places = [name[:-2] if name.endswith((".x", ".y", ".z")) else name for name in names]
     both = [np.linalg.norm(x, axis=0) for x in (other - reference, reference)]
     most = [np.abs(x).max(axis=0) for x in (other - reference, reference)]
-    found = {}
+    by_point = {}
     for k, name in enumerate(names):
         same = [i for i, place in enumerate(places) if place == places[k]]
         rms, largest = (
-            float(apart[k] / max(size[same].max(), AT_REST * size.max()))
+            float(apart[k] / max(size[same].max(), 1e-2 * size.max()))
             for apart, size in (both, most)
         )
-        found[name] = rms, largest
-    return found
+        by_point[name] = rms, largest
+    return by_point
 
 
 def relative(value: float, reference: float) -> float | None:
@@ -196,9 +221,22 @@ def relative(value: float, reference: float) -> float | None:
 
 @dataclass(frozen=True)
 class Results:
-    """What is compared: histories (rows, points) of the named points, and numbers, m and J.
+    """Results of a run that errors are estimated for.
 
     Peak and energies are those of the last cycle, or of the whole run without cycles.
+
+    Attributes
+    ----------
+    points : tuple of str
+        The named points.
+    point_u : ndarray, shape (rows, points)
+        Their displacements, m.
+    peak_displacement : float
+        Largest peak of a named point, m.
+    friction_energy : float
+        Energy dissipated by friction, J.
+    loop_energy : float
+        Work of the loads, J.
     """
 
     points: tuple[str, ...]
@@ -208,40 +246,42 @@ class Results:
     loop_energy: float
 
     def most_moving(self, like: Results | None = None) -> Results:
-        """With the history of the point alone that moves most, in these results or in others."""
+        """Results with the history of the point alone that moves most, here or in ``like``."""
         size = np.abs((like or self).point_u).max(axis=0, initial=0.0)
         most = slice(int(size.argmax()), int(size.argmax()) + 1) if size.size else slice(0)
         return replace(self, points=self.points[most], point_u=self.point_u[:, most])
 
-    def plus(self, factor: float, one: Results, other: Results) -> Results:
-        """With ``factor`` times the difference between two others added."""
+    def plus(self, factor: float, first: Results, second: Results) -> Results:
+        """Results plus ``factor`` times the difference of two others, the first less the second."""
         numbers = {
-            name: getattr(self, name) + factor * (getattr(one, name) - getattr(other, name))
+            name: getattr(self, name) + factor * (getattr(first, name) - getattr(second, name))
             for name in QUANTITIES[1:]
         }
-        rows = min(len(x.point_u) for x in (self, one, other))  # a duration may not be whole steps
-        u = self.point_u[:rows] + factor * (one.point_u[:rows] - other.point_u[:rows])
+        # Durations that are no whole steps differ in their last rows.
+        rows = min(len(x.point_u) for x in (self, first, second))
+        u = self.point_u[:rows] + factor * (first.point_u[:rows] - second.point_u[:rows])
         return replace(self, point_u=u, **numbers)
 
 
 def results(run: Run, every: int = 1) -> Results:
-    """Results of a run, accumulated over every step; every so many of its rows."""
+    """Results of a run, with every so many of its stored rows."""
     peak = float(peaks(run).max(initial=0.0))
     return Results(run.system.points, run.point_u[::every], peak, *energies(run))
 
 
-def difference(one: Results, other: Results) -> dict[str, float | None]:
-    """Differences of two results, relative to the first one's; see `QUANTITIES`.
+def difference(reference: Results, other: Results) -> dict[str, float | None]:
+    """Differences of results from a reference, relative to that, by `QUANTITIES`.
 
-    None: zero in the first, which says nothing of how large it is, or not stored.
+    None where the reference is zero or was not stored.
     """
-    rows = min(len(one.point_u), len(other.point_u))
-    by_point = differences(one.points, one.point_u[:rows], other.point_u[:rows])
-    found = {QUANTITIES[0]: max((rms for rms, _ in by_point.values()), default=None)}
+    rows = min(len(reference.point_u), len(other.point_u))
+    histories = reference.point_u[:rows], other.point_u[:rows]
+    by_point = differences(reference.points, *histories)
+    errors = {QUANTITIES[0]: max((rms for rms, _ in by_point.values()), default=None)}
     for name in QUANTITIES[1:]:
-        value, changed = getattr(one, name), getattr(other, name)
-        found[name] = abs(value - changed) / abs(value) if value != 0.0 else None
-    return found
+        value, changed = getattr(reference, name), getattr(other, name)
+        errors[name] = abs(value - changed) / abs(value) if value != 0.0 else None
+    return errors
 
 
 def extrapolation(ratio: float) -> float:

@@ -210,7 +210,7 @@ def _full(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _In
     scene, run, errors = shortened_steps(
         study.scene, study.system, partial(_named_places, study, integrate)
     )
-    notes = ()
+    notes: tuple[str, ...] = ()
     if errors is not None:
         notes = (
             f"For the accuracy asked for the full model has steps of {scene.time_step:.4g} s; it "
@@ -245,7 +245,8 @@ def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _B
 
 
 def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate) -> Made:
-    watch, scene, met, notes = Stopwatch(), study.scene, choice.met, ()
+    watch, scene, met = Stopwatch(), study.scene, choice.met
+    notes: tuple[str, ...] = ()
     if met is not None:
         basis, system = met.basis, met.system
     else:
@@ -253,7 +254,7 @@ def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: 
         basis = basis_of(scene, study.structure, study.system, options, rest)
         system = reduced_system(study.system, basis, **options.friction, periodic=scene.periodic)
         notes = (*basis.notes, *system.notes)
-    active: tuple[_ByJoint, ...] = {}, {}
+    active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
         notes = (*notes, *gross_slip(study.structure, basis.history.slip_peak, study.period))
         active = _active(study, basis.history.slip_peak)[1:]
@@ -270,7 +271,8 @@ def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: 
 def _condensed(
     study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate
 ) -> Made:
-    watch, system, notes = Stopwatch(), study.system, ()
+    watch, system = Stopwatch(), study.system
+    notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
     small = condensed_system(system, basis.V)
     kept = small.B.shape[0]

@@ -36,7 +36,7 @@ def fingerprint(*parts: Any) -> str:
     Raises
     ------
     InputError
-        For anything else, such as plain functions of time, which nothing tells apart.
+        For anything else, such as plain functions of time, which cannot be distinguished.
     """
     digest = sha256()
 
@@ -71,12 +71,24 @@ def fingerprint(*parts: Any) -> str:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where one run is saved and taken up again."""
+    """File that a run is saved to, and continued from.
 
-    path: Path  #: file, ``.npz``
-    origin: str  #: fingerprint of what the run comes from: its scene and mesh
-    every: int | None = None  #: steps after which to save, where a chunk ends; None: never
-    resume: bool = False  #: whether to go on from the file if it is there
+    Attributes
+    ----------
+    path : Path
+        The file, ``.npz``.
+    origin : str
+        Fingerprint of what the run comes from: its scene and mesh.
+    every : int, optional
+        Steps after which to save, where a chunk ends; never if None.
+    resume : bool
+        Whether to go on from the file if it is there.
+    """
+
+    path: Path
+    origin: str
+    every: int | None = None
+    resume: bool = False
 
     def due(self, done: int, saved: int, n_steps: int) -> bool:
         """Whether to save after ``done`` of ``n_steps`` steps when ``saved`` of them are saved."""
@@ -119,22 +131,22 @@ class Checkpoint:
             for key, array in arrays.items():
                 part, name = key.split("/", 1)
                 parts.setdefault(part, {})[name] = array
-            found = (notes["form"], notes["version"], notes["origin"])
+            written = (notes["form"], notes["version"], notes["origin"])
             same_run, done, elapsed = notes["run"] == run, notes["done"], notes["elapsed"]
             if type(done) is not int or done < 1:
                 raise ValueError(f"found {done!r} steps done")
             if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
                 raise ValueError(f"found {elapsed!r} s of run time")
-            if found[0] == _FORM and notes["digest"] != fingerprint(parts, done, elapsed):
+            if written[0] == _FORM and notes["digest"] != fingerprint(parts, done, elapsed):
                 raise ValueError("its arrays are not those that were written")
         except DAMAGE as error:
             raise self.unreadable(str(error) or type(error).__name__) from error
         advice = "give that back, or remove the checkpoint and start the run again"
-        if found[:2] != (_FORM, __version__):
+        if written[:2] != (_FORM, __version__):
             raise InputError(
-                f"{self.path}: was written by version {found[1]}, this is {__version__}; {advice}"
+                f"{self.path}: was written by version {written[1]}, this is {__version__}; {advice}"
             )
-        if found[2] != self.origin:
+        if written[2] != self.origin:
             raise InputError(f"{self.path}: was written for another scene or mesh; {advice}")
         if not same_run:
             raise InputError(
@@ -153,7 +165,14 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """Checkpoints of all models of a study, in the folder of its results."""
+    """Checkpoints of all models of a study, in the folder of its results.
+
+    Attributes
+    ----------
+    folder : Path
+    every, resume
+        As in `Checkpoint`.
+    """
 
     folder: Path
     every: int | None = None

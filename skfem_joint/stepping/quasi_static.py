@@ -90,7 +90,7 @@ class QuasiStatic:
     tolerance : float
         Largest force residual relative to the largest force.
     tally : Tally, optional
-        Takes each level that is found.
+        Counts the levels that are solved.
 
     Raises
     ------

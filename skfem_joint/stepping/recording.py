@@ -141,7 +141,7 @@ class Cycles:
 
 @dataclass(frozen=True)
 class Steady:
-    """Steady vibration of the named points, and how it was found.
+    """Steady vibration of the named points, and the search for it.
 
     Displacements are of every step of the period, whatever rows are stored. Those of a point that
     drifts are counted from where it would be had it gone there evenly.
@@ -187,7 +187,7 @@ class Run:
     Attributes
     ----------
     system : System
-        The one that was given.
+        The system that was integrated.
     times : ndarray, shape (rows,)
         Time of the stored rows, s.
     point_u, point_v : ndarray, shape (rows, points)
@@ -232,7 +232,7 @@ class Run:
     interrupted : bool
         Whether it was stopped early.
     steady : Steady or None
-        How steady vibration was found, of a run that is one period of it.
+        Steady vibration, of a run that is a period of it.
     """
 
     system: System

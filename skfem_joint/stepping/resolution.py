@@ -51,7 +51,7 @@ class ResolutionSettings:
     most_jumps : int
         Jumps that such a function may have.
     inside : int
-        Times in a step at which a jump is looked for.
+        Times in a step at which jumps are searched for.
     """
 
     per_rise: int = 2

@@ -128,7 +128,7 @@ class Anderson:
         heavy = self.weighted[-1] - np.array(self.weighted[:-1])
         squares = np.einsum("ij,ij->i", apart, heavy)
         differs = squares > SETTINGS.round_off**2 * float(last @ self.weighted[-1])
-        scale = np.zeros(count)  # states whose change is that of the last one tell nothing
+        scale = np.zeros(count)  # states whose change is that of the last one add nothing
         scale[differs] = 1.0 / np.sqrt(squares[differs])
         gram = (apart @ heavy.T) * np.outer(scale, scale)
         share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=SETTINGS.round_off)[0]
@@ -190,7 +190,7 @@ def periodic_state(
     Raises
     ------
     ConvergenceError
-        If it is not found.
+        If the search does not converge.
     """
     ends = np.cumsum([part.size for part in start])[:-1]
     mixing, motions = Anderson(system), unstrained(system)

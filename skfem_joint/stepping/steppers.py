@@ -80,7 +80,7 @@ class Stepper(ABC):
     frequency : float
         Of the vibration, rad/s, that the last jump of the acceleration sets off; 0 after a step.
     first_call, most_at_once : int
-        Steps that surely take less than a second, and the most that are to be done in one call.
+        Steps that surely take less than a second, and the most that may be done in a single call.
     """
 
     COUNTS: ClassVar[tuple[str, ...]]
@@ -130,7 +130,7 @@ class Stepper(ABC):
 
         Points at rest stick under Coulomb friction as long as they can: their acceleration and
         friction minimise the step problem of the mass with these points alone. False, and the
-        failure noted, where it is not found.
+        failure noted, where none is found.
         """
         s, (u, v) = self.system, self.now[:2]
         slip, limits = s.B @ v, s.on_rows(s.w)
@@ -272,23 +272,25 @@ class CompiledStepper(Stepper):
                 "finite beta"
             )
         from skfem_joint.linalg.kernels import Full, bands
-        from skfem_joint.stepping.time_loop import loop_workspace
+        from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
 
         form = bands if kind == "chain" else lambda A: Full(as_dense(A))
-        self.matrices = tuple(form(A) for A in (s.M, s.C, s.K))
-        self.loads, self.observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
+        M, C, K = (form(A) for A in (s.M, s.C, s.K))
+        loads, observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
         # The problem of the mass, from which those of all steps are made.
-        own = cast("CompiledStepProblem", step_problem(self.matrices[0], self.points, kind))
+        own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
-        self.room = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
+        self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share = self.recorder.joints
-        self.joints = start, own.places.point[point], value, share
+        joints = start, own.places.point[point], value, share
+        places = own.places.row, own.places.point
+        self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
-        M, C, K = self.matrices
+        M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
         return self.own.with_matrix(H)
 
@@ -321,18 +323,14 @@ class CompiledStepper(Stepper):
             first_step,
             r.save.strides if store else (NEVER, NEVER),
             c,
-            self.matrices,
+            self.loop_system,
             problem.kernel,
             problem.workspace,
             problem.limits,
-            tuple(problem.places),
             self.tolerance,
-            self.loads,
             np.ascontiguousarray(amplitudes.T),
-            self.observed,
-            self.joints,
             tuple(self.now),
-            tuple(self.room),
+            tuple(self.workspace),
             r.sums(),
             tuple(r.free_rows()),
             counted,

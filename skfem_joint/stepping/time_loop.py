@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
 from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
@@ -44,10 +44,35 @@ def loop_workspace(n: int, rows: int, m: int, loads: int, points: int) -> LoopWo
     return LoopWorkspace(*aligned(*6 * [n], *2 * [rows], *4 * [m], loads, points))
 
 
+class LoopSystem(NamedTuple):
+    """System as the loop takes it.
+
+    Attributes
+    ----------
+    M, C, K : Bands or Full
+        Mass, damping and stiffness.
+    loads, observed : CompressedRows
+        Load vectors and named points.
+    joints : tuple of ndarray
+        As in `Recorder`, with the points of the step problem.
+    row_place, point_place : ndarray of int
+        Places of the system's slip rows and contact points among those of the step problem.
+    """
+
+    M: Any
+    C: Any
+    K: Any
+    loads: Any
+    observed: Any
+    joints: Any
+    row_place: IntArray
+    point_place: IntArray
+
+
 @compiled
 def time_loop(
-    n_steps, first_step, strides, c, matrices, problem, workspace, w, places, tolerance,
-    loads, amplitude, observed, joints, state, room, sums, stored, counts,
+    n_steps, first_step, strides, c, system, problem, workspace, w, tolerance, amplitude, state,
+    loop, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place; add up works and peaks, and store rows.
 
@@ -59,22 +84,15 @@ def time_loop(
         Of stored points and fields, in steps.
     c : Coefficients
         Of the scheme and step.
-    matrices : tuple
-        Mass, damping and stiffness.
+    system : LoopSystem
     problem, workspace : named tuple
         Arguments of `minimise_step`.
     w : ndarray, shape (rows,)
         Friction limit of each slip row of the problem, N.
-    places : tuple of ndarray
-        Of the system's rows and points among those of the problem.
     tolerance : float
-    loads, observed : CompressedRows
-        Load vectors and named points.
     amplitude : ndarray, shape (n_steps + 1, loads)
         Load amplitudes at the steps' ends, N.
-    joints : tuple of ndarray
-        As in `Recorder`, with the problem's points.
-    state, room, sums, stored : tuple of ndarray
+    state, loop, sums, stored : tuple of ndarray
         `State`, `LoopWorkspace`, `Recorder.sums` and `Recorder.free_rows`.
     counts : ndarray of int
         By the names of `CompiledStepper.COUNTS`.
@@ -84,19 +102,18 @@ def time_loop(
     tuple
         Steps, stored rows and fields, and the last residual (N) and its unknown. With fewer than
         ``n_steps`` steps one did not converge, and the state is that before it. (Not a named tuple:
-        numba makes one by calling Python, where a pending Ctrl-C would be raised, and does not look
-        for that before it uses what it got.)
+        numba makes one by calling Python, where a pending Ctrl-C is raised, and does not check for
+        that before it uses the result.)
     """
-    M, C, K = matrices
+    M, C, K, loads, observed, joints, row_place, point_place = system
     u, v, a, d, sigma = state
-    row_place, point_place = places
     load_start, load_column, load_value = loads
     input_work, dissipated, friction_work, peak, slip_peaks = sums
     joint_start, joint_point, joint_value, joint_share = joints
     stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
     by_joint, joint_slip, joint_slipping = stored[6:]
-    right, image, y, change, v_mean, v_change, slip_change, slip_now = room[:8]
-    work, slip_size, force_size, slip_peak, moved, seen = room[8:]
+    right, image, y, change, v_mean, v_change, slip_change, slip_now = loop[:8]
+    work, slip_size, force_size, slip_peak, moved, seen = loop[8:]
     v_new, sigma_new = workspace.velocity, workspace.force
     n = u.size
     for j in range(point_place.size):
