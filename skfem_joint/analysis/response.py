@@ -185,10 +185,10 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=tuple(loads))
 
 
-def steady_plan(frequency: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
-    """Plan of a search for steady vibration at a frequency (Hz)."""
+def steady_plan(period: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
+    """Plan of a search for steady vibration with a period (s)."""
     return Plan(
-        step=1.0 / frequency / steps_per_cycle,
+        step=period / steps_per_cycle,
         n_steps=steps_per_cycle,
         scheme=scheme or generalized_alpha(),
         cycle_steps=steps_per_cycle,
@@ -422,7 +422,8 @@ def steady_point(
     given. The other arguments are those of :func:`response`.
     """
     system = at_frequency(system, frequency, level)
-    plan = steady_plan(frequency, steps_per_cycle, scheme)
+    period = common_period(load.amplitude for load in system.loads) or 1.0 / frequency
+    plan = steady_plan(period, steps_per_cycle, scheme)
     plan = replace(plan, save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress)

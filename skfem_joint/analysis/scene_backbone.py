@@ -95,7 +95,7 @@ def scene_backbone(
         As :func:`backbone` and :func:`ring_down`.
     """
     table, system, rows = scene.backbone, scene.system(), rows or Rows()
-    # Each mode's own level of gross slip, its curve, and its ring-down.
+    # Of each mode: its friction limit, the levels of its curve, and its ring-down.
     of_a_mode = 1 + levels_of_a_curve(table.levels) + bool(table.ring_down)
     rows.asked += len(scene.models.run) * len(table.modes) * of_a_mode
     report = partial(progress, "full model")

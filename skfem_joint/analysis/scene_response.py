@@ -202,7 +202,7 @@ def _prepared(name: str, scene: Scene, table: ResponseTable, resonance: float) -
 def _plan(scene: Scene, frequency: float) -> Plan:
     """Plan of a search for steady vibration at a frequency (Hz)."""
     scheme = generalized_alpha(scene.time.rho_infinity)
-    return steady_plan(frequency, scene.time.steps_per_cycle, scheme)
+    return steady_plan(1.0 / frequency, scene.time.steps_per_cycle, scheme)
 
 
 def _curves(
