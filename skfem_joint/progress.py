@@ -1,4 +1,4 @@
-"""Progress of a command: a bar on a terminal, elsewhere a line from time to time."""
+"""How far a command has come: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -12,49 +12,30 @@ from typing import TYPE_CHECKING, Any
 from skfem_joint.terminal import printable, unfiltered
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-#: Called with the name of a task, the steps done, the steps in all (0: not known), and a note.
+#: Called with the name of a piece of work, steps done, steps in all (0 if not known), and a note.
 Progress = Callable[..., None]
 
 
-@dataclass(frozen=True)
-class ProgressSettings:
-    """When progress is printed in lines.
-
-    Attributes
-    ----------
-    interval, share : float
-        A line comes after this time, s, and after this share of the time since the start.
-    pace : float
-        The remaining time is estimated from the pace of the last seconds, so many.
-    """
-
-    interval: float = 10.0
-    share: float = 0.1
-    pace: float = 120.0
-
-
-SETTINGS = ProgressSettings()
-
-
 def silent(*_: Any) -> None:
-    """Progress that is not shown."""
+    """Progress that nobody asked for."""
 
 
 @dataclass
 class Tally:
-    """Count of finished items.
+    """Count of items that are done.
 
     Attributes
     ----------
     report : callable
-        Called with ``done`` and ``asked``, and a note if there is one.
+        Called with both numbers, and with a note if there is one, whenever they change.
     asked : int
-        Items in all, as far as they are known.
+        Number of all items, as far as it is known.
     done : int
-        Finished items.
+        Number of items that are done.
     """
 
     report: Progress = silent
@@ -62,38 +43,47 @@ class Tally:
     done: int = 0
 
     def add(self, count: int = 1) -> None:
-        """Count more finished items."""
+        """Count ``count`` more items as done."""
         self.done += count
         self.asked = max(self.asked, self.done)
         self.report(self.done, self.asked)
 
-    def within(self, *reported: Any) -> None:
-        """Forward the status note of an unfinished item: the last value that it reports."""
-        self.report(self.done, self.asked, reported[-1])
+    def within(self, *progress: Any) -> None:
+        """Forward the status note, the last argument, of an item that is not done yet."""
+        self.report(self.done, self.asked, progress[-1])
 
 
 @contextmanager
 def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]:
-    """Progress on the error stream.
+    """Progress on the error stream: a bar on a terminal, else lines now and then.
 
-    It is a bar on a terminal, and lines elsewhere or if ``lines`` is true; nothing if ``quiet``.
+    With ``quiet`` nothing is shown; with ``lines`` a terminal gets lines too.
     """
     from rich.console import Console
-    from rich.progress import Progress as Bar
 
-    console = Console(file=unfiltered(sys.stderr))
-    bar = Bar(console=console, transient=True, speed_estimate_period=SETTINGS.pace)
+    bar = bar_on(Console(file=unfiltered(sys.stderr)))
     if quiet:
         yield silent
     elif lines or not sys.stderr.isatty():
-        yield shown_on(bar, lambda line: print(line, file=sys.stderr, flush=True))
+        yield shown_by(bar, lambda line: print(line, file=sys.stderr, flush=True))
     else:
         with bar:
-            yield shown_on(bar)
+            yield shown_by(bar)
 
 
-def shown_on(bar: Bar, print_line: Callable[[str], None] | None = None) -> Progress:
-    """Progress that moves a bar and, with ``print_line``, prints a line from time to time."""
+def bar_on(console: Console, **options: Any) -> Bar:
+    """Bar whose remaining time follows the pace of the last two minutes."""
+    from rich.progress import Progress as Bar
+
+    return Bar(console=console, transient=True, speed_estimate_period=120.0, **options)
+
+
+def shown_by(bar: Bar, write: Callable[[str], None] | None = None) -> Progress:
+    """Progress that updates a bar and, if there is ``write``, writes lines of it.
+
+    A line comes at least ten seconds after the one before, and at least a tenth of the time that
+    has passed since the start.
+    """
     from rich.markup import escape
 
     tasks: dict[str, TaskID] = {}
@@ -103,18 +93,17 @@ def shown_on(bar: Bar, print_line: Callable[[str], None] | None = None) -> Progr
         nonlocal last
         if label not in tasks:
             tasks[label] = bar.add_task("", total=None)
-        (task,) = (known for known in bar.tasks if known.id == tasks[label])
+        (task,) = (task for task in bar.tasks if task.id == tasks[label])
         if done < task.completed:  # another run of the same name
             bar.reset(task.id)
         shown = f"{label}: {note}" if note else label
-        description = escape(printable(shown))  # names of a scene are shown as they are
+        description = escape(printable(shown))  # without markup or control characters
         bar.update(task.id, completed=done, total=total or None, description=description)
         now = bar.get_time()
-        wait = max(SETTINGS.interval, SETTINGS.share * (now - begin))
-        if print_line is not None and now - last >= wait:
+        if write is not None and now - last >= max(10.0, 0.1 * (now - begin)):
             last, left = now, task.time_remaining
             rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
             counted = f"{done} of {total}" if total else ""
-            print_line(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
+            write(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
 
     return progress

@@ -1,4 +1,4 @@
-"""Commands report their progress from time to time, and end within a second of Ctrl-C."""
+"""Commands tell how far they are, now and then, and end within a second of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -20,59 +20,57 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
-from rich.progress import Progress as Bar
 from scene_texts import written
 from stepping_systems import arm
 
 from skfem_joint.analysis.backbone import CHECKED, INCREMENTS, TRIALS, backbone
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
-from skfem_joint.progress import SETTINGS, shown_on
+from skfem_joint.progress import bar_on, shown_by
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.steady import CHANGE
 
 BAR = arm(Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
 
 
-def reported_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
-    """Result of a search, and what it reports on its way."""
-    reports: list[tuple[Any, ...]] = []
-    return search(lambda *report: reports.append(report)), reports
+def told_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
+    """What a search finds, and what it tells on its way."""
+    told: list[tuple[Any, ...]] = []
+    return search(lambda *one: told.append(one)), told
 
 
 @pytest.mark.parametrize("estimated", [True, False])
-def test_a_response_reports_every_vibration_that_it_searches_for(estimated):
+def test_a_response_tells_every_vibration_that_it_looks_for(estimated):
     frequencies, levels = np.linspace(1900.0, 2100.0, 5), (0.5, 1.0)
-    curves, reports = reported_by(
-        lambda report: response(BAR, frequencies, levels, estimated=estimated, progress=report)
+    curves, told = told_by(
+        lambda tell: response(BAR, frequencies, levels, estimated=estimated, progress=tell)
     )
-    searched = sum(len(curve.points) for curve in curves) * (2 if estimated else 1)
-    counts = [report for report in reports if len(report) == 2]
-    assert [done for done, _ in counts] == list(range(1, searched + 1))
-    assert counts[-1] == (searched, searched)
-    assert all("periods" in report[2] for report in reports if len(report) > 2)
-    assert counts[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
+    looked_for = sum(len(curve.points) for curve in curves) * (2 if estimated else 1)
+    found = [one for one in told if len(one) == 2]
+    assert [done for done, _ in found] == list(range(1, looked_for + 1))
+    assert found[-1] == (looked_for, looked_for)
+    assert all("periods" in one[2] for one in told if len(one) > 2)
+    assert found[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
 
 
-def test_a_backbone_reports_every_level_and_part_of_a_loop():
+def test_a_backbone_tells_every_level_and_part_of_a_loop():
     levels = 6
-    _, reports = reported_by(lambda report: backbone(BAR, (1, 2), levels, progress=report))
-    # The other reports are of trials for the load at which a joint slips as a whole.
-    trials = len(reports) - 2 * (levels + CHECKED * INCREMENTS)
+    _, told = told_by(lambda tell: backbone(BAR, (1, 2), levels, progress=tell))
+    trials = len(told) - 2 * (levels + CHECKED * INCREMENTS)  # for where a joint slips as a whole
     assert 0 <= trials <= 2 * TRIALS
-    assert [done for done, _ in reports] == list(range(1, len(reports) + 1))
-    assert reports[-1] == (len(reports), len(reports))
-    assert reports[0][1] >= len(reports) - trials
+    assert [done for done, _ in told] == list(range(1, len(told) + 1))
+    assert told[-1] == (len(told), len(told))
+    assert told[0][1] >= len(told) - trials
 
 
-def test_a_search_for_what_is_steady_reports_its_periods_and_how_far_they_are_from_it():
-    run, reports = reported_by(
-        lambda report: integrate(BAR, until="steady", steps_per_cycle=100, progress=report)
+def test_a_search_for_what_is_steady_tells_its_periods_and_how_far_they_are_from_it():
+    run, told = told_by(
+        lambda tell: integrate(BAR, until="steady", steps_per_cycle=100, progress=tell)
     )
-    notes = dict.fromkeys(note.partition(", change ")[2] for *_, note in reports)
+    notes = dict.fromkeys(note.partition(", change ")[2] for *_, note in told)
     changes = [float(note.split()[0]) for note in notes if note]
     assert run.steady is not None
-    assert reports[-1][0] >= run.steady.periods  # and the one that is stored
+    assert told[-1][0] >= run.steady.periods  # and the one that is stored
     assert changes[-1] == pytest.approx(run.steady.change, rel=0.1)
     assert changes[-1] <= CHANGE < changes[-2]
 
@@ -83,9 +81,8 @@ class Clock:
     def __init__(self) -> None:
         self.now = 1000.0
         self.said: list[tuple[float, str]] = []
-        console = Console(file=io.StringIO())
-        bar = Bar(console=console, get_time=lambda: self.now, speed_estimate_period=SETTINGS.pace)
-        self.progress = shown_on(bar, lambda line: self.said.append((self.now, line)))
+        bar = bar_on(Console(file=io.StringIO()), get_time=lambda: self.now)
+        self.progress = shown_by(bar, lambda line: self.said.append((self.now, line)))
 
     def steps(self, seconds: float, first: int, last: int, total: int) -> None:
         for done in range(first, last + 1):
@@ -94,9 +91,9 @@ class Clock:
 
 
 def left(line: str) -> float:
-    match: Any = re.search(r"about (?:(\d+) days?, )?(\d+):(\d\d):(\d\d) left", line)
-    assert match, line
-    days, hours, minutes, seconds = (int(part or 0) for part in match.groups())
+    found: Any = re.search(r"about (?:(\d+) days?, )?(\d+):(\d\d):(\d\d) left", line)
+    assert found, line
+    days, hours, minutes, seconds = (int(part or 0) for part in found.groups())
     return float(((24 * days + hours) * 60 + minutes) * 60 + seconds)
 
 
@@ -130,7 +127,7 @@ def test_lines_come_now_and_then_and_ever_less():
     clock.steps(0.5, 1, 100_000, 100_000)  # fourteen hours
     times = [at for at, _ in clock.said]
     gaps = [after - before for before, after in pairwise(times)]
-    assert min(gaps) >= SETTINGS.interval
+    assert min(gaps) >= 10.0
     assert len(times) < 80
 
 
@@ -145,9 +142,9 @@ def test_a_line_holds_the_note_of_what_cannot_be_counted():
 
 def test_a_bar_shows_names_as_they_are():
     screen = io.StringIO()
-    bar = Bar(console=Console(file=screen, force_terminal=True, width=200, color_system=None))
+    bar = bar_on(Console(file=screen, force_terminal=True, width=200, color_system=None))
     with bar:
-        shown_on(bar)("[red]\x1b]0;mine\x07", 1, 2, "\x9b31m")
+        shown_by(bar)("[red]\x1b]0;mine\x07", 1, 2, "\x9b31m")
     assert "[red]\\x1b]0;mine\\x07: \\x9b31m" in screen.getvalue()
     assert "\x1b]" not in screen.getvalue()
 
