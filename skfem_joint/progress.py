@@ -1,4 +1,4 @@
-"""Progress of a command: a bar on a terminal, elsewhere a line from time to time."""
+"""How far a command has come: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Progress = Callable[..., None]
 
 
 def silent(*_: Any) -> None:
-    """Progress that is not shown."""
+    """Progress that nobody asked for."""
 
 
 @dataclass

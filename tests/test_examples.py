@@ -18,12 +18,12 @@ def run(tmp_path, monkeypatch, capsys):
     """Run an example as a script, which prints what it finds; its names."""
     monkeypatch.chdir(tmp_path)
 
-    def found(name: str) -> dict[str, Any]:
+    def names(name: str) -> dict[str, Any]:
         names = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
         assert len(capsys.readouterr().out.splitlines()) >= 3
         return names
 
-    return found
+    return names
 
 
 @pytest.mark.parametrize("name", [*LITERATE, "brake_reuss"])
@@ -35,53 +35,53 @@ def test_literate_examples_are_short(name):
 
 
 def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form(run):
-    found = run("lap_joint")
-    assert found["proper"].proper_values[:5] == pytest.approx(TABLE_1, abs=0.01)
+    names = run("lap_joint")
+    assert names["proper"].proper_values[:5] == pytest.approx(TABLE_1, abs=0.01)
     # Peak F^2 / (2 EA tau) with EA = 100 MN and tau = 0.7 x 8 MPa x 50 mm; inertia adds to it.
-    assert found["peak_static"] == pytest.approx(63e3**2 / (2 * 100e6 * 280e3), rel=1e-12)
-    assert 1.0 < found["peak"] / found["peak_static"] < 1.1
-    assert found["run"].energy_residual < 1e-12
+    assert names["peak_static"] == pytest.approx(63e3**2 / (2 * 100e6 * 280e3), rel=1e-12)
+    assert 1.0 < names["peak"] / names["peak_static"] < 1.1
+    assert names["run"].energy_residual < 1e-12
     # Pseudo-static loss of a cycle, 2 F^3 / (3 EA tau), from Masing's loops.
     loss = 2 * 63e3**3 / (3 * 100e6 * 280e3)
-    assert 1.0 < found["run"].cycles.friction[-1] / loss < 1.15
+    assert 1.0 < names["run"].cycles.friction[-1] / loss < 1.15
 
 
 def test_the_reduced_structure_is_small_and_close_to_the_full_one(run):
-    found = run("reduced_structure")
-    small, full = found["small"], found["system"]
+    names = run("reduced_structure")
+    small, full = names["small"], names["system"]
     assert (full.n, full.contact_points) == (200, 100)
     # Modes, the load's response, interface modes.
-    assert (small.n, found["last"].shape) == (10 + 1 + 2, (201, 1))
+    assert (small.n, names["last"].shape) == (10 + 1 + 2, (201, 1))
     assert 30 <= small.w.size <= 39
     assert small.points == full.points
-    assert found["errors"].by_point["free_end"][1] < 0.001
-    assert abs(found["errors"].peak_displacement) < 0.001
-    assert abs(found["errors"].friction_energy_per_cycle) < 0.01
-    (wall,), (tip,) = found["last"][[0, -1]]
+    assert names["errors"].by_point["free_end"][1] < 0.001
+    assert abs(names["errors"].peak_displacement) < 0.001
+    assert abs(names["errors"].friction_energy_per_cycle) < 0.01
+    (wall,), (tip,) = names["last"][[0, -1]]
     assert wall == 0.0
-    assert tip == pytest.approx(found["reduced"].point_u[-1, 0], rel=1e-12)
+    assert tip == pytest.approx(names["reduced"].point_u[-1, 0], rel=1e-12)
 
 
 def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip(run):
-    found = run("own_basis")
-    free, half, stuck = (found["runs"][limit].peak_of("tip") for limit in (0.0, 0.5, 1.1))
+    names = run("own_basis")
+    free, half, stuck = (names["runs"][limit].peak_of("tip") for limit in (0.0, 0.5, 1.1))
     # Slow beside the first natural frequency, 2.9 Hz; the start sets off a little more.
-    assert 1.0 < free / found["static"] < 1.15
+    assert 1.0 < free / names["static"] < 1.15
     assert half < 0.7 * free
     assert stuck == 0.0
 
 
 def test_bolted_plates_hold_as_much_as_their_bolts_press(run):
-    found = run("bolted_plates")
-    assert found["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
-    assert found["run"].energy_residual < 1e-11
-    assert found["run"].cycles.friction[-1] > 0.0
+    names = run("bolted_plates")
+    assert names["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
+    assert names["run"].energy_residual < 1e-11
+    assert names["run"].cycles.friction[-1] > 0.0
 
 
 def test_a_sweep_loses_what_the_closed_form_says_and_is_drawn(run, tmp_path):
-    found = run("sweep")
-    assert [row.number for row in found["rows"]] == list(range(25))
-    assert np.abs(found["away"]).max() < 0.005
+    names = run("sweep")
+    assert [row.number for row in names["rows"]] == list(range(25))
+    assert np.abs(names["away"]).max() < 0.005
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -91,25 +91,25 @@ def test_the_brake_reuss_beam_has_the_published_frequencies():
     Their sideways bending, the second, is that of elements with one point of integration. With
     elements that bend, and nuts joined to the shanks as here, their mesh has 157.7 Hz.
     """
-    found = runpy.run_path(str(EXAMPLES / "brake_reuss.py"))  # but for its damping
-    assert found["pressed"].force.sum() == pytest.approx(36e3, rel=1e-10)
+    names = runpy.run_path(str(EXAMPLES / "brake_reuss.py"))  # but for its damping
+    assert names["pressed"].force.sum() == pytest.approx(36e3, rel=1e-10)
     circles = 3 * np.pi * 0.00425**2  # which the polygons of the holes are as large as
-    assert found["pressed"].area.sum() == pytest.approx(0.12 * 0.0254 - circles, rel=1e-6)
-    published = list(found["PUBLISHED"])
+    assert names["pressed"].area.sum() == pytest.approx(0.12 * 0.0254 - circles, rel=1e-6)
+    published = list(names["PUBLISHED"])
     published[1] = 157.7, 157.7
-    pairs = zip(found["frequency"], published, strict=False)
+    pairs = zip(names["frequency"], published, strict=False)
     assert all(0.98 * low < one < 1.02 * high for one, (low, high) in pairs)
 
 
 @pytest.mark.slow
 def test_peaks_of_the_response_lie_where_the_structure_rings_down(run):
-    found = run("damping")
-    down, end = found["down"], found["end"]
+    names = run("damping")
+    down, end = names["down"], names["end"]
     amplitude, frequency = end * down.amplitude[::-1], down.frequency[::-1]
-    for one in found["swept"]:
-        peak, size = one.peak
+    for curve in names["swept"]:
+        peak, size = curve.peak
         assert peak == pytest.approx(np.interp(size, amplitude, frequency), rel=5e-3)
     # Quasi-static damping is lower: the frequencies are as 1 : 3 : 5.
-    ratio = np.interp(down.amplitude, found["curve"].amplitude, found["curve"].damping_ratio)
+    ratio = np.interp(down.amplitude, names["curve"].amplitude, names["curve"].damping_ratio)
     assert 1.1 < np.median(down.damping_ratio / ratio) < 2.0
     assert 0.8 * down.energy[0] < down.friction_work[-1].sum() < down.energy[0]

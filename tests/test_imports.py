@@ -62,8 +62,8 @@ def imported(module: str, tree: ast.AST) -> set[str]:
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
     inside = {name.removeprefix("skfem_joint.") for name in names if name.startswith("skfem_joint")}
-    found = {name for name in inside if name in MODULES}
-    return found | {f"{name}.__init__" for name in inside if f"{name}.__init__" in MODULES}
+    modules = {name for name in inside if name in MODULES}
+    return modules | {f"{name}.__init__" for name in inside if f"{name}.__init__" in MODULES}
 
 
 def place(module: str) -> int:
@@ -74,8 +74,8 @@ def place(module: str) -> int:
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])
 def test_module_imports_only_from_its_own_folder_and_those_before(module):
-    found = imported(module, tree_of(module)) - {"__init__"}
-    too_late = sorted(name for name in found if place(name) > place(module))
+    names = imported(module, tree_of(module)) - {"__init__"}
+    too_late = sorted(name for name in names if place(name) > place(module))
     assert not too_late, f"{module} must not import {too_late}"
 
 
@@ -108,13 +108,13 @@ def test_the_paper_s_scaled_modes_are_reached_by_one_lazy_import():
 
 @pytest.mark.parametrize("module", MODULES)
 def test_heavy_libraries_are_imported_only_where_they_are_used(module):
-    found = set()
+    libraries = set()
     for node in tree_of(module).body:
         if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
+            libraries |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found.add((node.module or "").split(".")[0])
-    assert not HEAVY & found
+            libraries.add((node.module or "").split(".")[0])
+    assert not HEAVY & libraries
 
 
 def test_the_public_names_are_there_and_cost_nothing_until_they_are_used():
@@ -142,5 +142,5 @@ def test_what_signatures_of_public_functions_name_is_public():
         for hint in get_type_hints(public).values() if isfunction(public) else ():
             collect(hint)
     assert len(named) > 10
-    assert {one.__name__ for one in named} <= set(skfem_joint.__all__)
-    assert all(getattr(skfem_joint, one.__name__) is one for one in named)
+    assert {kind.__name__ for kind in named} <= set(skfem_joint.__all__)
+    assert all(getattr(skfem_joint, kind.__name__) is kind for kind in named)

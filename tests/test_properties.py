@@ -136,11 +136,11 @@ def test_one_wrong_value_is_refused_by_the_name_of_its_key(part):
         key = [part for part in path if isinstance(part, str)][-1]
         wrong = rng.choice(wrong_values(key, at(tables, path)))
         at(tables, path[:-1])[path[-1]] = wrong
-        where, found = key_path(path), refusal(tables, mesh)
+        where, problems = key_path(path), refusal(tables, mesh)
         assert any(
             problem.startswith((where, *np.atleast_1d(BUILDER.get(key, where))))
-            for problem in found
-        ), (seed, where, wrong, found)
+            for problem in problems
+        ), (seed, where, wrong, problems)
 
 
 REQUIRED = {"material", "load", "time", "file", "E", "density", "pressure", "friction", "positions",
@@ -170,5 +170,8 @@ def test_an_unknown_and_a_missing_key_are_refused_by_name(part):
             wanted.append(f"{key_path((*path, missing))}: missing")
             if missing == "kind":  # nothing is known of the keys of such a load
                 del wanted[0]
-        found = refusal(tables, mesh)
-        assert all(any(one.startswith(text) for one in found) for text in wanted), (seed, found)
+        problems = refusal(tables, mesh)
+        assert all(any(problem.startswith(text) for problem in problems) for text in wanted), (
+            seed,
+            problems,
+        )

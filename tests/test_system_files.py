@@ -57,7 +57,7 @@ def test_a_loaded_system_integrates_to_the_same_bits(tmp_path, name):
     system = models()[name]
     loaded = sj.load(sj.save(system, tmp_path / "system.npz"))
     assert fingerprint(loaded) == fingerprint(system)
-    runs = [sj.integrate(one, cycles=1, steps_per_cycle=200) for one in (system, loaded)]
+    runs = [sj.integrate(each, cycles=1, steps_per_cycle=200) for each in (system, loaded)]
     assert runs[0].peak_of("end") > 0.0
     for array in ("point_u", "point_v", "joint_work", "slip_peak", "friction_work"):
         np.testing.assert_array_equal(*(getattr(run, array) for run in runs))
@@ -69,7 +69,7 @@ def test_every_shape_of_the_package_is_kept(tmp_path):
     loaded = sj.load(sj.save(system, tmp_path / "system.npz"))
     t = np.linspace(0.0, 3e-3, 1000)
     np.testing.assert_array_equal(loaded.load_amplitudes(t), system.load_amplitudes(t))
-    assert [type(load.amplitude) for load in loaded.loads] == [type(one) for one in SHAPES]
+    assert [type(load.amplitude) for load in loaded.loads] == [type(shape) for shape in SHAPES]
 
 
 def test_a_plain_function_is_refused_with_the_cure(tmp_path):
@@ -147,7 +147,7 @@ def test_a_cut_or_changed_file_is_one_sentence(tmp_path):
             loaded = sj.load(path)
         except sj.InputError:
             continue
-        assert fingerprint(loaded) == fingerprint(bar())  # what no reader looks at
+        assert fingerprint(loaded) == fingerprint(bar())  # bytes that no reader uses
     with pytest.raises(sj.InputError, match="no such file"):
         sj.load(tmp_path / "nothing.npz")
     packed = io.BytesIO()

@@ -17,8 +17,8 @@ STEEL = Material(E, DENSITY, NU)
 #: Shape and order of the elements.
 ELEMENTS = [("line", 1), ("tri", 1), ("tri", 2), ("quad", 1), ("quad", 2),
             ("tet", 1), ("tet", 2), ("hex", 1), ("hex", 2)]  # fmt: skip
-PLANE = [one for one in ELEMENTS if one[0] in ("tri", "quad")]
-SOLID = [one for one in ELEMENTS if one[0] in ("tet", "hex")]
+PLANE = [kind for kind in ELEMENTS if kind[0] in ("tri", "quad")]
+SOLID = [kind for kind in ELEMENTS if kind[0] in ("tet", "hex")]
 _MESHES = {"line": skfem.MeshLine, "tri": skfem.MeshTri, "quad": skfem.MeshQuad,
            "tet": skfem.MeshTet, "hex": skfem.MeshHex}  # fmt: skip
 

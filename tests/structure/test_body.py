@@ -173,7 +173,7 @@ def test_bar_frequencies_converge_at_second_order_to_the_closed_form(mass):
     np.testing.assert_allclose(np.log2(errors[1] / errors[2]), 2.0, atol=0.03)
 
 
-@pytest.mark.parametrize(("shape", "order"), [one for one in ELEMENTS if one[1] == 1])
+@pytest.mark.parametrize(("shape", "order"), [kind for kind in ELEMENTS if kind[1] == 1])
 def test_lumped_mass_is_diagonal_and_keeps_the_total(shape, order):
     some = structure(any_body(shape, order))
     consistent, lumped = some.matrices()[0], replace(some, mass="lumped").matrices()[0]
@@ -194,7 +194,7 @@ def test_an_even_pressure_all_round_compresses_evenly_and_is_in_balance(shape, o
              Load("left", Harmonic(1.0, 1.0), pull)]  # fmt: skip
     system = some.system(loads, [])
     pressure, traction, force = (
-        one.amplitude.harmonics[0].amplitude * one.vector for one in system.loads
+        load.amplitude.harmonics[0].amplitude * load.vector for load in system.loads
     )
     # Plane stress, or all three directions.
     strain = -p * (1.0 - NU if some.dim == 2 else 1.0 - 2.0 * NU) / E

@@ -98,7 +98,7 @@ def test_a_reduced_model_follows_a_moving_base():
     some = replace(two_bars(beta=1e4), stiffness_damping=0.0, damping_ratio=0.01)
     system = some.system([Load(base="x", amplitude=loads.Harmonic(1.5e4, 400.0))], ["upper_end"])
     small = sj.reduce(system, modes=10)
-    full, reduced = (sj.integrate(one, cycles=3, steps_per_cycle=100) for one in (system, small))
+    full, reduced = (sj.integrate(each, cycles=3, steps_per_cycle=100) for each in (system, small))
     errors = compare(full, reduced)
     assert errors.displacement_rms < 2e-4
     assert abs(errors.friction_energy_per_cycle or 1.0) < 1e-3

@@ -46,7 +46,7 @@ def same_up_to_order(one: System, two: System) -> None:
     np.testing.assert_array_equal(np.sort(one.directions), np.sort(two.directions))
 
 
-@pytest.mark.parametrize(("shape", "order"), [one for one in ELEMENTS if one[0] != "line"])
+@pytest.mark.parametrize(("shape", "order"), [kind for kind in ELEMENTS if kind[0] != "line"])
 def test_contact_on_a_basis_is_that_of_the_structure(shape, order):
     body = block(shape, order, 2, (0.2, 0.1, 0.1))
     for on in ("base",) if shape in ("tet", "hex") else ("base", "joint"):

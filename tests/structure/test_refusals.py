@@ -229,7 +229,7 @@ def test_pressures_and_tractions_act_on_borders(load, message):
 @pytest.mark.parametrize("across", [1, 2])
 def test_first_order_elements_that_span_the_thickness_are_said_to_lock(shape, order, across):
     some = structure(turned(block(shape, order, across, (0.4, 0.05, 0.02)), 20.0))
-    sentences = [one for one in doubts(some, some.system()) if "they lock" in one]
+    sentences = [text for text in doubts(some, some.system()) if "they lock" in text]
     assert len(sentences) == (order == 1 and across == 1)
 
 

@@ -182,7 +182,7 @@ def test_on_faces_that_do_not_match_action_is_reaction_energy_is_kept_and_what_s
     rubbed = system.B.T @ (system.on_rows(system.w) * run.sigma[k])
     a = spsolve(system.M.tocsc(), force - rubbed - system.C @ v - system.K @ u)
     M, K = some.matrices()
-    full = [some.T @ one for one in (u, v, a)]
+    full = [some.T @ x for x in (u, v, a)]
     on_nodes = some.body.even_shares("upper end")[:, None] * loads[0].unit(3)
     outer = on_nodes.ravel() * loads[0].amplitude(np.array([t]))[0]
     left = M @ full[2] + K @ (full[0] + some.stiffness_damping * full[1]) - outer
