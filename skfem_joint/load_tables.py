@@ -68,7 +68,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def _number(text: str) -> float | None:
-    """Read one column of a line; None if it is not a number."""
+    """Number in a column of a line; None if it is no number."""
     try:
         return float(text)
     except ValueError:

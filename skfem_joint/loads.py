@@ -477,7 +477,7 @@ def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
 
     Amplitudes without harmonics do not count. None if there is no harmonic, or if the frequencies
     are not commensurate: their ratios must be fractions to 1e-12, and the common period must be at
-    most 100,000 periods of the fastest harmonic, because no run reaches a longer one.
+    most 100,000 periods of the fastest harmonic, because no run reaches a longer period.
     """
     longest = 100_000
     frequencies = [h.frequency for amplitude in amplitudes for h in amplitude.harmonics]

@@ -135,7 +135,7 @@ def times(A: Any, x: FloatArray) -> FloatArray:
 
 @compiled_inside
 def largest_of(x):
-    """Largest magnitude, from four maxima side by side: a single one would wait for itself."""
+    """Largest magnitude, from four maxima side by side: a single maximum would wait for itself."""
     n = x.size - x.size % 4
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for i in range(0, n, 4):

@@ -3,8 +3,8 @@
     K + share omega^2 M,    omega^2 = tr K / tr M
 
 A structure that friction alone holds has a singular stiffness. The shift gives its rigid motions a
-frequency far below all others, so that K has a factor. There are two shares: the larger one where a
-factor only has to exist, the smaller one where results must not show the shift.
+frequency far below all others, so that K has a factor. There are two shares: the larger share
+where a factor only has to exist, the smaller share where results must not show the shift.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class ShiftSettings:
     ----------
     safe : float
         For factors that only have to exist: checks of definiteness, inner products, residual modes,
-        static shapes. It is a thousand times the next one, and far above round-off.
+        static shapes. It is far above round-off.
     least : float
         For results: natural frequencies, quasi-static slips, constraint modes. Just large enough
         for a factor of a singular stiffness.
@@ -46,6 +46,6 @@ def mean_square_frequency(K: Matrix, M: Matrix) -> float:
     return float(np.abs(K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
 
 
-def shifted(K: Matrix, M: Matrix, share: float = SETTINGS.safe) -> Matrix:
-    """Stiffness plus a share of the mean square frequency times the mass."""
-    return K + share * mean_square_frequency(K, M) * M
+def shifted(K: Matrix, M: Matrix) -> Matrix:
+    """Stiffness with the larger shift, for factors that only have to exist."""
+    return K + SETTINGS.safe * mean_square_frequency(K, M) * M

@@ -158,7 +158,7 @@ def _joint_name(where: str, name: Any) -> str:
 def point_friction(
     row: Any, limit: float, beta: float = np.inf, *, name: str = "contact"
 ) -> SlipRows:
-    """Friction of one point whose slip is a given row times the displacements.
+    """Friction of a point whose slip is a given row times the displacements.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class Structure:
     Attributes
     ----------
     mesh : NamedMesh or skfem.Mesh, or str or Path
-        Of dimension 1, 2 or 3, with named regions, boundaries and points; or the file of one, see
-        `load_meshes`.
+        Of dimension 1, 2 or 3, with named regions, boundaries and points; or the name of its
+        file, see `load_meshes`.
     material : Material
     width : float, optional
         Of a bar, m; a joint on a bar has this width.
