@@ -16,9 +16,11 @@ structure    the elastic body (mass, stiffness, stress), joints, pressure, prelo
 minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
              protocol, and three methods: front elimination on chains, truncated nonsmooth
              Newton, primal-dual Newton
-stepping     time integration: schemes, steppers, the compiled time loop, energies, recording,
-             checkpoints, and whether a step is short enough; quasi-static response
-reduction    proper orthogonal modes, active lengths, bases, fewer friction points
+stepping     time integration: the plan of a run, schemes, steppers, the compiled time loop,
+             energies, recording, checkpoints, and whether a step is short enough; steady
+             vibration; quasi-static response
+reduction    proper orthogonal modes, the static slip path, bases, fewer friction points,
+             condensation, active lengths; in ``scaled`` the paper's scaled modes
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
 analysis     slips, stress and active regions of a run, natural modes; the models of a scene, run
              and compared, their estimated errors, error against run time, damping against
@@ -28,8 +30,8 @@ output       tables, histories, fields for ParaView, pictures
 
 How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh.
 `structure.Structure` makes the `System`, `stepping.integrate` the run, and `reduction` the smaller
-system, which is run in the same way. `analysis.run_scene` does all of it, and `output.folder.write`
-writes the results.
+system, which is run in the same way. `analysis.study.run_scene` does all of it, pass by pass, and
+`output.folder.write` writes the results. Words and symbols are explained in ``docs/glossary.md``.
 
 The names below are loaded when they are first used.
 """

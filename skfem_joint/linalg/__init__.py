@@ -1,1 +1,6 @@
-"""Linear algebra: compressed rows, factors along bands and of any pattern, Schur complements."""
+"""Linear algebra: compressed rows, factors, Schur complements, shifts.
+
+`compressed` (rows of sparse matrices as arrays), `bands` (factors along a band), `factors` (of any
+pattern, SuperLU or PARDISO), `schur` (some unknowns eliminated), `shifts` (a stiffness that leaves
+rigid motions, made regular), `vectors` and `kernels` (compiled loops).
+"""
