@@ -34,9 +34,11 @@ swept = sj.response(system, np.linspace(2300.0, 2550.0, 26), levels)
 
 figure = Figure(figsize=(9.0, 4.0), layout="constrained")
 left, right = figure.subplots(1, 2)
-for one in swept:
-    label = f"response, {100 * one.level:g} % of 87.5 kN"
-    left.semilogy(one.column("frequency"), 1e3 * one.column("amplitude")[:, 0], "-", label=label)
+for response in swept:
+    label = f"response, {100 * response.level:g} % of 87.5 kN"
+    left.semilogy(
+        response.column("frequency"), 1e3 * response.column("amplitude")[:, 0], "-", label=label
+    )
 left.semilogy(curve.frequency, 1e3 * reach, "k--", label="backbone")
 left.semilogy(down.frequency, 1e3 * end * down.amplitude, "k.", label="ring-down")
 left.set(xlabel="frequency, Hz", ylabel="amplitude of the free end, mm", xlim=(2300.0, 2550.0))
@@ -51,9 +53,9 @@ for panel in (left, right):
 if __name__ == "__main__":
     figure.savefig("damping.png", dpi=150)
     print(f"stuck frequency {curve.stuck_frequency:.1f} Hz, {curve.warnings[-1]}")
-    for one in swept:
-        peak, amplitude = one.peak
-        print(f"level {one.level}: peak {1e3 * amplitude:.4f} mm at {peak:.1f} Hz")
+    for response in swept:
+        peak, amplitude = response.peak
+        print(f"level {response.level}: peak {1e3 * amplitude:.4f} mm at {peak:.1f} Hz")
     print(
         f"ring-down lost {down.friction_work[-1].sum():.1f} of {down.energy[0]:.1f} J in the joint"
     )

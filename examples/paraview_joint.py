@@ -85,7 +85,7 @@ def largest_displacement(reader):
     for time in times[:: max(1, len(times) // FRAMES)]:
         reader.UpdatePipeline(time)
         displacement = reader.PointData["displacement"]
-        best = max(best, (displacement.GetRange(-1)[1], time), key=lambda found: found[0])
+        best = max(best, (displacement.GetRange(-1)[1], time), key=lambda entry: entry[0])
         for k in range(3):
             reach[k] = max(reach[k], *(abs(part) for part in displacement.GetRange(k)))
     return *best, reach
@@ -148,8 +148,8 @@ def laid_out(columns, pixels):
     wide = sum(right - left for left, right in sides)
     tall = max(sum(top - bottom for bottom, top in column) for column in ends)
     rows, more = max(map(len, columns)), len(columns) - 1
-    room = 0.94 * pixels[0] - more * GAP, pixels[1] - ABOVE - BELOW - rows * GAP
-    pixel = max(wide / room[0], tall / room[1])
+    space = 0.94 * pixels[0] - more * GAP, pixels[1] - ABOVE - BELOW - rows * GAP
+    pixel = max(wide / space[0], tall / space[1])
     shifts, x, lowest = [], 0.0, 0.0
     for column, (left, right) in zip(ends, sides, strict=True):
         at = 0.0
@@ -188,12 +188,12 @@ def show_load(path, times, view):
         series.append((name, name, 3 * [str(0.1 + 0.3 * k)], "1", "0"))
         series.append((f"now {k + 1}", "now", ["0.82", "0.12", "0.12"], "0", "4"))
     shown = simple.Show(source, view, UseIndexForXAxis=0, XArrayName="time, ms")
-    shown.SeriesVisibility = [one[0] for one in series]
-    shown.SeriesLabel = [word for one in series for word in one[:2]]
-    shown.SeriesColor = [word for one in series for word in (one[0], *one[2])]
-    shown.SeriesLineStyle = [word for one in series for word in (one[0], one[3])]
-    shown.SeriesMarkerStyle = [word for one in series for word in (one[0], one[4])]
-    shown.SeriesMarkerSize = [word for one in series for word in (one[0], "14")]
+    shown.SeriesVisibility = [entry[0] for entry in series]
+    shown.SeriesLabel = [word for entry in series for word in entry[:2]]
+    shown.SeriesColor = [word for entry in series for word in (entry[0], *entry[2])]
+    shown.SeriesLineStyle = [word for entry in series for word in (entry[0], entry[3])]
+    shown.SeriesMarkerStyle = [word for entry in series for word in (entry[0], entry[4])]
+    shown.SeriesMarkerSize = [word for entry in series for word in (entry[0], "14")]
 
     title = names[0] if len(names) == 1 else f"force, {short}"
     looks = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}

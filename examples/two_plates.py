@@ -239,8 +239,8 @@ def print_slow(runs):
         loss = 2 * FORCE**3 / (3 * EA * TAU) / base**2
         exact = 1e6 * (edge + FORCE * ARM / EA), 1e6 * edge, loss, 1e3 * FORCE / (base * TAU)
         peak = 1e6 * run.cycles.peak[-1, [0, model.system.points.index("edge")]]
-        found = *peak, model.lost(run), 1e3 * active_lengths(model, run)[0]
-        pairs = zip(found, exact, strict=True)
+        computed = *peak, model.lost(run), 1e3 * active_lengths(model, run)[0]
+        pairs = zip(computed, exact, strict=True)
         print(f"{name:24}" + "".join(f"{x:9.2f} |{y:8.2f}" for x, y in pairs))
 
 

@@ -47,8 +47,8 @@ class Arctan(ABCElement):
 
     def generateIndices(self, expl_dofs):
         """Find the unknowns of each node: cosine and sine of each harmonic."""
-        found = [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
-        self.indices = np.concatenate(found)
+        indices_of_nodes = [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
+        self.indices = np.concatenate(indices_of_nodes)
 
     def _rate(self, x):
         """Velocity over angular frequency, (nodes, times)."""
@@ -65,7 +65,7 @@ class Arctan(ABCElement):
         rate = self._rate(x)
         slope = self.w * self.beta * (2.0 / math.pi) / (1.0 + (self.beta * om * rate) ** 2)
         there, back = self.D["tf"].T, om * self.D["ft"].T @ self.nabla
-        blocks = [(there * one) @ back for one in slope]
+        blocks = [(there * slope_at_node) @ back for slope_at_node in slope]
         return block_diag(*blocks), np.asarray((slope * rate) @ self.D["tf"]).ravel()
 
 
@@ -102,8 +102,8 @@ def balanced(system, harmonics):
             peer.nls["one"].initialise()  # the first frequency; further ones would follow a curve
     finally:
         logging.disable(logging.NOTSET)
-    (found,) = peer.nls["one"].SolList
-    if not found.flag_accepted:
+    (solution,) = peer.nls["one"].SolList
+    if not solution.flag_accepted:
         raise ConvergenceError("pyHarm: Newton's method did not converge")
     dofs = peer.system.expl_dofs
-    return float(np.hypot(*found.x[dofs.index[(dofs.node_num == end) & (dofs.harm == 1)]]))
+    return float(np.hypot(*solution.x[dofs.index[(dofs.node_num == end) & (dofs.harm == 1)]]))

@@ -118,7 +118,7 @@ def scenes(seed, count, steps=()):
         load, times = _shape(rng, level * limit, natural_frequency(plain), per_cycle)
         modes = int(rng.integers(1, 21))
         apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
-        reference = str(rng.choice([one for one in REFERENCES if one != "paper" or apart]))
+        reference = str(rng.choice([name for name in REFERENCES if name != "paper" or apart]))
         most = 12 if reference == "paper" else 20
         reduction = {"reference": reference, "modes": min(modes, most)}
         reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
@@ -163,22 +163,22 @@ def judged(scene):
 
 def report(all_judged):
     """Shares of scenes by how well they are judged; the worst ratio of a scene counts."""
-    some = [ratios for one in all_judged if (ratios := one.ratios())]
+    some = [ratios for judgement in all_judged if (ratios := judgement.ratios())]
     flat = [pair for ratios in some for pair in ratios]
-    refused = sum(bool(one.refused) for one in all_judged)
+    refused = sum(bool(judgement.refused) for judgement in all_judged)
     said = f"{len(all_judged)} scenes, {refused} refused, {len(some)} with an error above"
     lines = [f"{said} {JUDGED:.1%}"]
     if flat:
-        found = np.array([ratio for ratio, _ in flat])
+        shares = np.array([ratio for ratio, _ in flat])
         large = [ratio for ratio, true in flat if true > LARGE]
         huge = [ratio * true for ratio, true in flat if true > HUGE]
-        inside = np.mean([(found >= 0.5) & (found <= 3.0)])
+        inside = np.mean([(shares >= 0.5) & (shares <= 3.0)])
         whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
         lines += [
             f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
             "all of them",
-            f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, "
-            f"largest {found.max():.2f}",
+            f"above 3: {np.mean(shares > 3.0):.0%}; smallest {shares.min():.2f}, "
+            f"largest {shares.max():.2f}",
             f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}",
             f"least said where the truth exceeds {HUGE:.0%}: {min(huge, default=1.0):.0%}",
         ]
@@ -191,16 +191,16 @@ def _percent(value):
 
 def main(arguments):
     seed, count, kind = int(arguments[0]), int(arguments[1]), "".join(arguments[2:3])
-    found, begin = [], time.perf_counter()
+    judgements, begin = [], time.perf_counter()
     for scene in scenes(seed, count, STEPS if kind == "full" else ()):
         if kind == "accuracy":
             keys = scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}
             scene = scene_from(keys, scene.named_mesh)
-        found.append(one := judged(scene))
-        pairs = ((one.stated.get(q), one.true.get(q)) for q in QUANTITIES)
+        judgements.append(judgement := judged(scene))
+        pairs = ((judgement.stated.get(q), judgement.true.get(q)) for q in QUANTITIES)
         cells = "  ".join(f"{_percent(a)} /{_percent(b)}" for a, b in pairs)
-        print(f"{one.what:62s} {one.refused[:90] or cells}", flush=True)
-    print(*report(found), f"{time.perf_counter() - begin:.0f} s", sep="\n")
+        print(f"{judgement.what:62s} {judgement.refused[:90] or cells}", flush=True)
+    print(*report(judgements), f"{time.perf_counter() - begin:.0f} s", sep="\n")
 
 
 if __name__ == "__main__":

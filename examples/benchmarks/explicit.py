@@ -115,8 +115,8 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
         u = u + step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
         v = v1 + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
         if not np.abs(v).max() < UNBOUNDED:
-            told = f"explicit step {k} at t = {step * k:.6g} s: the solution grows without bound"
-            raise ConvergenceError(f"{told}, the step of {step:.4g} s is unstable")
+            message = f"explicit step {k} at t = {step * k:.6g} s: the solution grows without bound"
+            raise ConvergenceError(f"{message}, the step of {step:.4g} s is unstable")
         a = acceleration(u, v, f2)
         old, now = now, State(u, v, a, a, friction(v))
         recorder.add_step(step, (f0, f2), old, now)

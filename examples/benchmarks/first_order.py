@@ -92,13 +92,13 @@ class FirstOrder:
         if np.any(np.isinf(system.beta[system.w > 0.0])):
             raise InputError("first-order form: set-valued Coulomb friction has no Jacobian")
         self.system, self.size = system, 2 * system.n
-        contact, one = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
+        contact, unit = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
         self.w, self.beta = np.zeros(system.n), np.ones(system.n)
         self.w[contact] = system.w
         self.beta[contact] = np.where(system.w > 0.0, system.beta, 1.0)
         order = np.arange(self.size).reshape(2, -1).T.ravel()
-        A = sparse.block_diag([one, system.M], format="csr")
-        G = sparse.block_array([[None, -one], [system.K, system.C]], format="csr")
+        A = sparse.block_diag([unit, system.M], format="csr")
+        G = sparse.block_array([[None, -unit], [system.K, system.C]], format="csr")
         self.A, self.G = (sparse.csr_array(X[order][:, order]) for X in (A, G))
         self.none = np.zeros((0, self.size))
 

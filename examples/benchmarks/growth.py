@@ -51,7 +51,7 @@ def long_structure(elements, repeats):
     paper = {"reference": "paper", "modes": 5}
     long = scene.changed(mesh=bar, reduction=paper, **asked)
     done = [sj.run_scene(long).models for _ in range(repeats)]
-    full, small = (median(found[name].run.wall_s for found in done) for name in done[0])
+    full, small = (median(models[name].run.wall_s for models in done) for name in done[0])
     reduced, errors = done[0]["reduced"], done[0]["reduced"].errors
     peak, energy = errors.peak_displacement, errors.friction_energy_per_cycle
     print(

@@ -101,15 +101,15 @@ def _sundials(solver, task, equations, matrix, *start):
     """Samples of one of SUNDIALS's integrators and their work."""
     band = {"linsolver": "band", "lband": LOWER, "uband": UPPER, "max_order": task.order}
     limits = {"rtol": task.tolerance, "atol": task.absolute, "max_num_steps": MOST_STEPS}
-    found = solver(equations, jacfn=matrix, **limits, **band).solve(task.times, task.start, *start)
-    return _checked(found), {"Jacobians": int(found.njev)}
+    result = solver(equations, jacfn=matrix, **limits, **band).solve(task.times, task.start, *start)
+    return _checked(result), {"Jacobians": int(result.njev)}
 
 
-def _checked(found):
+def _checked(result):
     """Samples of an integrator that came to the end."""
-    if not found.success:
-        raise ArithmeticError(found.message)
-    return found.y
+    if not result.success:
+        raise ArithmeticError(result.message)
+    return result.y
 
 
 def _ida(task, clock):
@@ -168,5 +168,5 @@ def _scipy(task, clock):
             raise ArithmeticError(work["message"])
         return y, {"steps": int(work["nst"][-1]), "Jacobians": int(work["nje"][-1])}
     form = {"method": task.form.name, "t_eval": times, "jac": matrix} | tolerances
-    found = integrate.solve_ivp(equations, (times[0], times[-1]), start, **form)
-    return _checked(found).T, {"Jacobians": int(found.nlu)}
+    result = integrate.solve_ivp(equations, (times[0], times[-1]), start, **form)
+    return _checked(result).T, {"Jacobians": int(result.nlu)}

@@ -58,7 +58,7 @@ def run(system, n_steps=CYCLES * STEPS):
 
 def line(name, base, runs, offline=0.0, errors=""):
     """Print runs of a model beside one that takes ``base`` seconds a step."""
-    counters, seconds = runs[0].counters, median(one.wall_s for one in runs)
+    counters, seconds = runs[0].counters, median(run.wall_s for run in runs)
     step, offline = seconds / counters.steps, offline + runs[0].preparation_s
     print(
         f"{name:35s}  {1e3 * step:9.3f}  {base / step:12.2f}"

@@ -98,12 +98,12 @@ def _attempt(task, reference, tries):
     failures = list(tries.values()).count(False)
     if failures >= task.form.unfinished and not tries.get(task.tolerance):
         return Outcome(None, status="not tried: others of this solver were beyond the bound")
-    found = solve(task)
-    tries[task.tolerance] = not isinstance(found, str)
-    if isinstance(found, str):
-        return Outcome(None, status=found)
-    one = sampled(reference, found.y[:, ::2], found.y[:, 1::2])
-    return Outcome(one, found.wall_s, found.work)
+    solution = solve(task)
+    tries[task.tolerance] = not isinstance(solution, str)
+    if isinstance(solution, str):
+        return Outcome(None, status=solution)
+    samples = sampled(reference, solution.y[:, ::2], solution.y[:, 1::2])
+    return Outcome(samples, solution.wall_s, solution.work)
 
 
 def explicit_jobs(reference, longest=LONGEST):
@@ -130,8 +130,8 @@ def _explicit(reference, parts, longest):
         return Outcome(None, wall, {"steps": n_steps}, status="extrapolated")
     cycle = None if grid.cycles is None else parts * SETTINGS.per_cycle
     begin = time.perf_counter()
-    found = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
-    return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})
+    result = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
+    return Outcome(results(result), time.perf_counter() - begin, {"steps": n_steps})
 
 
 def coarsened(bar, elements):
@@ -180,8 +180,8 @@ def ratios(points):
     ):
         for level in et.SETTINGS.levels:
             ours = time_at(curves.get(family, []), level, error)
-            found = [time for one in made if (time := time_at(one, level, TIME_ERROR))]
-            theirs = min(found, default=None)
+            times = [time for curve in made if (time := time_at(curve, level, TIME_ERROR))]
+            theirs = min(times, default=None)
             ratio = theirs / ours if ours and theirs else None
             rows.append((f"{words} {level:.0e}", ours, theirs, ratio))
     return rows

@@ -91,7 +91,7 @@ def bending():
 
 
 #: How structures are made; what is reduced, and what is asked of it.
-MAKERS = {one.__name__: one for one in (scene, paper, harmonics, plate, bending)}
+MAKERS = {maker.__name__: maker for maker in (scene, paper, harmonics, plate, bending)}
 TASKS = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
 UNASKED = {"unknowns": 1000, "history": np.inf, "peak": np.inf, "friction": np.inf}
 CHOSEN = {"modes": 12, "interface_modes": "auto"}
@@ -112,7 +112,7 @@ def measure(task):
     reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s
     begin = time.perf_counter()
-    found = estimate.of_reduced(system, basis, small, plan, reduced)
+    estimated = estimate.of_reduced(system, basis, small, plan, reduced)
     more = time.perf_counter() - begin
 
     errors, cycles, n = compare(full, reduced), full.cycles.friction.size, basis.V.shape[1]
@@ -134,14 +134,16 @@ def measure(task):
 
     cells += [f"{offline:.2f}", f"{1e3 * reduced.wall_s / full.counters.steps:.3f}"]
     cells += [f"{full.wall_s:.2f}", *times_faster(0.0), f"{more:.2f}", *times_faster(more)]
-    stated = (found.of("total", quantity) for quantity in ("displacement_rms", "friction_energy"))
+    stated = (
+        estimated.of("total", quantity) for quantity in ("displacement_rms", "friction_energy")
+    )
     cells += ["-" if error is None else f"{100.0 * error:.2f}" for error in stated]
     return *cells, ", ".join(map(str, path.work.values()))
 
 
 def main(arguments):
     """Print the table; other arguments than --quick are parts of the names of rows."""
-    names = [one for one in arguments if not one.startswith("-")] or [""]
+    names = [name for name in arguments if not name.startswith("-")] or [""]
     measure({"name": "what loads the code", "make": "plate", "of": [20, 3, 0.05, False]})
     print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
     head(*HEADER)

@@ -78,20 +78,22 @@ def report(scene, made):
     )
     head(*HEADER)
     study = run_scene(scene)
-    steps = {name: one.run.wall_s / one.run.counters.steps for name, one in study.models.items()}
+    steps = {
+        name: model.run.wall_s / model.run.counters.steps for name, model in study.models.items()
+    }
     for name, model in study.models.items():
         cells = [name, model.run.system.n, f"{model.offline_s:.1f}"]
         cells += [f"{1e3 * steps[name]:.3f}", f"{steps['full'] / steps[name]:.1f}"]
         kinds = "displacement_rms", "friction_energy_per_cycle"
         cells += [percent(getattr(model.errors, kind, None)) for kind in kinds]
-        found = model.estimate
+        estimate = model.estimate
         # Estimated without the full model, although it was run beside this one.
-        known = {} if found is None else found.unmeasured or found.parts["total"]
+        known = {} if estimate is None else estimate.unmeasured or estimate.parts["total"]
         stated = [known.get(kind) for kind in ESTIMATED]
         cells += [*map(percent, stated), f"{model.estimate_s:.1f}"]
         row(*cells)
     print()
-    for name in [one for one in ("full", "condensed") if len(study.models) > 1]:
+    for name in [name for name in ("full", "condensed") if len(study.models) > 1]:
         begin = time.perf_counter()
         (curve,) = backbone(study.models[name].run.system, levels=LEVELS)
         print(

@@ -92,9 +92,9 @@ def backbones(quick):
     for name, system in (("bar", bar()), ("plate", system_of(*plate, False))):
         for _ in range(2):  # the second one is warm
             begin = time.perf_counter()
-            (found,) = sj.backbone(system)
+            (curve,) = sj.backbone(system)
             spent = time.perf_counter() - begin
-        error = "-" if found.masing_error is None else f"{100 * found.masing_error:.2g} %"
+        error = "-" if curve.masing_error is None else f"{100 * curve.masing_error:.2g} %"
         row(name, system.contact_points, f"{spent:.3g}", error)
 
 
@@ -121,9 +121,9 @@ def responses(quick):
         state = None
         for frequency in frequencies.tolist():
             begin = time.perf_counter()
-            one = response.steady_point(system, frequency, level, STEPS, None, state)
+            point = response.steady_point(system, frequency, level, STEPS, None, state)
             times.append(time.perf_counter() - begin)
-            state, used = one.state, used + one.periods
+            state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
@@ -151,10 +151,10 @@ def marched(system, start, cycles):
     times = np.linspace(0.0, cycles * period, cycles * SAMPLES + 1)
     absolute = np.tile([1e-5, 1e-2], system.n) / STEEP
     y = np.column_stack(start).ravel()
-    found = solve(Task(Form("IDA", ()), model, times, 1e-6, absolute, np.inf, y, order=2))
-    if isinstance(found, str):
-        raise sj.ConvergenceError(f"SUNDIALS {found}")
-    u, v = found.y[:, ::2], found.y[:, 1::2]
+    solution = solve(Task(Form("IDA", ()), model, times, 1e-6, absolute, np.inf, y, order=2))
+    if isinstance(solution, str):
+        raise sj.ConvergenceError(f"SUNDIALS {solution}")
+    u, v = solution.y[:, ::2], solution.y[:, 1::2]
     rows = [slice(k * SAMPLES, (k + 1) * SAMPLES + 1) for k in range(cycles)]
     end = u @ system.loads[0].vector
     return np.transpose([(0.5 * np.ptp(end[k]), slip_work(system, u[k], v[k])) for k in rows])
@@ -177,8 +177,8 @@ def sundials(quick):
         theirs = marched(bar(frequency, share, STEEP, elements), run.final, cycles)
         wall = time.perf_counter() - begin
         apart = [
-            (0.5 * swing(one, fine), one.cycles.friction[-1]) / theirs[:, -1] - 1.0
-            for one in (coarse, run)
+            (0.5 * swing(vibration, fine), vibration.cycles.friction[-1]) / theirs[:, -1] - 1.0
+            for vibration in (coarse, run)
         ]
         columns = [*apart, theirs[:, -1] / theirs[:, 0] - 1.0]
         texts = ["{:+.2g}, {:+.2g} %".format(*100.0 * pair) for pair in columns]

@@ -201,19 +201,19 @@ def estimate_of(case):
     return estimate_active_length(its.system(), active_zones(its.structure(), its.system())[0])
 
 
-def peak(found):
+def peak(run):
     """Largest displacement of the free end in the last cycle, m."""
-    return found.cycles.peak[-1, found.system.points.index("free_end")]
+    return run.cycles.peak[-1, run.system.points.index("free_end")]
 
 
-def loop_area(found):
+def loop_area(run):
     """Work of the load in the last cycle, J."""
-    return found.cycles.input[-1].sum()
+    return run.cycles.input[-1].sum()
 
 
-def friction(found):
+def friction(run):
     """Friction energy of the last cycle, J."""
-    return found.cycles.friction[-1]
+    return run.cycles.friction[-1]
 
 
 def fields(case, **options):
@@ -258,4 +258,5 @@ def aim_rows(item, name, errors):
 def modes_for_aims(case, **options):
     """Fewest modes of the default reduction that meet both aims; None beyond 15."""
     models = (run(case, DEFAULT | {"modes": count}, **options) for count in range(1, 16))
-    return next((count for count, one in enumerate(models, 1) if all(aims_met(one.errors))), None)
+    within = (count for count, model in enumerate(models, 1) if all(aims_met(model.errors)))
+    return next(within, None)

@@ -59,7 +59,7 @@ class _Words(string.Formatter):
             return (yes or "agrees") if value else (no or "differs")
         if isinstance(value, list | tuple | np.ndarray):
             separator = "; " if form.startswith(";") else ", "
-            return separator.join(self.format_field(one, form.removeprefix(";")) for one in value)
+            return separator.join(self.format_field(part, form.removeprefix(";")) for part in value)
         factor, _, form = form.rpartition("*")
         return format(float(factor) * value if factor else value, form)
 

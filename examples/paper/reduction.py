@@ -87,18 +87,18 @@ def section7_5(item, quick):
     frequencies = [largest_frequency(system) for system in both.values()]
     item.compare("step_factor", frequencies[0] / frequencies[1])
     parts = {
-        "K and M alone": {name: without_friction(one, False) for name, one in both.items()},
-        "with C": {name: without_friction(one, True) for name, one in both.items()},
+        "K and M alone": {name: without_friction(system, False) for name, system in both.items()},
+        "with C": {name: without_friction(system, True) for name, system in both.items()},
         "with C and friction, beta 1e5 s/m": both,
     }
     computed, measured, n = {}, {}, 500 if quick else 1500
     for part, pair in parts.items():
-        computed[part] = {name: stable_step(one) for name, one in pair.items()}
+        computed[part] = {name: stable_step(system) for name, system in pair.items()}
     for part in [*parts][:2]:
         near = computed[part].items()
         measured[part] = {name: measured_step(parts[part][name], step, n) for name, step in near}
-    for how, found in {"computed": computed, "measured": measured}.items():
-        for part, steps in found.items():
+    for how, steps_by_part in {"computed": computed, "measured": measured}.items():
+        for part, steps in steps_by_part.items():
             factor, what = steps["reduced"] / steps["full"], f"its factor, {part}, {how}"
             item.say("section7.5.step", part=part, how=how, steps=steps)
             item.compare("step_factor", None, factor, what=what, form=".3g")
@@ -108,7 +108,7 @@ def section7_5(item, quick):
     saving = counts[operations_reduced(n, counts) < operations_full(n)]
     item.compare("break_even_modes", None, int(saving[-1]))
     steps = computed["with C"]
-    chattering = {name: chatter(one, 0.5 * steps[name]) for name, one in both.items()}
+    chattering = {name: chatter(system, 0.5 * steps[name]) for name, system in both.items()}
     item.say("section7.5.chatter", chattering=chattering)
     _add_times(item, quick, computed, chattering)
 
@@ -132,9 +132,9 @@ def _add_times(item, quick, computed, chattering):
     (full_time, full_iterations), full_explicit = _implicit(full, repeats), _explicit(full, repeats)
     few = [_reference(DEFAULT | {"modes": int(j)}).run.system for j in counts]
     projected = [systems(int(j))["reduced"] for j in counts]
-    every = np.array([_implicit(one, repeats) for one in projected])
-    gauss = np.array([_implicit(one, repeats) for one in few])
-    explicit = np.array([_explicit(one, repeats) for one in projected])
+    every = np.array([_implicit(system, repeats) for system in projected])
+    gauss = np.array([_implicit(system, repeats) for system in few])
+    explicit = np.array([_explicit(system, repeats) for system in projected])
     five = int(np.flatnonzero(counts == 5)[0])
     points, micro = few[five].w.size, (every[five, 0], gauss[five, 0], explicit[five])
     item.say("section7.5.times", **locals())
@@ -182,9 +182,9 @@ CHANGES = {
 }
 #: What is measured, and which of this project's aims judges it.
 MEASURES = {
-    "peak": (lambda found: 100.0 * found.peak_displacement, "displacement"),
-    "free end at any time": (lambda found: 100.0 * found.by_point["free_end"][1], "displacement"),
-    "any point at any time": (lambda found: 100.0 * found.displacement_max, "displacement"),
+    "peak": (lambda errors: 100.0 * errors.peak_displacement, "displacement"),
+    "free end at any time": (lambda errors: 100.0 * errors.by_point["free_end"][1], "displacement"),
+    "any point at any time": (lambda errors: 100.0 * errors.displacement_max, "displacement"),
     "friction energy": (energy_error, "friction_energy"),
 }
 
@@ -224,15 +224,15 @@ def modes(item, quick):
     for system in SWEPT:
         curves = []
         for choice in CHOICES:
-            found = [errors(system, choice, count) for count in counts]
+            swept = [errors(system, choice, count) for count in counts]
             curves.append({"modes": np.array(counts, float)})
             for measure, (of, _) in MEASURES.items():
-                curves[-1][f"{measure} (%)"] = np.array([of(one) for one in found])
+                curves[-1][f"{measure} (%)"] = np.array([of(each) for each in swept])
             plain = choice.replace(" ", "_").replace("'", "")
             item.curves[f"modes_{system}_{plain}"] = curves[-1]
         for measure in ("peak", "free end at any time", "friction energy"):
             limit, name = item.marks[MEASURES[measure][1]], SYSTEMS[system]
-            needed = [_enough(counts, one[f"{measure} (%)"], limit) for one in curves]
+            needed = [_enough(counts, curve[f"{measure} (%)"], limit) for curve in curves]
             item.say("modes.needed", **locals(), choices=CHOICES)
     met = {}
     for measure, (of, judge) in MEASURES.items():

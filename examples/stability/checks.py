@@ -54,9 +54,9 @@ def law_checks(run):
     # force must lie on the law within the round-off of the largest slip.
     noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if system.is_dense else 0.0
     moves = acts & (speed > 0.0)
-    one = np.where(moves, speed, 1.0)
-    aligned = np.repeat(size / one, system.directions, axis=-1) * slip
-    with_slip = system.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / one
+    divisor = np.where(moves, speed, 1.0)
+    aligned = np.repeat(size / divisor, system.directions, axis=-1) * slip
+    with_slip = system.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
     low = force(np.maximum(speed - noise, 0.0), system.beta)
     high = force(speed + noise, system.beta)
     on_law = (low - 1e-12 <= size) & (size <= high + 1e-12)

@@ -396,11 +396,11 @@ def results(folder):
     return history, summary["models"]["full"]["energy_balance_residual"]
 
 
-def same(one, other):
+def same(history, other):
     """Whether two histories are equal but for round-off."""
-    if one.keys() != other.keys():
+    if history.keys() != other.keys():
         return False
-    pairs = [(one[name], other[name]) for name in one]
+    pairs = [(history[name], other[name]) for name in history]
     return all(
         a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=SAME * np.abs(b).max(initial=0.0))
         if a.dtype.kind == "f"
@@ -470,7 +470,7 @@ def main(arguments=None):
     options.out.mkdir(parents=True, exist_ok=True)
     print("| file | kind | damage | status | outcome | s | MiB | sentence |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    found, broken, slowest, largest = Counter(), 0, 0.0, 0.0
+    outcomes, broken, slowest, largest = Counter(), 0, 0.0, 0.0
     for number, verdict in judged(options.kinds, options.count, options.seed, options.out):
         case, sentence = verdict.case, verdict.sentence.replace("|", "/")
         print(
@@ -478,10 +478,10 @@ def main(arguments=None):
             f"{verdict.seconds:.1f} | {verdict.memory:.0f} | {sentence[-160:]} |",
             flush=True,
         )
-        found[verdict.outcome] += 1
+        outcomes[verdict.outcome] += 1
         broken += not verdict.is_right
         slowest, largest = max(slowest, verdict.seconds), max(largest, verdict.memory)
-    counts = ", ".join(f"{count} {word}" for word, count in sorted(found.items()))
+    counts = ", ".join(f"{count} {word}" for word, count in sorted(outcomes.items()))
     print(f"\n{options.count} files: {counts}; {broken} broken.")
     print(f"At most {slowest:.1f} s and {largest:.0f} MiB.")
     return int(broken > 0)

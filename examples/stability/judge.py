@@ -67,8 +67,8 @@ def judge_all(cases, progress):
     # The longest first, so that no worker is left alone with one at the end.
     order = sorted(range(len(cases)), key=lambda k: -cases[k].work)
     with processes(2) as pool:
-        found = pool.map(judge, [cases[k] for k in order])
-        for k, verdict in zip(order, found, strict=True):
+        judged = pool.map(judge, [cases[k] for k in order])
+        for k, verdict in zip(order, judged, strict=True):
             verdicts[k] = verdict
             progress("stiff and extreme cases", len(verdicts), len(cases))
     return [verdicts[index] for index in range(len(cases))]
@@ -80,22 +80,22 @@ def _judge(case):
         steps = 1.0 / case.frequency / (case.step_factor * stable_step(system))
         # Rounded so that the step stays on its side of the stable one.
         case = replace(case, steps=int(np.ceil(steps) if case.step_factor < 1.0 else steps))
-    found = run(case, system, fields=True)
-    against, expected, error_bound = reference(case, found, system)
-    scale, off = np.abs(expected).max(), np.abs(found.point_u - expected).max()
+    result = run(case, system, fields=True)
+    against, expected, error_bound = reference(case, result, system)
+    scale, off = np.abs(expected).max(), np.abs(result.point_u - expected).max()
     error = off / scale if scale > 0.0 else (inf if off > 0.0 else 0.0)
-    energy, bound = found.energy_residual, checks.energy_bound(case, found)
-    steady, asymmetry = checks.steadiness(case, found)
+    energy, bound = result.energy_residual, checks.energy_bound(case, result)
+    steady, asymmetry = checks.steadiness(case, result)
     all_checks = [
         (error <= error_bound, f"displacement off by {error:.2g}, allowed {error_bound:.2g}"),
         (energy <= bound, f"energy audit open by {energy:.2g}, allowed {bound:.2g}"),
         (asymmetry <= checks.ASYMMETRY, f"symmetric load, loop asymmetric by {asymmetry:.2g}"),
-        *checks.law_checks(found),
-        *checks.passivity_checks(found, bound),
-        *checks.motion_checks(case, found, bound),
+        *checks.law_checks(result),
+        *checks.passivity_checks(result, bound),
+        *checks.motion_checks(case, result, bound),
     ]
     failures = [text for holds, text in all_checks if not holds]
-    counters = found.counters
+    counters = result.counters
     return Verdict(
         *(case, WRONG if failures else RIGHT, "; ".join(failures), against),
         *(float(error), error_bound, energy, steady),

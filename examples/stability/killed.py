@@ -87,19 +87,19 @@ def launch(scene, out, *more, command="run"):
 
 def content(folder):
     """What the files of a folder say, by their names; times that runs took are left out."""
-    found = {}
+    files = {}
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.suffix == ".json":
             summary = json.loads(path.read_text(encoding="utf-8"))
             # Digests of tables and pictures with times differ: names alone count.
-            found[name] = _timeless(summary) | {"files": sorted(summary.get("files", ()))}
+            files[name] = _timeless(summary) | {"files": sorted(summary.get("files", ()))}
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
-                found[name] = {key: arrays[key].tobytes() for key in arrays}
+                files[name] = {key: arrays[key].tobytes() for key in arrays}
         elif path.is_file():
-            found[name] = path.read_bytes()
-    return found
+            files[name] = path.read_bytes()
+    return files
 
 
 def _timeless(value):
@@ -112,8 +112,8 @@ def _timeless(value):
 
 def differing(folder, whole):
     """What is said of the files that differ from those of an uninterrupted run."""
-    found = content(folder)
-    names = sorted(name for name in {*found, *whole} if found.get(name) != whole.get(name))
+    files = content(folder)
+    names = sorted(name for name in {*files, *whole} if files.get(name) != whole.get(name))
     return f"differ {', '.join(names[:5])}" if names else ""
 
 
@@ -208,17 +208,17 @@ def pairs(whole, count, rng):
 
 def tables(folder):
     """Tables and summary of a command by their names, without times."""
-    found = {}
+    parts = {}
     for path in folder.glob("*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
             rows = [
                 {name: value for name, value in row.items() if name not in TIMES}
                 for row in csv.DictReader(file)
             ]
-        found[path.name] = rows
+        parts[path.name] = rows
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     models = summary.get("models", {})
-    return found | {"summary": summary | {"models": {k: _timeless(models[k]) for k in models}}}
+    return parts | {"summary": summary | {"models": {k: _timeless(models[k]) for k in models}}}
 
 
 def stop(process, seconds, how):
@@ -263,8 +263,8 @@ def row_kills(command, folder, count, rng):
             taken = re.search(r"Note: (\d+) finished parts were taken up", said)
             if not begun or known != (int(taken[1]) if taken else 0):
                 return happened, f"{known} rows were there: {said}"
-            if (found := tables(out)) != expected:
-                return happened, f"differ: {[k for k in expected if found.get(k) != expected[k]]}"
+            if (actual := tables(out)) != expected:
+                return happened, f"differ: {[k for k in expected if actual.get(k) != expected[k]]}"
             if left := [file.name for file in out.iterdir() if "rows" in file.name]:
                 return happened, f"{left} is left"
             happened["ended"] += 1
@@ -278,9 +278,9 @@ def row_kills(command, folder, count, rng):
             continue
         # An interrupt in the midst of an import ends Python by SIGINT itself; shells say 130 too.
         right = status in ((-how,) if how == signal.SIGKILL else (130, -signal.SIGINT))
-        told = how == signal.SIGKILL or now == known or f"{now} of " in said
+        states_rows = how == signal.SIGKILL or now == known or f"{now} of " in said
         locked = how != signal.SIGKILL and lock.exists() and not stale
-        if not right or not told or locked or now < known:
+        if not right or not states_rows or locked or now < known:
             return happened, f"{how.name}: status {status}, {known} to {now} rows: {said}"
     return happened, ""
 

@@ -197,8 +197,8 @@ def walked(key, value, change, order=list):
 def moved(text, factors):
     """Mesh file with each coordinate times a factor; they stand alone on a line, with decimals."""
 
-    def line(found):
-        words = zip(found[0].split(" "), factors, strict=True)
+    def line(match):
+        words = zip(match[0].split(" "), factors, strict=True)
         return " ".join(repr(float(word) * factor) for word, factor in words)
 
     return re.sub(r"(?m)^\S*[.e]\S* \S*[.e]\S* \S*[.e]\S*$", line, text)
@@ -294,9 +294,9 @@ def study_of(folder, scene, bodies):
     for number, data in enumerate(bodies):
         (folder / f"body_{number}.msh").write_bytes(data)
     (folder / "scene.toml").write_bytes(scene)
-    found = load_scene(folder / "scene.toml")
-    fits = found.n_steps * max(1, found.system().n) <= MOST_WORK
-    return run_scene(found).finished() if fits else None
+    loaded = load_scene(folder / "scene.toml")
+    fits = loaded.n_steps * max(1, loaded.system().n) <= MOST_WORK
+    return run_scene(loaded).finished() if fits else None
 
 
 def check(study):
@@ -310,9 +310,9 @@ def check(study):
             hold(holds, f"{name}: {said}")
 
 
-def same(one, other, factor, along):
+def same(first, second, factor, along):
     """See that two runs are the same motion, times a factor, and another one along x."""
-    a, b = (study.models["full"].run for study in (one, other))
+    a, b = (study.models["full"].run for study in (first, second))
     factors = [factor * (along if name.endswith(".x") else 1.0) for name in a.system.points]
     largest = np.abs(a.point_u).max()
     difference = np.abs(b.point_u / factors - a.point_u).max()
@@ -330,8 +330,8 @@ def judge(number, seed, folder):
         texts.append((folder / "drawn.msh").read_text(encoding="utf-8"))
     if number % 2:
         files = [toml(tables).encode(), *(text.encode() for text in texts)]
-        one = rng.choice([0, 0, *range(len(files))])
-        files[one] = damaged(files[one], rng)
+        damaged_file = rng.choice([0, 0, *range(len(files))])
+        files[damaged_file] = damaged(files[damaged_file], rng)
         try:
             study = study_of(folder, files[0], files[1:])
         except JointError as error:
@@ -342,9 +342,9 @@ def judge(number, seed, folder):
         check(study)
         return "damaged: run"
     way = rng.choice([mirrored, doubled, in_millimetres])
-    told = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
+    described = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
     try:
-        study = _valid(folder, *told)
+        study = _valid(folder, *described)
     except InputError as error:
         if "reduced model cannot follow" in str(error):  # and says what to do
             return "valid, reduction refused"
@@ -379,15 +379,15 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=int, default=default)
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    found, broken, begin = Counter(), 0, time.perf_counter()
+    outcomes, broken, begin = Counter(), 0, time.perf_counter()
     for number in range(options.first, options.first + options.count):
         faulthandler.dump_traceback_later(PATIENCE, exit=True, file=sys.__stderr__)
         try:
-            found[judge(number, options.seed, options.out)] += 1
+            outcomes[judge(number, options.seed, options.out)] += 1
         except Exception as error:  # noqa: BLE001 - anything that is not a message is a finding
             broken += 1
             kind = "refused" if isinstance(error, InputError) else type(error).__name__
-            found[f"BROKEN: {kind}"] += 1
+            outcomes[f"BROKEN: {kind}"] += 1
             kept = options.out / f"broken_{number}"
             kept.mkdir(exist_ok=True)
             for path in [*options.out.glob("*.toml"), *options.out.glob("body_*.msh")]:
@@ -399,7 +399,7 @@ def main(arguments=None):
         done = number + 1 - options.first
         if done % 1000 == 0:
             print(f"{done} of {options.count} scenes, {broken} broken", file=sys.stderr, flush=True)
-    for word, count in sorted(found.items()):
+    for word, count in sorted(outcomes.items()):
         print(f"{word}: {count}")
     print(f"{options.count} scenes in {time.perf_counter() - begin:.0f} s, {broken} broken")
     return int(broken > 0)

@@ -148,18 +148,20 @@ def main(arguments):
     good = 0
     for pair in draw(options.count, options.seed):
         try:
-            found = compare(pair)
+            comparison = compare(pair)
         except sj.ConvergenceError as error:
             print(f"{pair}: {error}", flush=True)
             continue
-        good += found.holds
-        v, other = found.vibration, found.other
+        good += comparison.holds
+        v, other = comparison.vibration, comparison.other
+        judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
+        judgement = "" if comparison.holds else judgement
         print(
             f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
             f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{v.periods:8}"
-            f"{other.periods:8}{1e6 * v.amplitude[0]:15.4f}{100 * found.apart:+11.4f}"
+            f"{other.periods:8}{1e6 * v.amplitude[0]:15.4f}{100 * comparison.apart:+11.4f}"
             f"{1e6 * v.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
-            f"{'' if found.holds else '  UNSETTLED' if other.changing > SETTLED else '  WRONG'}",
+            f"{judgement}",
             flush=True,
         )
     print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %.")

@@ -59,24 +59,24 @@ def run(case, system, *, fields=False, finer=1):
     save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // FRAMES)))
     step = case.step / finer / UNITS[case.units][2]
     if case.solver == "explicit":
-        found = runge_kutta(system, step=step, n_steps=n_steps, save=save)
+        result = runge_kutta(system, step=step, n_steps=n_steps, save=save)
     else:
         # Cycle by cycle is enough; a drift of 1e5 cycles is watched by the thousand.
         cycle = finer * case.steps * max(1, case.periods // 100)
         how = {"cycle_steps": cycle, "scheme": generalized_alpha(case.rho), "save": save}
-        found = integrate(system, step=step, n_steps=n_steps, **how)
-    if found.interrupted:
+        result = integrate(system, step=step, n_steps=n_steps, **how)
+    if result.interrupted:
         raise KeyboardInterrupt
-    return found
+    return result
 
 
-def reference(case, found, system):
+def reference(case, result, system):
     """What a case is compared with, how its points should move (rows, points), and how closely."""
 
     def other(another):
         return run(another, modelled(another)).point_u
 
-    u, bound = found.point_u, allowed_error(case)
+    u, bound = result.point_u, allowed_error(case)
     if case.units:
         return "same in SI", other(replace(case, units="")) / UNITS[case.units][0], SAME
     if case.turned:
@@ -91,11 +91,11 @@ def reference(case, found, system):
         later = np.resize(early, (u.shape[0] - 100 * case.steps, u.shape[1]))
         return "its 100th period", np.concatenate([u[: 100 * case.steps], later]), SAME
     if system.contact_points == 0 and case.load == "harmonic":
-        return "closed form", linear_response(case, system, found.times), bound
+        return "closed form", linear_response(case, system, result.times), bound
     if case.axis == "slow":
         # Each branch of the loop ends somewhere inside an element.
         coarse = 1.0 / (case.share * case.elements[0])
-        return "closed form", pseudo_static_response(case, found)[:, np.newaxis], bound + coarse
+        return "closed form", pseudo_static_response(case, result)[:, np.newaxis], bound + coarse
     if case.model == "reduced" and case.modes is None:
         return "full model", other(replace(case, model="full")), SAME
     if case.solver == "explicit":
@@ -152,10 +152,10 @@ def linear_response(case, system, times):
     return np.array(states)[:, :n] @ system.P.T
 
 
-def pseudo_static_response(case, found):
+def pseudo_static_response(case, result):
     """Loaded end of a bar with a Coulomb joint, pulled so slowly that inertia does not matter."""
     EA = E * (0.2 * case.length) * (0.04 * case.length)
     tau = case.friction * case.pressure * (0.2 * case.length)
-    phase = 2.0 * pi * case.frequency * found.times
-    u, force = loop(found.system.loads[0].amplitude.peak_value or 0.0, EA, tau, phase)
+    phase = 2.0 * pi * case.frequency * result.times
+    u, force = loop(result.system.loads[0].amplitude.peak_value or 0.0, EA, tau, phase)
     return np.where(phase < 0.5 * pi, peak_displacement(1.0, EA, tau) * force**2, u)

@@ -25,8 +25,8 @@ MAPS = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
 def bottom_line(verdicts, seconds):
     """Counts in one sentence."""
     counts = Counter(verdict.outcome for verdict in verdicts)
-    found = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
-    return f"{len(verdicts)} cases: {found}, in {seconds:.0f} s."
+    parts = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
+    return f"{len(verdicts)} cases: {parts}, in {seconds:.0f} s."
 
 
 def summary(verdicts):
@@ -37,8 +37,8 @@ def summary(verdicts):
         group = [verdict for verdict in verdicts if verdict.case.axis == axis]
         counts = Counter(verdict.outcome for verdict in group)
         judged = [v for v in group if v.error is not None]
-        found = ((v.error, v.error / (v.error_bound or 1.0), v.energy or 0.0) for v in judged)
-        worst = map(max, zip(*found, strict=True)) if judged else [None] * 3
+        figures = ((v.error, v.error / (v.error_bound or 1.0), v.energy or 0.0) for v in judged)
+        worst = map(max, zip(*figures, strict=True)) if judged else [None] * 3
         sums = sum(v.fallbacks for v in group), sum(v.halved for v in group)
         rows.append([axis, *(counts[outcome] for outcome in OUTCOMES), *worst, *sums])
     return markdown_table(head, rows)
@@ -46,15 +46,15 @@ def summary(verdicts):
 
 def _iterations(verdicts):
     """Newton iterations a step by beta and scheme at 100 steps per period: mean, most."""
-    found = {
+    texts = {
         (v.case.beta, v.case.scheme): f"{v.iterations:.1f}, at most {v.largest_iterations}"
         for v in verdicts
         if v.case.axis in ("scheme", "plate scheme") and v.case.steps == 100 and v.outcome == RIGHT
     }
-    schemes = [name for name in SCHEMES if name in {key[1] for key in found}]
+    schemes = [name for name in SCHEMES if name in {key[1] for key in texts}]
     rows = [["beta", *schemes]]
     for beta in BETAS:
-        cells = [found.get((beta, name), "") for name in schemes]
+        cells = [texts.get((beta, name), "") for name in schemes]
         if any(cells):
             rows.append(["Coulomb" if beta == inf else f"{beta:.0e}", *cells])
     return rows
@@ -126,12 +126,12 @@ def draw(verdicts):
     ticks = [n * (k % 2 != len(BETAS) % 2) for k, n in enumerate(names)]
     for panel, name in zip(panels.flat, SCHEMES, strict=True):
         for outcome, marker, size in zip(OUTCOMES, "oxs", (60, 40, 70), strict=True):
-            found = [v for v in maps if v.case.scheme == name and v.outcome == outcome]
+            group = [v for v in maps if v.case.scheme == name and v.outcome == outcome]
             style = {"c": "red" if outcome == WRONG else "black"}
             if outcome == RIGHT:
-                errors = [max(v.error or 0.0, 1e-9) for v in found]
+                errors = [max(v.error or 0.0, 1e-9) for v in group]
                 style = {"c": errors, "norm": norm, "cmap": "cividis", "edgecolors": "black"}
-            at = [BETAS.index(v.case.beta) for v in found], [v.case.steps for v in found]
+            at = [BETAS.index(v.case.beta) for v in group], [v.case.steps for v in group]
             drawn[outcome] = panel.scatter(*at, marker=marker, s=size, label=outcome, **style)
         panel.set_title(name, loc="left", fontsize=11)
         panel.set(yscale="log", xlim=(-0.6, len(BETAS) - 0.4), ylim=(5, 120_000))
