@@ -5,7 +5,7 @@ against its amplitude (the backbone) in hundredths of a second. Released from it
 structure rings down through the same amplitudes. And the response to a harmonic force, at several
 levels of it, has its peaks there. The frequencies of a uniform bar are as 1 : 3 : 5, so that the
 odd harmonics of friction excite the higher modes: the true damping, of ring-down and response, is
-up to twice what the backbone says, as its warning tells. A heavy tip moves the higher modes away.
+up to twice that of the backbone, as its warning states. A heavy tip moves the higher modes away.
 """
 
 from pathlib import Path
@@ -15,10 +15,8 @@ from matplotlib.figure import Figure
 
 import skfem_joint as sj
 
-HERE = Path(__file__).resolve().parent
-
 # The structure, its Coulomb friction, and 0.2 % of viscous damping.
-scene = sj.load_scene(HERE / "structure_harmonic.toml")
+scene = sj.load_scene(Path(__file__).resolve().parent / "structure_harmonic.toml")
 scene = scene.changed(joint={"law": "coulomb"}, damping={"stiffness": 0.0, "ratio": 0.002})
 system = scene.system()
 

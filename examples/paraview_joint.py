@@ -34,8 +34,6 @@ STATES = (
 BLACK = (0.0, 0.0, 0.0)
 SIZE = (1400, 900)  # pixels
 TOP = 0.62  # share of the height for the joint
-SHARE = 0.05  # largest displacement in the picture over the length
-FRAMES = 100  # frames looked at for the largest displacement
 BACK, RISE = -0.55 / math.hypot(0.55, 0.85), 0.85 / math.hypot(0.55, 0.85)  # joint to eye
 ABOVE, BELOW, GAP = 10, 125, 55  # pixels above the joint, for the colours below, above each part
 
@@ -79,10 +77,13 @@ def blocks_by_model(reader):
 
 
 def largest_displacement(reader):
-    """Largest displacement, its time, and its largest parts of all frames along x, y and z."""
+    """Largest displacement, its time, and the largest components of all frames.
+
+    Of a long series about 100 frames are read.
+    """
     times = list(reader.TimestepValues)
     best, reach = (0.0, times[0]), [0.0, 0.0, 0.0]
-    for time in times[:: max(1, len(times) // FRAMES)]:
+    for time in times[:: max(1, len(times) // 100)]:
         reader.UpdatePipeline(time)
         displacement = reader.PointData["displacement"]
         best = max(best, (displacement.GetRange(-1)[1], time), key=lambda entry: entry[0])
@@ -228,7 +229,8 @@ def joint(reader, time=None, factor=None):
     if factor is None:
         ends = zip(*box(reader, 3 * [0.0]), strict=True)
         length = max(high - low for low, high in ends)
-        factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
+        # The largest displacement is drawn as a twentieth of the length.
+        factor = rounded(0.05 * length / largest) if largest > 0.0 else 1.0
 
     layout, view = simple.CreateLayout("joint"), simple.CreateRenderView()
     simple.AssignViewToLayout(view=view, layout=layout)

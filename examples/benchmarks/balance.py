@@ -1,8 +1,8 @@
 """Steady vibration by harmonic balance: pyHarm (Safran, ``pyharm-os``), for systems of arctan law.
 
-pyHarm has neither our law nor slip rows: all friction is one element of it here, alternating
-between frequency and time with pyHarm's own operators. Its Newton method takes all unknowns: faster
-here than with its condensation on the joint, or with SciPy's hybrid method.
+pyHarm has neither our friction law nor slip rows. Here all friction is a single element, which goes
+from frequency to time and back by pyHarm's own operators. Newton's method takes all unknowns, which
+is faster here than condensation on the joint, and faster than SciPy's hybrid method.
 """
 
 import logging
@@ -15,15 +15,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import block_diag
 
-# Where its settings are, instead of the folder one happens to be in.
+# The place of pyHarm's settings, which would otherwise be the current folder.
 os.environ.setdefault("PYHARM_CONTEXT_FILE", str(Path.home() / ".pyHarm" / "context.json"))
 import pyHarm
 from pyHarm.Elements.ABCElement import ABCElement
 
 from skfem_joint.errors import ConvergenceError
-
-#: Times of a period; residual over the load and change (m) at which Newton's method ends.
-SAMPLES, RESIDUAL, CHANGE = 128, 1e-6, 1e-9
 
 
 class Arctan(ABCElement):
@@ -82,14 +79,15 @@ def balanced(system, harmonics):
     force, omega = load.amplitude.amplitude, 2.0 * math.pi * load.amplitude.frequency
     end = int(np.flatnonzero(load.vector)[0])
     nodes = sparse.csr_array(system.B).indices
-    newton = {"tol_residual": RESIDUAL * force, "tol_delta_x": CHANGE, "max_iter": 100}
+    # Newton's method ends at this residual (N) and this change of an unknown (m).
+    newton = {"tol_residual": 1e-6 * force, "tol_delta_x": 1e-9, "max_iter": 100}
     pull = {"type": "SinusForcing", "connect": {"bar": [end]}, "dirs": [0], "amp": force}
     study = {"study": "frf", "solver": "NewtonRaphson", "solver_options": newton}
     study |= {"puls_inf": omega, "puls_sup": omega}
     law = {"type": "arctan", "nodes": nodes, "w": system.w, "beta": system.beta}
     matrices = {name: getattr(system, name).toarray() for name in "MCK"}
     task = {
-        "system": {"type": "Base", "nh": harmonics, "nti": SAMPLES},
+        "system": {"type": "Base", "nh": harmonics, "nti": 128},  # times in a period
         "substructures": {"bar": {"ndofs": 1, "matrix": matrices}},
         "connectors": {"pull": pull, "friction": law},
         "analysis": {"one": study},

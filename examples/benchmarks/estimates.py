@@ -29,9 +29,8 @@ from skfem_joint.scene import scene_from, tables
 
 #: Errors below this are not judged; of large ones no less than a part may be stated.
 JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
-WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
+WIDTH = 0.05  # m
 REFERENCES = get_args(tables.ReductionTable.model_fields["reference"].annotation)
-ACCURACY = {"displacement": 0.01, "energy": 0.02}
 #: Steps in a period or rise of full models.
 STEPS = (8, 12, 20, 40, 80, 150, 400)
 
@@ -95,14 +94,14 @@ def scenes(seed, count, steps=()):
             mesh, joints, places = build_plate(strips, WIDTH, wide), ["joint"], ["right"]
         else:
             mesh, joints, places = _bar(rng)
-        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": FRICTION}
+        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": 0.7}
         arctan = rng.random() >= 0.15
         pressed |= {"beta": 10 ** rng.uniform(3.5, 6)} if arctan else {"law": "coulomb"}
         pull = {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
         values = {
             "mesh": {"file": "none"},
             "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
-            "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
+            "section": {"thickness": 0.01} | ({} if flat else {"width": WIDTH}),
             "support": {"fixed": ["left" if flat else "fixed"]},
             "joint": [{"on": on} | pressed for on in joints],
             "damping": {"stiffness": 10 ** rng.uniform(-6.5, -5)},
@@ -194,7 +193,8 @@ def main(arguments):
     judgements, begin = [], time.perf_counter()
     for scene in scenes(seed, count, STEPS if kind == "full" else ()):
         if kind == "accuracy":
-            keys = scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}
+            accuracy = {"displacement": 0.01, "energy": 0.02}
+            keys = scene.model_dump(exclude_unset=True) | {"accuracy": accuracy}
             scene = scene_from(keys, scene.named_mesh)
         judgements.append(judgement := judged(scene))
         pairs = ((judgement.stated.get(q), judgement.true.get(q)) for q in QUANTITIES)

@@ -33,14 +33,6 @@ from skfem_joint.reduction.friction_points import reduced_system
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.plan import Plan
 
-#: Columns of the table; the last are quasi-static states, factorisations and preliminary steps.
-HEADER = (
-    *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
-    *("full, s", "times faster, 2 periods", "12 periods", "estimate, s", "2", "12"),
-    *("stated history, %", "friction, %", "states, factors, steps"),
-)
-IMPULSE = {"duration": 2e-3, "step": 1e-6}
-
 
 def timed(its):
     """System of a scene and how it is run."""
@@ -56,7 +48,8 @@ def paper(name, pulse=""):
     """System of the paper by name, under its harmonic load or a pulse."""
     case = cases.CASES[name]
     load = cases.pulse(case, pulse, 2.5e-5) if pulse else None
-    return timed(cases.scene(case, load=load, time=IMPULSE if pulse else None))
+    time = {"duration": 2e-3, "step": 1e-6} if pulse else None
+    return timed(cases.scene(case, load=load, time=time))
 
 
 def harmonics(length, arm, *parts):
@@ -90,17 +83,14 @@ def bending():
     return system, {"step": 2e-5, "n_steps": 400, "cycle_steps": 100}
 
 
-#: How structures are made; what is reduced, and what is asked of it.
+#: Functions that make structures, by the names in ``reduction.toml``.
 MAKERS = {maker.__name__: maker for maker in (scene, paper, harmonics, plate, bending)}
-TASKS = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
-UNASKED = {"unknowns": 1000, "history": np.inf, "peak": np.inf, "friction": np.inf}
-CHOSEN = {"modes": 12, "interface_modes": "auto"}
 
 
 def measure(task):
     """Run the full model and the reduced one; cells of the table."""
     system, how = MAKERS[task["make"]](*task["of"])
-    modes, interface_modes = (task.get(name, value) for name, value in CHOSEN.items())
+    modes, interface_modes = task.get("modes", 12), task.get("interface_modes", "auto")
     full = sj.integrate(system, **how)
     begin = time.perf_counter()
     plan = Plan(**how)
@@ -119,7 +109,8 @@ def measure(task):
     friction = errors.friction_energy_per_cycle if cycles else errors.friction_energy
     shares = errors.displacement_rms, errors.peak_displacement or 0.0, friction or 0.0
     measured = [n, *(100.0 * abs(share) for share in shares)]
-    asked = [task.get(name, value) for name, value in UNASKED.items()]
+    asked = [task.get("unknowns", 1000)]
+    asked += [task.get(name, np.inf) for name in ("history", "peak", "friction")]
     missed = any(value > limit for value, limit in zip(measured, asked, strict=True))
     cells = [task["name"] + (" (missed)" if missed else "")]
     cells.append(f"{n} ({asked[0]})" if "unknowns" in task else n)
@@ -146,8 +137,14 @@ def main(arguments):
     names = [name for name in arguments if not name.startswith("-")] or [""]
     measure({"name": "what loads the code", "make": "plate", "of": [20, 3, 0.05, False]})
     print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
-    head(*HEADER)
-    for task in TASKS:
+    # The last column counts quasi-static states, factorisations and preliminary steps.
+    head(
+        *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
+        *("full, s", "times faster, 2 periods", "12 periods", "estimate, s", "2", "12"),
+        *("stated history, %", "friction, %", "states, factors, steps"),
+    )
+    tasks = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
+    for task in tasks:
         large = task.get("large") and "--quick" in arguments
         if any(name in task["name"] for name in names) and not large:
             row(*measure(task))

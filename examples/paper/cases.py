@@ -28,7 +28,6 @@ E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
 STIFFNESS, SPEED = E * WIDTH * THICKNESS, float(np.sqrt(E / DENSITY))
 #: Shares of the free end's peak above which a node counts as active: this package's, and less.
 THRESHOLDS = THRESHOLD, 1e-4
-SHAPES = sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold
 PULSES = "triangle", "half_sine", "versine", "ramp_and_hold"
 #: Ours: scaled modes of the paper's reference system, velocity snapshots beside displacement,
 #: active length from a probe run, friction at Gauss points, beta that the modes resolve.
@@ -111,7 +110,7 @@ def scene(
     case, reduction=None, *, load=None, time=None, models=("full",), beta=1e5,
     normal_force="equal", elements=100, damping=1e-5, frames=0,
 ):  # fmt: skip
-    """Scene of a case; harmonic, 8 cycles of 200 steps unless told otherwise.
+    """Scene of a case; by default harmonic, 8 cycles of 200 steps.
 
     ``reduction``, ``load`` and ``time`` are keys of these tables; ``beta`` (s/m) is infinite for
     Coulomb's law; ``damping`` (s) makes C = damping K; ``frames`` are fields to keep, at most.
@@ -143,7 +142,8 @@ def pulse(case, shape, rise_time):
 
 
 def pulses(case, rise_time, end):
-    t, kinds = np.linspace(0.0, end, 501), zip(PULSES, SHAPES, strict=True)
+    t, shapes = np.linspace(0.0, end, 501), (sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold)
+    kinds = zip(PULSES, shapes, strict=True)
     return {"time_s": t} | {f"{name}_N": kind(case.force, rise_time)(t) for name, kind in kinds}
 
 

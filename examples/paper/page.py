@@ -26,10 +26,11 @@ HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "differen
 #: Printed values by item, some with rounding and name; pictures by item.
 PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
 PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
-#: Names of files that the page consists of, which are not to be those of files of other origin.
-_DRAWN = "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
+#: Names of the files that the page consists of; files of other origin must not have them.
 USED_NAMES = re.compile(
-    rf"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/({_DRAWN})\.png)?"
+    r"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/("
+    + "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
+    + r")\.png)?"
 )
 #: Title and blocks of ``page.md`` by the name in the heading.
 TEMPLATES = {}

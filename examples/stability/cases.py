@@ -1,4 +1,4 @@
-"""What a case is, and the matrix of stiff and extreme ones that ``cases.toml`` lists."""
+"""Cases, and the matrix of stiff and extreme ones that ``cases.toml`` lists."""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -104,7 +104,7 @@ class Case:
 
 
 TABLE = tomllib.loads((Path(__file__).parent / "cases.toml").read_text(encoding="utf-8"))
-LISTS, SHARED = TABLE["lists"], TABLE["with"]
+LISTS = TABLE["lists"]
 BETAS, RADII, PLATE_RADII = (LISTS[name] for name in ("BETAS", "RADII", "PLATE_RADII"))
 #: Easy cases, and how many of each axis are in a quick matrix.
 BAR = Case()
@@ -117,7 +117,7 @@ def _fields(row):
     for key, value in row.items():
         if key == "with":
             for name in [value] if isinstance(value, str) else value:
-                yield from _fields(SHARED[name])
+                yield from _fields(TABLE["with"][name])
         elif key == "elements" and not isinstance(value[0], list):
             yield key, tuple(value)
         else:
@@ -153,7 +153,7 @@ def matrix():
 
 
 def quick_matrix():
-    """A few cases of each axis, for a look and for tests."""
+    """A few cases of each axis, for a quick check and for tests."""
     few = {}
     for case in matrix():
         if case.steps * case.periods <= 1000 and case.elements[0] <= 1000:

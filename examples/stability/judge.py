@@ -14,8 +14,6 @@ from stability.cases import Case
 from stability.references import modelled, reference, run
 
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong in silence"
-#: Words of a message that says what to do.
-REMEDIES = ("use ", "try ", "must be", "give ", "add ", "hold ")
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Verdict:
     energy: float | None = None  # left over in the audit, over the energy in play
     steady: str = ""  # a harmonic run's steady state: "reached" or "not reached"
     iterations: float = 0.0  # of Newton's method a step,
-    largest_iterations: int = 0  # and most in one
+    largest_iterations: int = 0  # and the most in a step
     fallbacks: int = 0  # steps that needed the second tier of the solver, or the third,
     halved: int = 0  # or parts
 
@@ -39,8 +37,8 @@ class Verdict:
 def judge(case):
     """Run a case and judge it.
 
-    An exception that is not one of the package's own, and a warning of numpy, count as wrong:
-    the user would be told nothing that helps.
+    An exception that is not one of the package's own counts as wrong, and so does a warning of
+    numpy: neither says what to do. So does an error of the package that names no remedy.
     """
     try:
         with warnings.catch_warnings():
@@ -48,7 +46,8 @@ def judge(case):
             verdict = _judge(case)
     except JointError as error:
         message = " ".join(str(error).split())
-        if any(word in message.lower() for word in REMEDIES):
+        remedies = ("use ", "try ", "must be", "give ", "add ", "hold ")
+        if any(word in message.lower() for word in remedies):
             return Verdict(case, REFUSED, message)
         return Verdict(case, WRONG, f"no remedy named: {message}")
     except (ArithmeticError, ValueError, IndexError, RuntimeError, Warning) as error:
@@ -64,7 +63,7 @@ def judge_all(cases, progress):
     ``progress`` is called with (label, cases done, cases in all).
     """
     verdicts = {}
-    # The longest first, so that no worker is left alone with one at the end.
+    # The longest cases go first, so that the workers finish at about the same time.
     order = sorted(range(len(cases)), key=lambda k: -cases[k].work)
     with processes(2) as pool:
         judged = pool.map(judge, [cases[k] for k in order])

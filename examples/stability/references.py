@@ -22,10 +22,6 @@ COARSE, MOST = 2.0, 0.2
 #: Error allowed between the same problem in different units or in all its modes: the steps'
 #: tolerance of 1e-11, gathered over the steps.
 SAME = 1e-6
-#: Fields are stored at this many steps at most.
-FRAMES = 2000
-#: Friction points of hyper-reduced bars, and of plates for each mode.
-POINTS, POINTS_PER_MODE = 6, 4
 
 
 def modelled(case):
@@ -36,7 +32,7 @@ def modelled(case):
     training = run(replace(case, model="full", steps=max(case.steps, 50)), system, fields=True)
     if case.is_plate and case.modes is not None:
         basis = own_basis(system, training, case.modes)
-        reduced, most = system.project(basis.V), POINTS_PER_MODE * case.modes
+        reduced, most = system.project(basis.V), 4 * case.modes
         if case.model == "reduced":
             return reduced
         return merged_points(reduced, basis.velocities, basis.active, most)
@@ -50,13 +46,16 @@ def modelled(case):
         return system.project(V)
     (patch,) = (structure := structure_of(case)).patches
     line = patch.points, structure.nodes[patch.nodes, 0]
-    return gauss_points(system.project(V), [line], POINTS)
+    return gauss_points(system.project(V), [line], 6)
 
 
 def run(case, system, *, fields=False, finer=1):
-    """Run a case; ``finer`` divides its step, the stored times stay the same."""
+    """Run a case; ``finer`` divides its step, the stored times stay the same.
+
+    Fields are stored at 2,000 steps at most.
+    """
     n_steps = finer * case.steps * case.periods
-    save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // FRAMES)))
+    save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // 2000)))
     step = case.step / finer / UNITS[case.units][2]
     if case.solver == "explicit":
         result = runge_kutta(system, step=step, n_steps=n_steps, save=save)

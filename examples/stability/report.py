@@ -1,4 +1,4 @@
-"""What became of the cases: a page with a table of all of them, and a picture of the schemes."""
+"""Outcomes of the cases: a page with a table of all of them, and a picture of the schemes."""
 
 import re
 from collections import Counter
@@ -12,14 +12,11 @@ from stability.cases import BETAS, PLATE_RADII, RADII
 from stability.judge import REFUSED, RIGHT, WRONG
 
 OUTCOMES = (RIGHT, REFUSED, WRONG)
-#: Words of the page; its name and that of the picture.
-WORDS = (Path(__file__).parent / "page.md").read_text(encoding="utf-8")
+#: Names of the page and of its picture.
 PAGE, PICTURE = "stability.md", "stability.png"
 #: Schemes and models of bars and of plates, with a panel each in the picture.
 SCHEMES = [*(f"rho = {rho:g}" for rho in RADII), "explicit Runge-Kutta", "reduced", "hyper-reduced"]
 SCHEMES += [f"plates, rho = {rho:g}" for rho in PLATE_RADII]
-#: The axes of their cases.
-MAPS = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
 
 
 def bottom_line(verdicts, seconds):
@@ -61,7 +58,7 @@ def _iterations(verdicts):
 
 
 def _refusals(verdicts):
-    """Refusals by message, numbers aside: how many, on which axes, one in full."""
+    """Refusals grouped by their message without its numbers: count, axes, an example."""
     groups = {}
     for verdict in verdicts:
         if verdict.outcome == REFUSED:
@@ -88,7 +85,8 @@ def page(verdicts, seconds):
     ]
     head = ["axis", "case", "outcome", "error", "allowed", "against", "energy left over"]
     head += ["steady state", "iterations a step", "fallbacks", "halved"]
-    return WORDS.format(
+    words = (Path(__file__).parent / "page.md").read_text(encoding="utf-8")
+    return words.format(
         bottom_line=bottom_line(verdicts, seconds),
         bars=len(verdicts) - plates,
         plates=plates,
@@ -121,7 +119,8 @@ def draw(verdicts):
 
     drawing, norm = new_figure(20.0, 7.5), LogNorm(1e-7, 0.2)
     panels, drawn = drawing.subplots(2, 5), {}
-    maps = [v for v in verdicts if v.case.axis in MAPS]
+    axes = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
+    maps = [v for v in verdicts if v.case.axis in axes]
     names = ["C" if beta == inf else f"{beta:.0e}".replace("+0", "") for beta in BETAS]
     ticks = [n * (k % 2 != len(BETAS) % 2) for k, n in enumerate(names)]
     for panel, name in zip(panels.flat, SCHEMES, strict=True):

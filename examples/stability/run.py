@@ -29,7 +29,7 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
     options = parser.parse_args(arguments)
     try:
-        # What cannot be written is told before anything is computed.
+        # A folder that cannot be written to is refused before anything is computed.
         with kept(options.out, used=re.compile(f"{report.PAGE}|{report.PICTURE}")):
             begin = time.perf_counter()
             with progress_bar() as progress:
