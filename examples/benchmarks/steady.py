@@ -192,8 +192,7 @@ def balances(quick):
     from benchmarks.balance import balanced
 
     share, frequency, _ = CASES[1]
-    # The steepness of the law, in s/m, is small: the balance needs few harmonics.
-    case = bar(frequency, share, 10.0, 10 if quick else 100)
+    case = bar(frequency, share, beta=10.0, elements=10 if quick else 100)
     balanced(case, [1])  # compiles
     for _ in range(2):  # the second one is warm
         begin = time.process_time()

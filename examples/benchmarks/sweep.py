@@ -40,7 +40,7 @@ def main(arguments):
     single, double = median(times[1]), median(times[2])
     ratio = median(b / a for a, b in zip(*times.values(), strict=True))
     print(
-        f"{len(scenes)} scenes: {single:.1f} s with one worker, {double:.1f} s with two: {ratio:.2f}"
+        f"{len(scenes)} scenes: {single:.1f} s with one worker, {double:.1f} s with 2: {ratio:.2f}"
     )
 
 
