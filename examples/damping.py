@@ -1,11 +1,12 @@
-"""How much damping, and at what frequency, at which amplitude: the structure of Fig. 18.
+"""Damping and frequency of a mode against its amplitude: the structure of Fig. 18.
 
-Three ways to the same answer. Quasi-static modal analysis gives a mode's frequency and damping
-against its amplitude (the backbone) in hundredths of a second. Released from its highest level, the
-structure rings down through the same amplitudes. And the response to a harmonic force, at several
-levels of it, has its peaks there. The frequencies of a uniform bar are as 1 : 3 : 5, so that the
-odd harmonics of friction excite the higher modes: the true damping, of ring-down and response, is
-up to twice that of the backbone, as its warning states. A heavy tip moves the higher modes away.
+There are three ways to the same curves. Quasi-static modal analysis gives a mode's frequency and
+damping against its amplitude (the backbone) in hundredths of a second. Released from its highest
+level, the structure rings down through the same amplitudes. The response to a harmonic force, at
+several levels of the force, has its peaks there too. The frequencies of a uniform bar are as
+1 : 3 : 5, so that the odd harmonics of friction excite the higher modes: the true damping, of
+ring-down and response, is up to twice that of the backbone, as its warning states. A heavy tip
+moves the higher modes away.
 """
 
 from pathlib import Path

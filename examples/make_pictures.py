@@ -1,4 +1,4 @@
-"""The pictures of the gallery, made anew from what the examples give.
+"""Make the pictures of the gallery anew from the results of the examples.
 
     python examples/make_pictures.py                     all but those of LONG, some ten minutes
     python examples/make_pictures.py NAME ... --out DIR  some of them, elsewhere
@@ -63,7 +63,7 @@ def loops(example):
     return plots.hysteresis_figure(runs, "free_end", 0, example["timing"]["steps_per_cycle"])
 
 
-#: Pictures of the literate examples of the same name, from what is found in them.
+#: Pictures of the literate examples of the same name, made from the names that they define.
 FIGURES = dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda example: example["figure"])
 FIGURES |= {
     "lap_joint": lambda example: plots.proper_values_figure(

@@ -99,7 +99,7 @@ def rounded(value):
 
 
 def can_draw(view):
-    """Whether drawing works: ParaView built for X ends the process when there is no X server."""
+    """Whether drawing works; ParaView built for X ends the process when there is no X server."""
     window = view.SMProxy.GetClientSideObject().GetRenderWindow().GetClassName()
     return window != "vtkXOpenGLRenderWindow" or bool(os.environ.get("DISPLAY"))
 
@@ -134,7 +134,7 @@ def colour_by_state(view):
 
 
 def up(y, z):
-    """How far up in the picture a point is."""
+    """Height of a point in the picture."""
     return y * RISE - z * BACK
 
 

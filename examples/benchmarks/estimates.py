@@ -1,4 +1,4 @@
-"""How well results know their errors: scenes drawn at random, stated over true errors.
+"""Stated over true errors of results, for scenes drawn at random.
 
     python examples/benchmarks/estimates.py SEED COUNT            reduced models, COUNT scenes
     python examples/benchmarks/estimates.py SEED COUNT full       time steps of full models
@@ -27,7 +27,7 @@ from skfem_joint.errors import JointError
 from skfem_joint.modes import straining_modes
 from skfem_joint.scene import scene_from, tables
 
-#: Errors below this are not judged; of large ones no less than a part may be stated.
+#: Errors below the first are not judged; large and huge errors are reported apart.
 JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
 WIDTH = 0.05  # m
 REFERENCES = get_args(tables.ReductionTable.model_fields["reference"].annotation)
@@ -137,7 +137,7 @@ class Judged:
     refused: str = ""
 
     def ratios(self):
-        """Stated over true error, and the true one, where that is worth a judgement."""
+        """Stated over true error, and the true error, where that is large enough to be judged."""
         pairs = ((self.stated.get(name), self.true.get(name)) for name in QUANTITIES)
         return [(a / b, b) for a, b in pairs if None not in (a, b) and b > JUDGED]
 

@@ -60,7 +60,7 @@ def _jacobian(G, A, c, w, beta, y, square, out):
 
 @cache
 def _compiled():
-    """Compile the loops: what a user in a hurry would do as well."""
+    """Compile the loops, as a user would who needs speed."""
     from numba import njit
 
     compiler = njit(cache=True, error_model="numpy")
@@ -68,7 +68,7 @@ def _compiled():
 
 
 def lumped(system):
-    """Same system with the row sums of its mass matrix on the diagonal."""
+    """System with a lumped mass: the row sums of its mass matrix on the diagonal."""
     mass = np.asarray(system.M.sum(axis=1)).ravel()
     return replace(system, M=sparse.csr_array(sparse.diags_array(mass)))
 

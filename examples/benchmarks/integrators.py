@@ -1,4 +1,4 @@
-"""What a user would otherwise pick: SciPy's and SUNDIALS' stiff integrators on the same system.
+"""SciPy's and SUNDIALS' stiff integrators on the same system, as a user would otherwise choose.
 
 Each gets its best form: interleaved unknowns, an analytic Jacobian, compiled right-hand sides
 (:mod:`benchmarks.first_order`), absolute tolerances in proportion to the motion. IDA takes the
@@ -18,7 +18,7 @@ from scipy import integrate, sparse
 
 from benchmarks.first_order import LOWER, UPPER, FirstOrder
 
-#: Steps that no integrator may need between two samples.
+#: Largest number of steps that an integrator may take between two samples.
 MOST_STEPS = 10**8
 
 
@@ -69,7 +69,7 @@ class Solution(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What an integrator is to do."""
+    """Task of an integrator."""
 
     form: Form
     model: FirstOrder  # with the mass that the form asks for
@@ -82,7 +82,7 @@ class Task(NamedTuple):
 
 
 def solve(task):
-    """Integrate and sample the solution; why it did not finish if it did not."""
+    """Integrate and sample the solution; returns the reason in words if it did not finish."""
     clock = Clock(task.bound)
     act = {"IDA": _ida, "CVODE": _cvode}.get(task.form.name, _scipy)
     try:

@@ -1,4 +1,4 @@
-"""What a step of a plate costs: full, condensed, reduced, and refactoring at each iteration.
+"""Cost of a step of a plate: full, condensed, reduced, and refactoring at each iteration.
 
     python examples/benchmarks/plates.py            both cases at 4,000 and 20,000 unknowns
     python examples/benchmarks/plates.py --quick    both at 600

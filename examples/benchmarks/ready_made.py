@@ -187,7 +187,7 @@ def ratios(points):
 
 
 def section(points, bound):
-    """What the page says of the competitors, in Markdown."""
+    """Section of the page on the competitors, in Markdown."""
     return (
         "## Speed ratios of this run\n\n"
         + et.markdown_table(["ours / theirs", "ours", "theirs", "times faster"], ratios(points))

@@ -1,4 +1,4 @@
-"""What a step of two bolted solid plates costs: full, condensed, reduced; and their damping curve.
+"""Cost of a step of two bolted solid plates, full, condensed and reduced; their damping curve.
 
     python examples/benchmarks/solids.py            about 30,000 unknowns, 600 contact points
     python examples/benchmarks/solids.py --large    100,000 in full: the memory that it takes

@@ -1,4 +1,4 @@
-"""What steady vibration costs: damping curves, responses, and a published beam.
+"""Cost of steady vibration: damping curves, responses, and a published beam.
 
     python examples/benchmarks/steady.py [--quick]
 
@@ -93,7 +93,7 @@ def backbones(quick):
 
 
 def periods(systems, memory):
-    """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
+    """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
     halves = driver.turns_over if memory else lambda loads: False
     settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
     with patch.object(steady, "SETTINGS", settings), patch.object(driver, "turns_over", halves):
@@ -182,7 +182,7 @@ def sundials(quick):
 
 
 def first_harmonic(run):
-    """Its amplitude (m) at the end, from a run of one period."""
+    """Amplitude (m) of the first harmonic at the end, from a run of one period."""
     u = run.point("free_end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))
 

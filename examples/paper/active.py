@@ -32,7 +32,7 @@ def iterated(case, frequency, most=60, tolerance=1e-4):
 
 
 def iteration_limits():
-    """Where the iteration of A_a fails, as frequency over the static length's resonance.
+    """Frequencies over the static length's resonance at which the iteration of A_a fails.
 
     With r the ratio at a fixed point, an error of an iterate grows by d ln A_a / d ln r
     = 2 r^2 (1 - 2 zeta^2 - r^2) A_a^2 in the next one. It grows for 1 at the first limit, where

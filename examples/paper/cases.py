@@ -32,7 +32,7 @@ PULSES = "triangle", "half_sine", "versine", "ramp_and_hold"
 #: Ours: scaled modes of the paper's reference system, velocity snapshots beside displacement,
 #: active length from a probe run, friction at Gauss points, beta that the modes resolve.
 DEFAULT = {"reference": "paper", "modes": 5, "snapshots": "both", "inner_product": "euclidean"}
-#: The paper's own choices; the same with the active length measured; what own modes change.
+#: The paper's own choices; these with a measured active length; keys for own modes.
 PLAIN = DEFAULT | {"snapshots": "displacement", "friction_points": "all", "beta": 1e5}
 PLAIN |= {"active_length": "estimate"}
 MOVED = PLAIN | {"active_length": "auto"}
@@ -74,7 +74,7 @@ class Case:
         return SPEED / (4.0 * self.static_length)
 
     def static(self, closed_form, *phase):
-        """What a function of `pseudo_static` says of it."""
+        """Value of a function of `pseudo_static` for this case."""
         return closed_form(self.force, STIFFNESS, self.tau, *phase)
 
     @property
@@ -148,7 +148,7 @@ def pulses(case, rise_time, end):
 
 
 def _own(its):
-    """Modes of the scene's own run and what moves in it, for Gauss points along it.
+    """Modes of the scene's own run, and the stretch that slips in it, for Gauss points.
 
     The package takes fewer times of that run and merges points that slip alike.
     """
@@ -243,7 +243,7 @@ def energy_error(errors):
 
 
 def aims_met(errors):
-    """Whether the peak displacement and the friction energy are as close as we ask."""
+    """Whether the errors of peak displacement and of friction energy are within the aims."""
     aim, peak = printed("aim"), 100.0 * abs(errors.peak_displacement)
     energy = abs(energy_error(errors)) <= aim["friction_energy_percent"]
     return peak <= aim["displacement_percent"], energy

@@ -16,7 +16,7 @@ STYLES = (
     ("#8f62b5", (0, (5, 1, 1, 1, 1, 1)), 1.6),
     ("#8a8a8a", (0, (8, 2)), 1.6),
 )
-#: What columns are drawn as, by the unit at the end of their names: unit, factor, usual quantity.
+#: Unit, factor and quantity in a picture, by the unit at the end of a column's name.
 UNITS = {
     "s": ("ms", 1e3, "time"),
     "m": ("µm", 1e6, "displacement"),

@@ -13,7 +13,7 @@ from skfem_joint.reduction.pod import ProperModes, proper_decomposition
 CASE = CASES["VII"]
 DURATION, STEP = 2e-3, 1e-6
 DAMPINGS = (1e-5, 1e-6, 1e-7)
-#: Reduced models of Fig. 17 by the paper's numbers: what differs from the choices below.
+#: Reduced models of Fig. 17 by the paper's numbers: name, and keys that the choices change by.
 MODELS = {
     "ii": ("5 modes of the impulse", OWN),
     "iii": ("11 modes of the impulse", OWN | {"modes": 11}),

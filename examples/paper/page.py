@@ -52,7 +52,7 @@ def limit_of(statement):
 
 
 class _Words(string.Formatter):
-    """Formats of ``page.md``: what to say if true // if not, a factor*, several values (;)."""
+    """Formats of ``page.md``: texts for true // false, a factor*, several values (;)."""
 
     def format_field(self, value, form):
         if isinstance(value, bool | np.bool_):
@@ -143,7 +143,7 @@ class Item:
         self.rows.append(Row(entry["what"], f"{value:g}", *cells))
 
     def markdown(self):
-        """Its part of the page; the title and the table come first."""
+        """Markdown of the item; the title and the table come first."""
         parts = [f"## {self.title}", markdown_table(HEADINGS, self.rows), *self.notes]
         parts += [f"![{self.title}](pictures/{name}.png)" for name in self.pictures]
         names = ", ".join(f"[{name}.csv](curves/{name}.csv)" for name in self.curves)

@@ -1,4 +1,4 @@
-"""What the reduction saves (section 7.5, Fig. 22), and its error against the number of modes."""
+"""Cost of the reduced model (section 7.5, Fig. 22), and its error against the number of modes."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def without_friction(system, damped):
 
 
 def largest_frequency(system):
-    """Of (K, M), rad/s."""
+    """Largest natural frequency of K and M, rad/s."""
     K, M = (A if system.is_dense else A.toarray() for A in (system.K, system.M))
     return np.sqrt(linalg.eigh(K, M, eigvals_only=True)[-1])
 
@@ -78,7 +78,7 @@ def operations_full(n):
 
 
 def operations_reduced(n, j):
-    """The same with ``j`` modes: expansion and compression, then the accelerations."""
+    """Operations with ``j`` modes: expansion and compression, then the accelerations."""
     return (4 * n * j - n - j) + (j * j - j)
 
 
@@ -163,12 +163,12 @@ def _add_times(item, quick, computed, chattering):
 
 
 IMPULSE = "structure, impulse"
-#: What is reduced, and its name in rows.
+#: Systems that are reduced, by their names in rows.
 SYSTEMS = {name: f"Case {name}" for name in ("I", "IV", "V", "VI", "VII")}
 SYSTEMS |= {"structure": "structure, harmonic", IMPULSE: IMPULSE}
 SWEPT = ("I", "VI", "VII", "structure")
 CHOICES = ("ours", "the paper's plain choice", "own modes")
-#: What differs from the plain choice, one at a time.
+#: Keys that are changed in the plain choice, each alone.
 CHANGES = {
     "nothing": {},
     "velocity snapshots as well": {"snapshots": "both"},
@@ -178,7 +178,7 @@ CHANGES = {
     "beta that the modes resolve": {"beta": "auto"},
     "six interface modes": {"interface_modes": 6},
 }
-#: What is measured, and which of this project's aims judges it.
+#: Measures of the error (percent), and the project's aim that each is judged by.
 MEASURES = {
     "peak": (lambda errors: 100.0 * errors.peak_displacement, "displacement"),
     "free end at any time": (lambda errors: 100.0 * errors.by_point["free_end"][1], "displacement"),

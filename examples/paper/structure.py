@@ -22,7 +22,7 @@ PARTS = {"steady state": slice(-201, None), "transient": slice(None, 800)}
 POINTS = {"free_end": "free end", "junction": "junction"}
 OURS, THEIRS = CHOICES = ("ours", "the paper's plain choice")
 FRICTION_LAWS = {1e5: "beta 1e5 s/m", 1e7: "beta 1e7 s/m", inf: "Coulomb"}
-#: Pulses and stiffness damping (s) whose decay is looked at; the first is the paper's, assumed.
+#: Pulses and stiffness damping (s) whose decay is fitted; the first is the paper's, assumed.
 DECAYS = (("triangle", 1e-5), ("ramp_and_hold", 1e-5), ("triangle", 1e-6), ("triangle", 0.0))
 
 
@@ -76,7 +76,7 @@ class Envelope(NamedTuple):
 
     @property
     def frequency(self):
-        """Of the last swings, Hz."""
+        """Frequency of the last swings, Hz."""
         return 0.5 / np.diff(self.time[-6:]).mean()
 
     def fits(self):
@@ -108,7 +108,7 @@ def envelope(run, point, period):
 
 
 def friction_share(run):
-    """Friction's part of what is dissipated, percent."""
+    """Friction's share of the dissipated energy, percent."""
     friction = run.friction_work.sum()
     return 100.0 * friction / (friction + run.viscous_work)
 

@@ -1,4 +1,4 @@
-"""What must hold of a run whatever its answer: balance of energy, law of friction, motion."""
+"""Checks of a run that need no reference: balance of energy, law of friction, motion."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -9,11 +9,11 @@ from skfem_joint.stepping.schemes import generalized_alpha
 
 #: Energy left over in the audit, over the energy in play.
 ENERGY = 1e-8
-#: Share of the peak by which a loop may miss its own point reflection in steady state, whose
-#: detection lets 2e-3 of change pass.
+#: Share of the peak by which a steady loop may differ from its own point reflection. The steady
+#: state is detected with a tolerance of 2e-3.
 ASYMMETRY = 2e-2
 EPS = float(np.finfo(float).eps)
-#: Round-off of slip velocities that are sums, over the largest of the run; of a friction vector.
+#: Round-off of slip velocities that are sums, over the largest one; and of a friction vector.
 SLIP_ROUND_OFF, ROUND_OFF = 64.0 * EPS, 8.0 * EPS
 
 
@@ -70,7 +70,7 @@ def law_checks(run):
 
 
 def passivity_checks(run, bound):
-    """Friction takes energy at every point, and what is stored was put in."""
+    """Friction takes energy at every point, and no more is stored than was put in."""
     start, end = run.stored_energy
     more = end - start - run.input_work.sum()
     margin = bound * max(np.abs(run.input_work).sum(), abs(start), abs(end))
@@ -118,7 +118,7 @@ def _inertia(case, momentum, first, h):
 
 
 def steadiness(case, run):
-    """Whether the last two cycles agree, and then how far the loop is from symmetric.
+    """Steady state, 'reached' or 'not reached', and the asymmetry of the steady loop.
 
     Half a period later the displacement from the loop's middle is the opposite. The middle
     itself may be anywhere: a joint keeps what the first cycles left in its stuck part.

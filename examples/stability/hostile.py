@@ -4,7 +4,8 @@
 
 Each file is damaged in one of five ways: its *indices* point outside, its *sizes* are false, its
 values are of another *type*, it is *cut*, or any of its *bytes* are changed. The command `run`
-reads it in a process of its own. It must not crash, end in a traceback, or take more than 60 s or 2 GiB.
+reads it in a process of its own, which must not crash, end in a traceback, or take more than 60 s
+or 2 GiB.
 
 A damaged file that is run is judged by its results:
 
@@ -125,7 +126,7 @@ class Verdict(NamedTuple):
 
     @property
     def is_right(self):
-        """Whether it was refused or run as it should be."""
+        """Whether the file was refused, or run with right results."""
         return self.outcome in ("refused", "same", "another file")
 
 
@@ -139,7 +140,7 @@ def stiffness(form="csr"):
 
 
 def write_matrix(path, A):
-    """Store a matrix as the name of the file says: its kind and its ending."""
+    """Store a matrix in the form that the name and the ending of the file state."""
     if path.name == "dense.npz":
         np.savez(path, K=A)
     elif path.suffix == ".npz":

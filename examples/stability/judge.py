@@ -18,7 +18,7 @@ RIGHT, REFUSED, WRONG = "right", "refused", "wrong in silence"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a case."""
+    """Outcome of a case."""
 
     case: Case
     outcome: str  # RIGHT, REFUSED or WRONG

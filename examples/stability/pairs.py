@@ -2,14 +2,14 @@
 
     python examples/stability/pairs.py [--count 48] [--seed 0]
 
-Two plates in plan lie over each other; one is held at its far end, the other is pulled at its own
-by a harmonic load, along the plates or at an angle. Force, frequency, damping ratio, coefficient of
+Two plates in plan view overlap. One is held at its far end, the other is pulled at its far end by a
+harmonic load, along the plates or at an angle. Force, frequency, damping ratio, coefficient of
 friction and lengths are drawn; steps are 50, 52, 60, 100 a period in turn. The friction is
-Coulomb's, so that the loaded plate goes to where its transient leaves it. Half of peak to peak of
-its end must be that of marching from rest within 0.1 %; offsets are printed beside each other, for
-they depend on how the vibration began. The exit status is 1 where an amplitude is further off, a
-search fails, or marching does not settle. (One core: about twenty minutes for most pairs, as long
-again for a pair that settles slowly.)
+Coulomb's, so that the loaded plate stays where its transient leaves it. Half of the peak-to-peak
+displacement of its end must be that of marching from rest within 0.1 %. Offsets are printed beside
+each other: they depend on how the vibration began. The exit status is 1 where an amplitude is
+further off, a search fails, or marching does not settle. (One core: about twenty minutes for most
+pairs, as long again for a pair that settles slowly.)
 """
 
 import os
@@ -69,7 +69,7 @@ class Pair(NamedTuple):
 
 
 def draw(count, seed=0):
-    """So many pairs."""
+    """Draw ``count`` pairs."""
     generator = np.random.default_rng(seed)
     for k in range(count):
         yield Pair(

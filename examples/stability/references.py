@@ -1,4 +1,4 @@
-"""Models and runs of cases, what their answers are compared with, and how close they must be."""
+"""Models and runs of cases, their references, and the errors that are allowed."""
 
 from dataclasses import replace
 from math import inf, pi
@@ -70,7 +70,7 @@ def run(case, system, *, fields=False, finer=1):
 
 
 def reference(case, result, system):
-    """What a case is compared with, how its points should move (rows, points), and how closely."""
+    """Reference of a case: its name, the displacements (rows, points), and the allowed error."""
 
     def other(another):
         return run(another, modelled(another)).point_u
