@@ -39,9 +39,8 @@ def main(arguments):
             times[workers].append(seconds(scenes, workers))
     single, double = median(times[1]), median(times[2])
     ratio = median(b / a for a, b in zip(*times.values(), strict=True))
-    print(
-        f"{len(scenes)} scenes: {single:.1f} s with one worker, {double:.1f} s with 2: {ratio:.2f}"
-    )
+    both = f"{single:.1f} s with one worker, {double:.1f} s with two"
+    print(f"{len(scenes)} scenes: {both}: {ratio:.2f}")
 
 
 if __name__ == "__main__":
