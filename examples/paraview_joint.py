@@ -197,17 +197,17 @@ def show_load(path, times, view):
     shown.SeriesMarkerSize = [word for entry in series for word in (entry[0], "14")]
 
     title = names[0] if len(names) == 1 else f"force, {short}"
-    looks = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}
-    looks |= {"HideTimeMarker": 1, "BottomAxisTitle": "time, ms", "LeftAxisTitle": ""}
+    properties = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}
+    properties |= {"HideTimeMarker": 1, "BottomAxisTitle": "time, ms", "LeftAxisTitle": ""}
     # In Arial, VTK repeats the first row and the last column of a text at its other end.
     texts = [f"{axis}Axis{part}" for axis in ("Bottom", "Left") for part in ("Title", "Label")]
-    looks |= {f"{text}FontFamily": "Courier" for text in [*texts, "ChartTitle"]}
-    looks |= {f"{text}FontSize": 18 if "Title" in text else 16 for text in texts}
+    properties |= {f"{text}FontFamily": "Courier" for text in [*texts, "ChartTitle"]}
+    properties |= {f"{text}FontSize": 18 if "Title" in text else 16 for text in texts}
     if largest > 0.0:
         reach = 1.15 * largest / unit
-        looks |= {"LeftAxisUseCustomRange": 1, "LeftAxisRangeMaximum": reach}
-        looks |= {"LeftAxisRangeMinimum": -reach}
-    simple.SetProperties(view, ShowLegend=int(len(names) > 1), **looks)
+        properties |= {"LeftAxisUseCustomRange": 1, "LeftAxisRangeMaximum": reach}
+        properties |= {"LeftAxisRangeMinimum": -reach}
+    simple.SetProperties(view, ShowLegend=int(len(names) > 1), **properties)
 
 
 def box(source, reach):

@@ -115,31 +115,8 @@ def marched(system, steps):
         periods *= 2
 
 
-class Compared(NamedTuple):
-    """Steady vibration of a pair beside marching; lengths in m."""
-
-    pair: Pair
-    vibration: object  # `Steady`
-    other: Marched
-
-    @property
-    def apart(self):
-        """Difference of the amplitudes, relative."""
-        return self.vibration.amplitude[0] / self.other.amplitude - 1.0
-
-    @property
-    def holds(self):
-        return abs(self.apart) + self.other.changing <= ALLOWED
-
-
-def compare(pair):
-    """Search for the steady vibration of a pair, and march to it."""
-    system = pair.system()
-    run = sj.integrate(system, until="steady", steps_per_cycle=pair.steps)
-    return Compared(pair, run.vibration, marched(system, pair.steps))
-
-
 def main(arguments):
+    """Compare pairs; returns 1 if any amplitude is not that of marching."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=48)
     parser.add_argument("--seed", type=int, default=0)
@@ -149,21 +126,23 @@ def main(arguments):
     print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*names, *others))
     good = 0
     for pair in draw(options.count, options.seed):
+        system = pair.system()
         try:
-            comparison = compare(pair)
+            vibration = sj.integrate(system, until="steady", steps_per_cycle=pair.steps).vibration
+            other = marched(system, pair.steps)
         except sj.ConvergenceError as error:
             print(f"{pair}: {error}", flush=True)
             continue
-        good += comparison.holds
-        v, other = comparison.vibration, comparison.other
+        apart = vibration.amplitude[0] / other.amplitude - 1.0
+        holds = abs(apart) + other.changing <= ALLOWED
+        good += holds
         judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
-        judgement = "" if comparison.holds else judgement
         print(
             f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
-            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{v.periods:8}"
-            f"{other.periods:8}{1e6 * v.amplitude[0]:15.4f}{100 * comparison.apart:+11.4f}"
-            f"{1e6 * v.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
-            f"{judgement}",
+            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{vibration.periods:8}"
+            f"{other.periods:8}{1e6 * vibration.amplitude[0]:15.4f}{100 * apart:+11.4f}"
+            f"{1e6 * vibration.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
+            f"{'' if holds else judgement}",
             flush=True,
         )
     print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %.")
