@@ -62,7 +62,7 @@ for k, name in enumerate({names!r}, 1):
 
 
 def blocks_by_model(reader):
-    """Paths of the bodies of each model, blocks "MODEL: BODY" or "MODEL"; names, paths of faces."""
+    """Paths of the bodies, and names and paths of the contact faces, by the name of the model."""
     tree = reader.GetDataInformation().GetHierarchy()
     models = {}
     for node in tree.GetChildNodes(tree.GetRootNode(), False):
@@ -93,7 +93,7 @@ def largest_displacement(reader):
 
 
 def rounded(value):
-    """Next lower of 1, 2, 5, 10 and so on."""
+    """Largest of 1, 2, 5, 10, 20, ... that does not exceed the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return power * max(step for step in (1, 2, 5) if step * power <= value)
 
@@ -105,7 +105,7 @@ def can_draw(view):
 
 
 def show_part(reader, name, paths, view, factor, shift):
-    """Warped bodies or a face of a model in colour, and their edges."""
+    """Show warped bodies or a face of a model in colour, and their edges."""
     moved = simple.Transform(Input=simple.ExtractBlock(Input=reader, Selectors=paths))
     moved.Transform.Translate = [*shift, 0.0]
     vectors = ["POINTS", "displacement"]
@@ -164,7 +164,7 @@ def laid_out(columns, pixels):
 
 
 def aim(view, middle, pixel, pixels):
-    """Parallel view from the front and above with a point of the picture in its middle."""
+    """Set a parallel view from the front and above with a point of the picture in its middle."""
     across, height = middle
     centre = [across, height * RISE, -height * BACK]
     far = 10.0 * pixel * sum(pixels)
@@ -174,7 +174,7 @@ def aim(view, middle, pixel, pixels):
 
 
 def show_load(path, times, view):
-    """Curve of each load, with a mark that runs with the time."""
+    """Show the curve of each load, with a mark that runs with the time."""
     path = os.path.abspath(path)
     with open(path, newline="", encoding="utf-8") as file:
         columns, *rows = csv.reader(file)

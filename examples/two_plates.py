@@ -96,7 +96,7 @@ def strut_a(elements=50, arm=50, held=False):
 
 
 def strut_in_series(elements=50, arm=50):
-    """One half of (a), exactly: bars with and without friction in series, by their matrices."""
+    """One half of (a), exactly: bars with and without friction in series, as matrices."""
 
     def bar(length, n, double):
         size = {"width": (1 + double) * WIDTH, "thickness": THICKNESS, "free": True}
@@ -262,7 +262,7 @@ def print_dynamic(results):
 
 
 def draw(path, slow_runs, results):
-    """Histories, the loop of the joint, and slip along it."""
+    """Draw histories, the loop of the joint, and slip along it."""
     from matplotlib.figure import Figure
 
     panels = (figure := Figure(figsize=(11.0, 8.0), layout="constrained")).subplots(2, 2).ravel()

@@ -14,5 +14,5 @@ def head(*cells):
 
 
 def row(*cells):
-    """Print a row of it."""
+    """Print a row of a table in Markdown."""
     print(f"| {' | '.join(map(str, cells))} |", flush=True)

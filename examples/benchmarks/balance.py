@@ -39,7 +39,7 @@ class Arctan(ABCElement):
         return str(self.name)
 
     def adim(self, lc, wc):
-        """Other units of length and angular frequency."""
+        """Change to other units of length and angular frequency."""
         self.beta = self.beta * lc * wc
 
     def generateIndices(self, expl_dofs):
@@ -48,17 +48,17 @@ class Arctan(ABCElement):
         self.indices = np.concatenate(indices_of_nodes)
 
     def _rate(self, x):
-        """Velocity over angular frequency, (nodes, times)."""
+        """Velocity over angular frequency at the samples of a period, shape (nodes, times)."""
         q = x[self.indices].reshape(len(self.nodes), -1)
         return np.asarray(q @ self.nabla.T @ self.D["ft"])
 
     def evalResidual(self, x, om):
-        """Harmonics of the friction."""
+        """Harmonics of the friction force."""
         force = self.w * (2.0 / math.pi) * np.arctan(self.beta * om * self._rate(x))
         return np.asarray(force @ self.D["tf"]).ravel()
 
     def evalJacobian(self, x, om):
-        """Their derivatives by the unknowns and by angular frequency."""
+        """Derivatives of the harmonics by the unknowns and by the angular frequency."""
         rate = self._rate(x)
         slope = self.w * self.beta * (2.0 / math.pi) / (1.0 + (self.beta * om * rate) ** 2)
         there, back = self.D["tf"].T, om * self.D["ft"].T @ self.nabla

@@ -36,7 +36,7 @@ STEPS = (8, 12, 20, 40, 80, 150, 400)
 
 
 def _bar(rng):
-    """Bar of one to three joints with plain parts between, its joints and points to load."""
+    """Bar of one to three joints with plain parts between; names of joints and of loaded points."""
     regions, ends, joints, x = [], {}, [], 0.0
     for k in range(rng.integers(1, 4)):
         beside = rng.choice([0.0, 1.0], p=(0.3, 0.7))
@@ -49,7 +49,7 @@ def _bar(rng):
 
 
 def _shape(rng, force, natural, steps):
-    """Load and time of a scene whose first natural frequency is known, Hz."""
+    """Tables of load and time of a scene whose first natural frequency is ``natural`` (Hz)."""
     ratios = [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)]
     base = float(rng.choice(ratios, p=(0.6, 0.2, 0.2))) * natural
     kind = rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35))
@@ -75,7 +75,7 @@ def _shape(rng, force, natural, steps):
 
 
 def natural_frequency(scene):
-    """Lowest with the contact held, Hz."""
+    """Lowest natural frequency with the contact held, Hz."""
     system = scene.system()
     held = np.unique(system.B.indices)
     if held.size == system.n:  # a bar in contact throughout: as if half of it moved
@@ -84,7 +84,7 @@ def natural_frequency(scene):
 
 
 def scenes(seed, count, steps=()):
-    """Scenes drawn at random; ``steps`` in a period or rise are drawn of, if given."""
+    """Scenes drawn at random; the steps in a period or rise are drawn from ``steps``, if given."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         flat = rng.random() < 0.2
@@ -129,7 +129,7 @@ def scenes(seed, count, steps=()):
 
 @dataclass(frozen=True)
 class Judged:
-    """Stated and true errors of a scene's results by quantity, none where it was refused."""
+    """Stated and true errors of a scene's results by quantity; empty if the scene was refused."""
 
     what: str
     stated: dict[str, float | None]
@@ -161,7 +161,7 @@ def judged(scene):
 
 
 def report(all_judged):
-    """Shares of scenes by how well they are judged; the worst ratio of a scene counts."""
+    """Shares of quantities and of scenes by their ratios of stated to true error."""
     some = [ratios for judgement in all_judged if (ratios := judgement.ratios())]
     flat = [pair for ratios in some for pair in ratios]
     refused = sum(bool(judgement.refused) for judgement in all_judged)

@@ -74,7 +74,7 @@ def lumped(system):
 
 
 def _scalar(load):
-    """Amplitude at one time; without numpy's overhead where it is a sine."""
+    """Amplitude of a load as a function of time; a sine avoids numpy's overhead."""
     if isinstance(load, Harmonic):
         amplitude, omega, phase = load.amplitude, 2.0 * math.pi * load.frequency, load.phase
         return lambda t: amplitude * math.sin(omega * t + phase)
@@ -103,7 +103,7 @@ class FirstOrder:
         self.none = np.zeros((0, self.size))
 
     def _filled(self, A, scale):
-        """``fill(t, y, rate, out)`` with the compiled equations."""
+        """Function ``fill(t, y, rate, out)`` of the compiled equations."""
         compiled, w, beta, G = _compiled()[0], self.w, self.beta, packed(self.G)
         loads = [_scalar(load.amplitude) for load in self.system.loads]
         vectors = np.ascontiguousarray(self.system.load_vectors().T)
@@ -117,27 +117,27 @@ class FirstOrder:
         return fill
 
     def residual(self):
-        """``residual(t, y, rate, out)``, its sign turned."""
+        """Function ``residual(t, y, rate, out)`` of the negative residual."""
         return self._filled(packed(self.A), np.ones(self.size))
 
     def rates(self):
-        """``rates(t, y, out)`` with a lumped mass."""
+        """Function ``rates(t, y, out)`` for a lumped mass."""
         fill = self._filled(self.none, 1.0 / self.A.diagonal())
         return lambda t, y, out: fill(t, y, y, out)
 
     def initial_rate(self, y):
-        """Rates at the start, from y, with any mass."""
+        """Rates at the start for any mass matrix."""
         force, rest = np.zeros((2, self.size))
         self.residual()(0.0, y, rest, force)
         return spsolve(self.A.tocsc(), force)
 
     def residual_jacobian(self):
-        """``jacobian(y, c, out)``: in y plus c times that in the rates, square, sign turned."""
+        """Function ``jacobian(y, c, out)``: minus the derivative by y and c times that by rates."""
         A, G, w, beta, compiled = packed(self.A), packed(self.G), self.w, self.beta, _compiled()[1]
         return lambda y, c, out: compiled(G, A, c, w, beta, y, True, out)
 
     def rate_jacobian(self, square):
-        """``jacobian(y, out)`` of the rates with a lumped mass, square or packed."""
+        """Function ``jacobian(y, out)`` of the rates for a lumped mass, square or as bands."""
         scale, none, beta, compiled = 1.0 / self.A.diagonal(), self.none, self.beta, _compiled()[1]
         G, w = packed(sparse.diags_array(scale) @ self.G), self.w * scale[1::2]
         return lambda y, out: compiled(G, none, 0.0, w, beta, y, square, out)

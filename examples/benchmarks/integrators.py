@@ -106,7 +106,7 @@ def _sundials(solver, task, equations, matrix, *start):
 
 
 def _checked(result):
-    """Samples of an integrator that came to the end."""
+    """Samples of an integrator; ArithmeticError if it failed."""
     if not result.success:
         raise ArithmeticError(result.message)
     return result.y

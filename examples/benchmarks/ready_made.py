@@ -63,7 +63,7 @@ def has_arctan_law(system):
 
 
 def ready_made_jobs(reference, bound, forms=FORMS):
-    """Every integrator in every form at its tolerances; none under set-valued Coulomb friction."""
+    """Jobs of all integrators at all tolerances; none under set-valued Coulomb friction."""
     if not has_arctan_law(reference.system):
         return
     models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]

@@ -35,7 +35,7 @@ from skfem_joint.stepping.plan import Plan
 
 
 def timed(its):
-    """System of a scene and how it is run."""
+    """System of a scene, and its steps as arguments of `integrate`."""
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
     return its.system(), steps
 
@@ -88,7 +88,7 @@ MAKERS = {maker.__name__: maker for maker in (scene, paper, harmonics, plate, be
 
 
 def measure(task):
-    """Run the full model and the reduced one; cells of the table."""
+    """Run the full model and the reduced one; returns the cells of a row."""
     system, how = MAKERS[task["make"]](*task["of"])
     modes, interface_modes = task.get("modes", 12), task.get("interface_modes", "auto")
     full = sj.integrate(system, **how)
@@ -118,7 +118,7 @@ def measure(task):
         cells.append(f"{value:.2f} ({limit:g})" if np.isfinite(limit) else f"{value:.2f}")
 
     def times_faster(added):
-        """Two and twelve periods, off-line time included."""
+        """Speed-up over two and twelve periods, off-line time and ``added`` time included."""
         for share in (periods / cycles if cycles else 1.0 for periods in (2, 12)):
             spent = offline + added + share * reduced.wall_s
             yield f"{share * full.wall_s / spent:.2g}"

@@ -51,7 +51,7 @@ BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
 
 
 def bar(frequency=RESONANCE, share=0.1, beta=np.inf, elements=100):
-    """Bar of so many elements in its joint, loaded by a share of the joint's friction limit."""
+    """Bar with ``elements`` in its joint, loaded by a share of the joint's friction limit."""
     case = replace(cases.CASES["structure"], length=0.2, frequency=frequency)
     held = 0.5 / elements  # of the joint, beside the support, cannot slip
     case = replace(case, force=share * case.limit * (1.0 - held))
@@ -102,12 +102,12 @@ def periods(systems, memory):
 
 
 def swing(run, steps=STEPS):
-    """From peak to peak of the end in the last of periods of so many steps, m."""
+    """Peak-to-peak displacement of the end in the last period, of ``steps`` steps, m."""
     return np.ptp(run.point("free_end")[-steps - 1 :])
 
 
 def responses(quick):
-    """Time of a frequency, periods beside plain iteration, and what marching gives."""
+    """Print the time of a frequency, periods beside plain iteration, and results of marching."""
     system, frequencies = bar(share=1.0), np.linspace(1700.0, 2600.0, 7 if quick else 31)
     sj.integrate(system, until="steady", steps_per_cycle=STEPS)  # compiles
     times, used = [], 0
@@ -155,7 +155,7 @@ def marched(system, start, cycles):
 
 
 def sundials(quick):
-    """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
+    """Print steady states of Coulomb friction beside the arctan law marched from the finer one."""
     cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, 1600, 100)
     off = 0.02  # of the state that another run starts from
     print()
@@ -188,7 +188,7 @@ def first_harmonic(run):
 
 
 def balances(quick):
-    """Harmonic balance beside ours at one frequency, the same arctan law; processor time."""
+    """Print processor times of harmonic balance and of ours, at one frequency and for one law."""
     from benchmarks.balance import balanced
 
     share, frequency, _ = CASES[1]

@@ -110,7 +110,7 @@ def _longest(key):
 
 
 def _halves(key):
-    """50 % of the resonance in two meanings, Hz: where Eq. (17) has converged, r = 0.5."""
+    """50 % of the resonance (Hz): r = 0.5 in Eq. (17), or half of the frequency of longest slip."""
     static = CASES[key].static_resonance
     return {"Eq. (17)": 0.5 * static / amplification(0.5), "longest": 0.5 * _longest(key) * static}
 

@@ -70,7 +70,7 @@ class Case:
 
     @property
     def static_resonance(self):
-        """First natural frequency of that length, Hz."""
+        """First natural frequency of the static length, Hz."""
         return SPEED / (4.0 * self.static_length)
 
     def static(self, closed_form, *phase):
@@ -79,7 +79,7 @@ class Case:
 
     @property
     def static_loop_area(self):
-        """J."""
+        """Area of the hysteresis loop without inertia, J."""
         return self.static(pseudo_static.loop_energy)
 
 
@@ -100,7 +100,7 @@ CASES = {
 
 @cache
 def _bar(length, linear, elements):
-    """Joint with ``elements`` elements and, beyond it, a linear region with as many."""
+    """Bar with ``elements`` elements in the joint, and as many in a linear region beyond it."""
     parts = [("joint", length, elements), ("linear", linear, elements)][: 2 if linear else 1]
     points = {"fixed": 0.0} | ({"junction": length} if linear else {})
     return sj.build_bar(parts, points | {"free_end": length + linear})
@@ -180,9 +180,9 @@ _MODELS = {}
 
 
 def run(case, reduction=None, **options):
-    """Full model of a case, or its reduced model with errors against the full one; run once.
+    """Full model of a case, or its reduced model with errors against the full one.
 
-    Options as for `scene`.
+    Each is run once. Options as for `scene`.
     """
     key = repr((case, reduction, sorted(options.items())))
     if key not in _MODELS:

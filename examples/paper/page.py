@@ -41,7 +41,7 @@ for section in re.split(r"(?m)^## ", (HERE / "page.md").read_text("utf-8"))[1:]:
 
 
 def printed(item):
-    """Printed values alone of an item; empty if it has none."""
+    """Printed values of an item without rounding and name; empty if it has none."""
     entries = PUBLISHED.get(item, {}).items()
     return {key: entry.get("value") if isinstance(entry, dict) else entry for key, entry in entries}
 
@@ -112,7 +112,7 @@ class Item:
         self.title, self.printed = TEMPLATES[self.key][0], printed(self.key)
 
     def mark(self, name):
-        """Value of a line across a picture: a mark, or a published value or limit of the item."""
+        """Value of a line across a picture: a mark, a published value, or a limit."""
         value = self.marks[name] if name in self.marks else self.printed[name.removeprefix("-")]
         value = limit_of(value) if isinstance(value, str) else value
         return -value if name.startswith("-") else value

@@ -40,13 +40,13 @@ ITEMS = {
 
 
 def made(key, quick=False):
-    """Compute an item; quick for coarser sweeps around the same rows."""
+    """Compute an item; ``quick`` makes sweeps coarser and keeps the rows."""
     ITEMS[key][0](item := page.Item(key), quick)
     return item
 
 
 def chosen(names):
-    """Keys of the items that cover the names asked for, in the paper's order; all if none."""
+    """Keys of the items that cover some names, in the paper's order; all items without names."""
     covers = {name: key for key, (_, *others) in ITEMS.items() for name in (key, *others)}
     if unknown := [name for name in names if name.lower() not in covers]:
         raise InputError(

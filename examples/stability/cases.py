@@ -19,8 +19,8 @@ UNITS = {
 }
 #: Directions of a load on plates.
 DIRECTIONS = {"along": (1.0, 0.0), "across": (0.0, 1.0), "oblique": (1.0, 0.3)}
-#: Plates on a rigid base, by their area or their lower edge; two on each other on half of their
-#: length, the same, with nodes that match or not.
+#: A plate on a rigid base, pressed on its area or its lower edge; and two plates on each other over
+#: half of their length, with nodes that match or not, or side by side.
 ONE, TWO = ("base", "edge"), ("lap", "lap of other nodes", "side by side")
 
 
@@ -98,7 +98,7 @@ class Case:
 
     @property
     def work(self):
-        """About how long the case takes, in any unit."""
+        """Estimate of the time that the case takes, in no unit."""
         fixed, each = (1000.0, 10.0) if self.is_plate else (20.0, 1.0)
         return self.steps * self.periods * (fixed + each * prod(self.elements) * self.order**2)
 
@@ -125,7 +125,7 @@ def _fields(row):
 
 
 def _varied(base, row):
-    """All combinations of the values of those fields of a row that are lists; they name a case."""
+    """Cases of all combinations of the values of a row's lists, named by these values."""
     fields = dict(_fields(row))
     lists = {key: fields.pop(key) for key in [*fields] if isinstance(fields[key], list)}
     for values in product(*lists.values()):

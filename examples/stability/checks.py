@@ -7,7 +7,7 @@ from skfem_joint.analysis.history import steady_state
 from skfem_joint.minimise.law import force
 from skfem_joint.stepping.schemes import generalized_alpha
 
-#: Energy left over in the audit, over the energy in play.
+#: Allowed residual of the energy audit, over the energy in play.
 ENERGY = 1e-8
 #: Share of the peak by which a steady loop may differ from its own point reflection. The steady
 #: state is detected with a tolerance of 2e-3.

@@ -101,11 +101,11 @@ steps_per_cycle = 40
 
 
 class KilledError(Exception):
-    """Ends a run in its middle, so that its checkpoint stays."""
+    """End of a run in its middle, which leaves its checkpoint."""
 
 
 class Case(NamedTuple):
-    """A damaged file: its place in the folder of its scene, and how it may be run."""
+    """A damaged file, and its place in the folder of its scene."""
 
     kind: str
     damage: str

@@ -1,4 +1,4 @@
-"""Judge of a case: its answer is right, or it was refused, or it is wrong in silence."""
+"""Judge cases: an answer is right, refused, or wrong in silence."""
 
 import warnings
 from dataclasses import dataclass, replace

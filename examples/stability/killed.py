@@ -32,7 +32,7 @@ import numpy as np
 from stability.launch import PATIENCE, command_line, complete, launch
 
 EXAMPLES = Path(__file__).parents[1]
-#: By kind: the scene that it is made from, its times, models and reduction.
+#: Source scene, times, models and reduction of each kind.
 KINDS = {
     "bar": ("structure_harmonic", "cycles = 60", '"full"', ""),
     "impulse": ("structure_impulse", "duration = 6e-3\nstep = 1e-6", '"full"', ""),
@@ -56,7 +56,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
 
 def scene_text(kind):
-    """Scene file of a kind, with files of its mesh by their whole paths."""
+    """Text of the scene file of a kind; files of its mesh have absolute paths."""
     name, times, models, reduction = KINDS[kind]
     text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
     text = text.replace("../meshes", (EXAMPLES.parent / "meshes").as_posix())
@@ -108,7 +108,7 @@ class Whole(NamedTuple):
 
 
 def uninterrupted(kind, folder):
-    """Run a kind once to make its code compile, and once to measure it."""
+    """Run a kind once to compile its code, and once to measure it."""
     folder.mkdir(parents=True, exist_ok=True)
     scene, out = folder / f"{kind.replace(' ', '_')}.toml", folder / "whole"
     scene.write_text(scene_text(kind), encoding="utf-8")
@@ -214,7 +214,7 @@ def stop(process, seconds, how):
 
 
 def rows_in(folder, command):
-    """Rows that are whole in the file of a command."""
+    """Number of complete rows in the file of a command."""
     path = folder / f"{command}_rows.jsonl"
     return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
 
@@ -266,7 +266,7 @@ def row_kills(command, folder, count, rng):
 
 
 def main(arguments=None):
-    """Kill and pair runs; 1 if anything differs."""
+    """Kill and pair runs; returns 1 if anything differs."""
     parser = command_line(__doc__, kills=100, pairs=20, rows=30, seed=0)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
     parser.add_argument("--commands", nargs="*", choices=COMMANDS, default=list(COMMANDS))

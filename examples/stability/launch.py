@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-#: Seconds that a command may take beyond any doubt.
+#: Seconds after which a command is taken to hang.
 PATIENCE = 300.0
 
 

@@ -97,7 +97,7 @@ def drawn(rng):
 
 
 def _bodies(rng, bars, two, side, length, share, width):
-    """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
+    """Meshes with the names `joint`, `fixed` and `free_end`; of two bodies also `lower`."""
     counts = [rng.randint(1, 30 if bars else 6) for _ in range(3)]
     across = width, rng.randint(1, 3)
     shape = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
@@ -195,7 +195,7 @@ def walked(key, value, change, order=list):
 
 
 def moved(text, factors):
-    """Mesh file with each coordinate times a factor; they stand alone on a line, with decimals."""
+    """Mesh file with each coordinate times a factor; nodes are the lines of three decimals."""
 
     def line(match):
         words = zip(match[0].split(" "), factors, strict=True)
@@ -205,7 +205,7 @@ def moved(text, factors):
 
 
 def renamed(rng, tables, texts):
-    """Other names of the groups in all files, and other orders of tables and keys."""
+    """Tables and mesh files with other names of groups, and other orders of tables and keys."""
     words = ["Füße", "a b", "x'y", "0", "fixed_x", "on", "A" * 60, "结合", "-", "[joint]"]
     rng.shuffle(words)
     names = dict(zip(("joint", "fixed", "free_end", "lower"), words, strict=False))

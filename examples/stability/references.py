@@ -25,7 +25,7 @@ SAME = 1e-6
 
 
 def modelled(case):
-    """System of a case, reduced if the case says so."""
+    """System of a case, reduced if the case has a reduced model."""
     system = system_of(case)
     if case.model == "full":
         return system

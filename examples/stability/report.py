@@ -20,14 +20,14 @@ SCHEMES += [f"plates, rho = {rho:g}" for rho in PLATE_RADII]
 
 
 def bottom_line(verdicts, seconds):
-    """Counts in one sentence."""
+    """Counts of the outcomes in a sentence."""
     counts = Counter(verdict.outcome for verdict in verdicts)
     parts = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
     return f"{len(verdicts)} cases: {parts}, in {seconds:.0f} s."
 
 
 def summary(verdicts):
-    """Table by axis."""
+    """Table of outcomes and largest errors by axis."""
     head = ["axis", *OUTCOMES, "error", "over allowed", "energy left over", "fallbacks", "halved"]
     rows = []
     for axis in dict.fromkeys(verdict.case.axis for verdict in verdicts):

@@ -23,7 +23,7 @@ from stability.cases import matrix, quick_matrix
 
 
 def main(arguments=None):
-    """Judge the matrix; 1 if a case is wrong in silence."""
+    """Judge the matrix; returns 1 if a case is wrong in silence."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
