@@ -72,15 +72,19 @@ def content(folder):
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.suffix == ".json":
-            summary = json.loads(path.read_text(encoding="utf-8"))
-            # Digests of tables and pictures with times differ: names alone count.
-            files[name] = _timeless(summary) | {"files": sorted(summary.get("files", ()))}
+            files[name] = _summary(path)
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 files[name] = {key: arrays[key].tobytes() for key in arrays}
         elif path.is_file():
             files[name] = path.read_bytes()
     return files
+
+
+def _summary(path):
+    """Summary without times; of files it has names only, as digests of files with times differ."""
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    return _timeless(summary) | {"files": sorted(summary.get("files", ()))}
 
 
 def _timeless(value):
@@ -198,9 +202,7 @@ def tables(folder):
                 for row in csv.DictReader(file)
             ]
         parts[path.name] = rows
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    models = summary.get("models", {})
-    return parts | {"summary": summary | {"models": {k: _timeless(models[k]) for k in models}}}
+    return parts | {"summary": _summary(folder / "summary.json")}
 
 
 def stop(process, seconds, how):
