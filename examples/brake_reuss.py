@@ -52,7 +52,7 @@ panel.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", xlim=(-62.0, 62.0))
 if __name__ == "__main__":
     figure.savefig("brake_reuss.png", dpi=150)
     print(f"pressed by {pressed.force.sum():.1f} N")
-    for found, published in zip(frequency, PUBLISHED, strict=False):
-        print(f"{found:.1f} Hz; published {published[0]} to {published[1]} Hz")
+    for computed, published in zip(frequency, PUBLISHED, strict=False):
+        print(f"{computed:.1f} Hz; published {published[0]} to {published[1]} Hz")
     (curve,) = sj.backbone(system, modes=[7], levels=8, up_to=0.5)  # after six rigid ones
     print(f"damping ratio {curve.damping_ratio} at {curve.frequency} Hz")

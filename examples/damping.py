@@ -1,11 +1,12 @@
-"""How much damping, and at what frequency, at which amplitude: the structure of Fig. 18.
+"""Damping and frequency of a mode against its amplitude: the structure of Fig. 18.
 
-Three ways to the same answer. Quasi-static modal analysis gives a mode's frequency and damping
-against its amplitude (the backbone) in hundredths of a second. Released from its highest level, the
-structure rings down through the same amplitudes. And the response to a harmonic force, at several
-levels of it, has its peaks there. The frequencies of a uniform bar are as 1 : 3 : 5, so that the
-odd harmonics of friction excite the higher modes: the true damping, of ring-down and response, is
-up to twice what the backbone says, as its warning tells. A heavy tip moves the higher modes away.
+There are three ways to the same curves. Quasi-static modal analysis gives a mode's frequency and
+damping against its amplitude (the backbone) in hundredths of a second. Released from its highest
+level, the structure rings down through the same amplitudes. The response to a harmonic force, at
+several levels of the force, has its peaks there too. The frequencies of a uniform bar are as
+1 : 3 : 5, so that the odd harmonics of friction excite the higher modes: the true damping, of
+ring-down and response, is up to twice that of the backbone, as its warning states. A heavy tip
+moves the higher modes away.
 """
 
 from pathlib import Path
@@ -15,10 +16,8 @@ from matplotlib.figure import Figure
 
 import skfem_joint as sj
 
-HERE = Path(__file__).resolve().parent
-
 # The structure, its Coulomb friction, and 0.2 % of viscous damping.
-scene = sj.load_scene(HERE / "structure_harmonic.toml")
+scene = sj.load_scene(Path(__file__).resolve().parent / "structure_harmonic.toml")
 scene = scene.changed(joint={"law": "coulomb"}, damping={"stiffness": 0.0, "ratio": 0.002})
 system = scene.system()
 
@@ -34,9 +33,11 @@ swept = sj.response(system, np.linspace(2300.0, 2550.0, 26), levels)
 
 figure = Figure(figsize=(9.0, 4.0), layout="constrained")
 left, right = figure.subplots(1, 2)
-for one in swept:
-    label = f"response, {100 * one.level:g} % of 87.5 kN"
-    left.semilogy(one.column("frequency"), 1e3 * one.column("amplitude")[:, 0], "-", label=label)
+for response in swept:
+    label = f"response, {100 * response.level:g} % of 87.5 kN"
+    left.semilogy(
+        response.column("frequency"), 1e3 * response.column("amplitude")[:, 0], "-", label=label
+    )
 left.semilogy(curve.frequency, 1e3 * reach, "k--", label="backbone")
 left.semilogy(down.frequency, 1e3 * end * down.amplitude, "k.", label="ring-down")
 left.set(xlabel="frequency, Hz", ylabel="amplitude of the free end, mm", xlim=(2300.0, 2550.0))
@@ -51,9 +52,9 @@ for panel in (left, right):
 if __name__ == "__main__":
     figure.savefig("damping.png", dpi=150)
     print(f"stuck frequency {curve.stuck_frequency:.1f} Hz, {curve.warnings[-1]}")
-    for one in swept:
-        peak, amplitude = one.peak
-        print(f"level {one.level}: peak {1e3 * amplitude:.4f} mm at {peak:.1f} Hz")
+    for response in swept:
+        peak, amplitude = response.peak
+        print(f"level {response.level}: peak {1e3 * amplitude:.4f} mm at {peak:.1f} Hz")
     print(
         f"ring-down lost {down.friction_work[-1].sum():.1f} of {down.energy[0]:.1f} J in the joint"
     )

@@ -1,4 +1,4 @@
-"""The pictures of the gallery, made anew from what the examples give.
+"""Make the pictures of the gallery anew from the results of the examples.
 
     python examples/make_pictures.py                     all but those of LONG, some ten minutes
     python examples/make_pictures.py NAME ... --out DIR  some of them, elsewhere
@@ -46,28 +46,28 @@ LONG = {
 }
 
 
-def bolted(found):
-    structure, patch = found["structure"], found["structure"].patches[0]
-    region, points = active_region(structure, found["run"]), patch.points
+def bolted(example):
+    structure, patch = example["structure"], example["structure"].patches[0]
+    region, points = active_region(structure, example["run"]), patch.points
     slips = region.slips[points]
     return plots.active_region_figure(structure.body, patch, region.slip_peak[points], slips)
 
 
-def tips(found):
-    runs = {f"friction limit {limit:g} N": run for limit, run in found["runs"].items()}
+def tips(example):
+    runs = {f"friction limit {limit:g} N": run for limit, run in example["runs"].items()}
     return plots.histories_figure(runs, ["tip"])
 
 
-def loops(found):
-    runs = {name: found[name] for name in ("full", "reduced")}
-    return plots.hysteresis_figure(runs, "free_end", 0, found["timing"]["steps_per_cycle"])
+def loops(example):
+    runs = {name: example[name] for name in ("full", "reduced")}
+    return plots.hysteresis_figure(runs, "free_end", 0, example["timing"]["steps_per_cycle"])
 
 
-#: Pictures of the literate examples of the same name, from what is found in them.
-FIGURES = dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda found: found["figure"])
+#: Pictures of the literate examples of the same name, made from the names that they define.
+FIGURES = dict.fromkeys(("brake_reuss", "damping", "sweep"), lambda example: example["figure"])
 FIGURES |= {
-    "lap_joint": lambda found: plots.proper_values_figure(
-        found["proper"], "the lap joint's three periods"
+    "lap_joint": lambda example: plots.proper_values_figure(
+        example["proper"], "the lap joint's three periods"
     ),
     "reduced_structure": loops,
     "own_basis": tips,
@@ -114,8 +114,8 @@ def drawn(name, out):
     else:
         run_name = "__main__" if name == "sweep" else "example"
         with chdir(out):  # it writes its picture where it is called
-            found = runpy.run_path(str(HERE / f"{name}.py"), run_name=run_name)
-        plots.save_figure(picture, FIGURES[name](found))
+            example = runpy.run_path(str(HERE / f"{name}.py"), run_name=run_name)
+        plots.save_figure(picture, FIGURES[name](example))
     return picture
 
 

@@ -34,8 +34,6 @@ STATES = (
 BLACK = (0.0, 0.0, 0.0)
 SIZE = (1400, 900)  # pixels
 TOP = 0.62  # share of the height for the joint
-SHARE = 0.05  # largest displacement in the picture over the length
-FRAMES = 100  # frames looked at for the largest displacement
 BACK, RISE = -0.55 / math.hypot(0.55, 0.85), 0.85 / math.hypot(0.55, 0.85)  # joint to eye
 ABOVE, BELOW, GAP = 10, 125, 55  # pixels above the joint, for the colours below, above each part
 
@@ -64,7 +62,7 @@ for k, name in enumerate({names!r}, 1):
 
 
 def blocks_by_model(reader):
-    """Paths of the bodies of each model, blocks "MODEL: BODY" or "MODEL"; names, paths of faces."""
+    """Paths of the bodies, and names and paths of the contact faces, by the name of the model."""
     tree = reader.GetDataInformation().GetHierarchy()
     models = {}
     for node in tree.GetChildNodes(tree.GetRootNode(), False):
@@ -79,32 +77,35 @@ def blocks_by_model(reader):
 
 
 def largest_displacement(reader):
-    """Largest displacement, its time, and its largest parts of all frames along x, y and z."""
+    """Largest displacement, its time, and the largest components of all frames.
+
+    Of a long series about 100 frames are read.
+    """
     times = list(reader.TimestepValues)
     best, reach = (0.0, times[0]), [0.0, 0.0, 0.0]
-    for time in times[:: max(1, len(times) // FRAMES)]:
+    for time in times[:: max(1, len(times) // 100)]:
         reader.UpdatePipeline(time)
         displacement = reader.PointData["displacement"]
-        best = max(best, (displacement.GetRange(-1)[1], time), key=lambda found: found[0])
+        best = max(best, (displacement.GetRange(-1)[1], time), key=lambda entry: entry[0])
         for k in range(3):
             reach[k] = max(reach[k], *(abs(part) for part in displacement.GetRange(k)))
     return *best, reach
 
 
 def rounded(value):
-    """Next lower of 1, 2, 5, 10 and so on."""
+    """Largest of 1, 2, 5, 10, 20, ... that does not exceed the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return power * max(step for step in (1, 2, 5) if step * power <= value)
 
 
 def can_draw(view):
-    """Whether drawing works: ParaView built for X ends the process when there is no X server."""
+    """Whether drawing works; ParaView built for X ends the process when there is no X server."""
     window = view.SMProxy.GetClientSideObject().GetRenderWindow().GetClassName()
     return window != "vtkXOpenGLRenderWindow" or bool(os.environ.get("DISPLAY"))
 
 
 def show_part(reader, name, paths, view, factor, shift):
-    """Warped bodies or a face of a model in colour, and their edges."""
+    """Show warped bodies or a face of a model in colour, and their edges."""
     moved = simple.Transform(Input=simple.ExtractBlock(Input=reader, Selectors=paths))
     moved.Transform.Translate = [*shift, 0.0]
     vectors = ["POINTS", "displacement"]
@@ -133,7 +134,7 @@ def colour_by_state(view):
 
 
 def up(y, z):
-    """How far up in the picture a point is."""
+    """Height of a point in the picture."""
     return y * RISE - z * BACK
 
 
@@ -148,8 +149,8 @@ def laid_out(columns, pixels):
     wide = sum(right - left for left, right in sides)
     tall = max(sum(top - bottom for bottom, top in column) for column in ends)
     rows, more = max(map(len, columns)), len(columns) - 1
-    room = 0.94 * pixels[0] - more * GAP, pixels[1] - ABOVE - BELOW - rows * GAP
-    pixel = max(wide / room[0], tall / room[1])
+    space = 0.94 * pixels[0] - more * GAP, pixels[1] - ABOVE - BELOW - rows * GAP
+    pixel = max(wide / space[0], tall / space[1])
     shifts, x, lowest = [], 0.0, 0.0
     for column, (left, right) in zip(ends, sides, strict=True):
         at = 0.0
@@ -163,7 +164,7 @@ def laid_out(columns, pixels):
 
 
 def aim(view, middle, pixel, pixels):
-    """Parallel view from the front and above with a point of the picture in its middle."""
+    """Set a parallel view from the front and above with a point of the picture in its middle."""
     across, height = middle
     centre = [across, height * RISE, -height * BACK]
     far = 10.0 * pixel * sum(pixels)
@@ -173,7 +174,7 @@ def aim(view, middle, pixel, pixels):
 
 
 def show_load(path, times, view):
-    """Curve of each load, with a mark that runs with the time."""
+    """Show the curve of each load, with a mark that runs with the time."""
     path = os.path.abspath(path)
     with open(path, newline="", encoding="utf-8") as file:
         columns, *rows = csv.reader(file)
@@ -188,25 +189,25 @@ def show_load(path, times, view):
         series.append((name, name, 3 * [str(0.1 + 0.3 * k)], "1", "0"))
         series.append((f"now {k + 1}", "now", ["0.82", "0.12", "0.12"], "0", "4"))
     shown = simple.Show(source, view, UseIndexForXAxis=0, XArrayName="time, ms")
-    shown.SeriesVisibility = [one[0] for one in series]
-    shown.SeriesLabel = [word for one in series for word in one[:2]]
-    shown.SeriesColor = [word for one in series for word in (one[0], *one[2])]
-    shown.SeriesLineStyle = [word for one in series for word in (one[0], one[3])]
-    shown.SeriesMarkerStyle = [word for one in series for word in (one[0], one[4])]
-    shown.SeriesMarkerSize = [word for one in series for word in (one[0], "14")]
+    shown.SeriesVisibility = [entry[0] for entry in series]
+    shown.SeriesLabel = [word for entry in series for word in entry[:2]]
+    shown.SeriesColor = [word for entry in series for word in (entry[0], *entry[2])]
+    shown.SeriesLineStyle = [word for entry in series for word in (entry[0], entry[3])]
+    shown.SeriesMarkerStyle = [word for entry in series for word in (entry[0], entry[4])]
+    shown.SeriesMarkerSize = [word for entry in series for word in (entry[0], "14")]
 
     title = names[0] if len(names) == 1 else f"force, {short}"
-    looks = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}
-    looks |= {"HideTimeMarker": 1, "BottomAxisTitle": "time, ms", "LeftAxisTitle": ""}
+    properties = {"ChartTitle": title, "ChartTitleAlignment": "Left", "ChartTitleFontSize": 18}
+    properties |= {"HideTimeMarker": 1, "BottomAxisTitle": "time, ms", "LeftAxisTitle": ""}
     # In Arial, VTK repeats the first row and the last column of a text at its other end.
     texts = [f"{axis}Axis{part}" for axis in ("Bottom", "Left") for part in ("Title", "Label")]
-    looks |= {f"{text}FontFamily": "Courier" for text in [*texts, "ChartTitle"]}
-    looks |= {f"{text}FontSize": 18 if "Title" in text else 16 for text in texts}
+    properties |= {f"{text}FontFamily": "Courier" for text in [*texts, "ChartTitle"]}
+    properties |= {f"{text}FontSize": 18 if "Title" in text else 16 for text in texts}
     if largest > 0.0:
         reach = 1.15 * largest / unit
-        looks |= {"LeftAxisUseCustomRange": 1, "LeftAxisRangeMaximum": reach}
-        looks |= {"LeftAxisRangeMinimum": -reach}
-    simple.SetProperties(view, ShowLegend=int(len(names) > 1), **looks)
+        properties |= {"LeftAxisUseCustomRange": 1, "LeftAxisRangeMaximum": reach}
+        properties |= {"LeftAxisRangeMinimum": -reach}
+    simple.SetProperties(view, ShowLegend=int(len(names) > 1), **properties)
 
 
 def box(source, reach):
@@ -228,7 +229,8 @@ def joint(reader, time=None, factor=None):
     if factor is None:
         ends = zip(*box(reader, 3 * [0.0]), strict=True)
         length = max(high - low for low, high in ends)
-        factor = rounded(SHARE * length / largest) if largest > 0.0 else 1.0
+        # The largest displacement is drawn as a twentieth of the length.
+        factor = rounded(0.05 * length / largest) if largest > 0.0 else 1.0
 
     layout, view = simple.CreateLayout("joint"), simple.CreateRenderView()
     simple.AssignViewToLayout(view=view, layout=layout)

@@ -1,12 +1,13 @@
-"""Fig. 18(a) beside Fig. 18(b): what the simplified model of the jointed structure leaves out.
+"""Fig. 18(a) beside Fig. 18(b): effects that the simplified model of the structure leaves out.
 
     python examples/two_plates.py
 
 (a) Two plates of 700 x 50 x 10 mm overlap by 200 mm and are pressed on each other; their far ends
 are pulled apart. (b) The paper's model of one half: a plate of 600 mm, held in the middle of the
-joint, its last 100 mm pressed on a rigid base. Both as struts, as plates in plan view (friction
-over an area), and from the side (friction along an edge, with bending). Beside them a model of one
-half that is exact for struts, of the half of the slip z and the mean m of both displacements,
+joint, its last 100 mm pressed on a rigid base. Both are modelled as struts, as plates in plan view
+(friction over an area), and from the side (friction along an edge, with bending). Beside them
+stands a model of one half that is exact for struts. Its unknowns are half of the slip, z, and the
+mean of both displacements, m:
 
     2 rho A z'' - (2 E A z_x)_x + 2 tau sigma(2 z') = 0,   2 rho A m'' - (2 E A m_x)_x = 0,
 
@@ -95,7 +96,7 @@ def strut_a(elements=50, arm=50, held=False):
 
 
 def strut_in_series(elements=50, arm=50):
-    """One half of (a), exactly: bars with and without friction in series, by their matrices."""
+    """One half of (a), exactly: bars with and without friction in series, as matrices."""
 
     def bar(length, n, double):
         size = {"width": (1 + double) * WIDTH, "thickness": THICKNESS, "free": True}
@@ -195,7 +196,7 @@ class Result(NamedTuple):
 
 
 def loaded(system, kind, *timing):
-    """The same system under loads of another kind, of the same largest force."""
+    """System under loads of another kind with the same largest force."""
     loads = [replace(a, amplitude=kind(a.amplitude.amplitude, *timing)) for a in system.loads]
     return replace(system, loads=tuple(loads))
 
@@ -239,8 +240,8 @@ def print_slow(runs):
         loss = 2 * FORCE**3 / (3 * EA * TAU) / base**2
         exact = 1e6 * (edge + FORCE * ARM / EA), 1e6 * edge, loss, 1e3 * FORCE / (base * TAU)
         peak = 1e6 * run.cycles.peak[-1, [0, model.system.points.index("edge")]]
-        found = *peak, model.lost(run), 1e3 * active_lengths(model, run)[0]
-        pairs = zip(found, exact, strict=True)
+        computed = *peak, model.lost(run), 1e3 * active_lengths(model, run)[0]
+        pairs = zip(computed, exact, strict=True)
         print(f"{name:24}" + "".join(f"{x:9.2f} |{y:8.2f}" for x, y in pairs))
 
 
@@ -261,7 +262,7 @@ def print_dynamic(results):
 
 
 def draw(path, slow_runs, results):
-    """Histories, the loop of the joint, and slip along it."""
+    """Draw histories, the loop of the joint, and slip along it."""
     from matplotlib.figure import Figure
 
     panels = (figure := Figure(figsize=(11.0, 8.0), layout="constrained")).subplots(2, 2).ravel()

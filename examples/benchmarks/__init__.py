@@ -1,9 +1,9 @@
-"""What a step costs, and the same problem in the hands of ready-made integrators."""
+"""Cost of a step, and the same problem solved by ready-made integrators."""
 
 from pathlib import Path
 
 EXAMPLES = Path(__file__).resolve().parents[1]
-#: Of what an extra brings.
+#: Status of a package that an extra of the project installs.
 NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 
 
@@ -14,5 +14,5 @@ def head(*cells):
 
 
 def row(*cells):
-    """Print a row of it."""
+    """Print a row of a table in Markdown."""
     print(f"| {' | '.join(map(str, cells))} |", flush=True)

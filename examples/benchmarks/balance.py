@@ -1,8 +1,8 @@
 """Steady vibration by harmonic balance: pyHarm (Safran, ``pyharm-os``), for systems of arctan law.
 
-pyHarm has neither our law nor slip rows: all friction is one element of it here, alternating
-between frequency and time with pyHarm's own operators. Its Newton method takes all unknowns: faster
-here than with its condensation on the joint, or with SciPy's hybrid method.
+pyHarm has neither our friction law nor slip rows. Here all friction is a single element, which goes
+from frequency to time and back by pyHarm's own operators. Newton's method takes all unknowns, which
+is faster here than condensation on the joint, and faster than SciPy's hybrid method.
 """
 
 import logging
@@ -15,15 +15,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import block_diag
 
-# Where its settings are, instead of the folder one happens to be in.
+# The place of pyHarm's settings, which would otherwise be the current folder.
 os.environ.setdefault("PYHARM_CONTEXT_FILE", str(Path.home() / ".pyHarm" / "context.json"))
 import pyHarm
 from pyHarm.Elements.ABCElement import ABCElement
 
 from skfem_joint.errors import ConvergenceError
-
-#: Times of a period; residual over the load and change (m) at which Newton's method ends.
-SAMPLES, RESIDUAL, CHANGE = 128, 1e-6, 1e-9
 
 
 class Arctan(ABCElement):
@@ -42,30 +39,30 @@ class Arctan(ABCElement):
         return str(self.name)
 
     def adim(self, lc, wc):
-        """Other units of length and angular frequency."""
+        """Change to other units of length and angular frequency."""
         self.beta = self.beta * lc * wc
 
     def generateIndices(self, expl_dofs):
         """Find the unknowns of each node: cosine and sine of each harmonic."""
-        found = [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
-        self.indices = np.concatenate(found)
+        indices_of_nodes = [expl_dofs.index[expl_dofs.node_num == n] for n in self.nodes]
+        self.indices = np.concatenate(indices_of_nodes)
 
     def _rate(self, x):
-        """Velocity over angular frequency, (nodes, times)."""
+        """Velocity over angular frequency at the samples of a period, shape (nodes, times)."""
         q = x[self.indices].reshape(len(self.nodes), -1)
         return np.asarray(q @ self.nabla.T @ self.D["ft"])
 
     def evalResidual(self, x, om):
-        """Harmonics of the friction."""
+        """Harmonics of the friction force."""
         force = self.w * (2.0 / math.pi) * np.arctan(self.beta * om * self._rate(x))
         return np.asarray(force @ self.D["tf"]).ravel()
 
     def evalJacobian(self, x, om):
-        """Their derivatives by the unknowns and by angular frequency."""
+        """Derivatives of the harmonics by the unknowns and by the angular frequency."""
         rate = self._rate(x)
         slope = self.w * self.beta * (2.0 / math.pi) / (1.0 + (self.beta * om * rate) ** 2)
         there, back = self.D["tf"].T, om * self.D["ft"].T @ self.nabla
-        blocks = [(there * one) @ back for one in slope]
+        blocks = [(there * slope_at_node) @ back for slope_at_node in slope]
         return block_diag(*blocks), np.asarray((slope * rate) @ self.D["tf"]).ravel()
 
 
@@ -82,14 +79,15 @@ def balanced(system, harmonics):
     force, omega = load.amplitude.amplitude, 2.0 * math.pi * load.amplitude.frequency
     end = int(np.flatnonzero(load.vector)[0])
     nodes = sparse.csr_array(system.B).indices
-    newton = {"tol_residual": RESIDUAL * force, "tol_delta_x": CHANGE, "max_iter": 100}
+    # Newton's method ends at this residual (N) and this change of an unknown (m).
+    newton = {"tol_residual": 1e-6 * force, "tol_delta_x": 1e-9, "max_iter": 100}
     pull = {"type": "SinusForcing", "connect": {"bar": [end]}, "dirs": [0], "amp": force}
     study = {"study": "frf", "solver": "NewtonRaphson", "solver_options": newton}
     study |= {"puls_inf": omega, "puls_sup": omega}
     law = {"type": "arctan", "nodes": nodes, "w": system.w, "beta": system.beta}
     matrices = {name: getattr(system, name).toarray() for name in "MCK"}
     task = {
-        "system": {"type": "Base", "nh": harmonics, "nti": SAMPLES},
+        "system": {"type": "Base", "nh": harmonics, "nti": 128},  # times in a period
         "substructures": {"bar": {"ndofs": 1, "matrix": matrices}},
         "connectors": {"pull": pull, "friction": law},
         "analysis": {"one": study},
@@ -102,8 +100,8 @@ def balanced(system, harmonics):
             peer.nls["one"].initialise()  # the first frequency; further ones would follow a curve
     finally:
         logging.disable(logging.NOTSET)
-    (found,) = peer.nls["one"].SolList
-    if not found.flag_accepted:
+    (solution,) = peer.nls["one"].SolList
+    if not solution.flag_accepted:
         raise ConvergenceError("pyHarm: Newton's method did not converge")
     dofs = peer.system.expl_dofs
-    return float(np.hypot(*found.x[dofs.index[(dofs.node_num == end) & (dofs.harm == 1)]]))
+    return float(np.hypot(*solution.x[dofs.index[(dofs.node_num == end) & (dofs.harm == 1)]]))

@@ -1,4 +1,4 @@
-"""How well results know their errors: scenes drawn at random, stated over true errors.
+"""Stated over true errors of results, for scenes drawn at random.
 
     python examples/benchmarks/estimates.py SEED COUNT            reduced models, COUNT scenes
     python examples/benchmarks/estimates.py SEED COUNT full       time steps of full models
@@ -27,17 +27,16 @@ from skfem_joint.errors import JointError
 from skfem_joint.modes import straining_modes
 from skfem_joint.scene import scene_from, tables
 
-#: Errors below this are not judged; of large ones no less than a part may be stated.
+#: Errors below the first are not judged; large and huge errors are reported apart.
 JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
-WIDTH, THICKNESS, FRICTION = 0.05, 0.01, 0.7
+WIDTH = 0.05  # m
 REFERENCES = get_args(tables.ReductionTable.model_fields["reference"].annotation)
-ACCURACY = {"displacement": 0.01, "energy": 0.02}
 #: Steps in a period or rise of full models.
 STEPS = (8, 12, 20, 40, 80, 150, 400)
 
 
 def _bar(rng):
-    """Bar of one to three joints with plain parts between, its joints and points to load."""
+    """Bar of one to three joints with plain parts between; names of joints and of loaded points."""
     regions, ends, joints, x = [], {}, [], 0.0
     for k in range(rng.integers(1, 4)):
         beside = rng.choice([0.0, 1.0], p=(0.3, 0.7))
@@ -50,7 +49,7 @@ def _bar(rng):
 
 
 def _shape(rng, force, natural, steps):
-    """Load and time of a scene whose first natural frequency is known, Hz."""
+    """Tables of load and time of a scene whose first natural frequency is ``natural`` (Hz)."""
     ratios = [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)]
     base = float(rng.choice(ratios, p=(0.6, 0.2, 0.2))) * natural
     kind = rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35))
@@ -76,7 +75,7 @@ def _shape(rng, force, natural, steps):
 
 
 def natural_frequency(scene):
-    """Lowest with the contact held, Hz."""
+    """Lowest natural frequency with the contact held, Hz."""
     system = scene.system()
     held = np.unique(system.B.indices)
     if held.size == system.n:  # a bar in contact throughout: as if half of it moved
@@ -85,7 +84,7 @@ def natural_frequency(scene):
 
 
 def scenes(seed, count, steps=()):
-    """Scenes drawn at random; ``steps`` in a period or rise are drawn of, if given."""
+    """Scenes drawn at random; the steps in a period or rise are drawn from ``steps``, if given."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         flat = rng.random() < 0.2
@@ -95,14 +94,14 @@ def scenes(seed, count, steps=()):
             mesh, joints, places = build_plate(strips, WIDTH, wide), ["joint"], ["right"]
         else:
             mesh, joints, places = _bar(rng)
-        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": FRICTION}
+        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": 0.7}
         arctan = rng.random() >= 0.15
         pressed |= {"beta": 10 ** rng.uniform(3.5, 6)} if arctan else {"law": "coulomb"}
         pull = {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
         values = {
             "mesh": {"file": "none"},
             "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
-            "section": {"thickness": THICKNESS} | ({} if flat else {"width": WIDTH}),
+            "section": {"thickness": 0.01} | ({} if flat else {"width": WIDTH}),
             "support": {"fixed": ["left" if flat else "fixed"]},
             "joint": [{"on": on} | pressed for on in joints],
             "damping": {"stiffness": 10 ** rng.uniform(-6.5, -5)},
@@ -118,7 +117,7 @@ def scenes(seed, count, steps=()):
         load, times = _shape(rng, level * limit, natural_frequency(plain), per_cycle)
         modes = int(rng.integers(1, 21))
         apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
-        reference = str(rng.choice([one for one in REFERENCES if one != "paper" or apart]))
+        reference = str(rng.choice([name for name in REFERENCES if name != "paper" or apart]))
         most = 12 if reference == "paper" else 20
         reduction = {"reference": reference, "modes": min(modes, most)}
         reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
@@ -130,7 +129,7 @@ def scenes(seed, count, steps=()):
 
 @dataclass(frozen=True)
 class Judged:
-    """Stated and true errors of a scene's results by quantity, none where it was refused."""
+    """Stated and true errors of a scene's results by quantity; empty if the scene was refused."""
 
     what: str
     stated: dict[str, float | None]
@@ -138,7 +137,7 @@ class Judged:
     refused: str = ""
 
     def ratios(self):
-        """Stated over true error, and the true one, where that is worth a judgement."""
+        """Stated over true error, and the true error, where that is large enough to be judged."""
         pairs = ((self.stated.get(name), self.true.get(name)) for name in QUANTITIES)
         return [(a / b, b) for a, b in pairs if None not in (a, b) and b > JUDGED]
 
@@ -162,23 +161,23 @@ def judged(scene):
 
 
 def report(all_judged):
-    """Shares of scenes by how well they are judged; the worst ratio of a scene counts."""
-    some = [ratios for one in all_judged if (ratios := one.ratios())]
+    """Shares of quantities and of scenes by their ratios of stated to true error."""
+    some = [ratios for judgement in all_judged if (ratios := judgement.ratios())]
     flat = [pair for ratios in some for pair in ratios]
-    refused = sum(bool(one.refused) for one in all_judged)
+    refused = sum(bool(judgement.refused) for judgement in all_judged)
     said = f"{len(all_judged)} scenes, {refused} refused, {len(some)} with an error above"
     lines = [f"{said} {JUDGED:.1%}"]
     if flat:
-        found = np.array([ratio for ratio, _ in flat])
+        shares = np.array([ratio for ratio, _ in flat])
         large = [ratio for ratio, true in flat if true > LARGE]
         huge = [ratio * true for ratio, true in flat if true > HUGE]
-        inside = np.mean([(found >= 0.5) & (found <= 3.0)])
+        inside = np.mean([(shares >= 0.5) & (shares <= 3.0)])
         whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
         lines += [
             f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
             "all of them",
-            f"above 3: {np.mean(found > 3.0):.0%}; smallest {found.min():.2f}, "
-            f"largest {found.max():.2f}",
+            f"above 3: {np.mean(shares > 3.0):.0%}; smallest {shares.min():.2f}, "
+            f"largest {shares.max():.2f}",
             f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}",
             f"least said where the truth exceeds {HUGE:.0%}: {min(huge, default=1.0):.0%}",
         ]
@@ -191,16 +190,17 @@ def _percent(value):
 
 def main(arguments):
     seed, count, kind = int(arguments[0]), int(arguments[1]), "".join(arguments[2:3])
-    found, begin = [], time.perf_counter()
+    judgements, begin = [], time.perf_counter()
     for scene in scenes(seed, count, STEPS if kind == "full" else ()):
         if kind == "accuracy":
-            keys = scene.model_dump(exclude_unset=True) | {"accuracy": ACCURACY}
+            accuracy = {"displacement": 0.01, "energy": 0.02}
+            keys = scene.model_dump(exclude_unset=True) | {"accuracy": accuracy}
             scene = scene_from(keys, scene.named_mesh)
-        found.append(one := judged(scene))
-        pairs = ((one.stated.get(q), one.true.get(q)) for q in QUANTITIES)
+        judgements.append(judgement := judged(scene))
+        pairs = ((judgement.stated.get(q), judgement.true.get(q)) for q in QUANTITIES)
         cells = "  ".join(f"{_percent(a)} /{_percent(b)}" for a, b in pairs)
-        print(f"{one.what:62s} {one.refused[:90] or cells}", flush=True)
-    print(*report(found), f"{time.perf_counter() - begin:.0f} s", sep="\n")
+        print(f"{judgement.what:62s} {judgement.refused[:90] or cells}", flush=True)
+    print(*report(judgements), f"{time.perf_counter() - begin:.0f} s", sep="\n")
 
 
 if __name__ == "__main__":

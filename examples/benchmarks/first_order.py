@@ -60,7 +60,7 @@ def _jacobian(G, A, c, w, beta, y, square, out):
 
 @cache
 def _compiled():
-    """Compile the loops: what a user in a hurry would do as well."""
+    """Compile the loops, as a user would who needs speed."""
     from numba import njit
 
     compiler = njit(cache=True, error_model="numpy")
@@ -68,13 +68,13 @@ def _compiled():
 
 
 def lumped(system):
-    """Same system with the row sums of its mass matrix on the diagonal."""
+    """System with a lumped mass: the row sums of its mass matrix on the diagonal."""
     mass = np.asarray(system.M.sum(axis=1)).ravel()
     return replace(system, M=sparse.csr_array(sparse.diags_array(mass)))
 
 
 def _scalar(load):
-    """Amplitude at one time; without numpy's overhead where it is a sine."""
+    """Amplitude of a load as a function of time; a sine avoids numpy's overhead."""
     if isinstance(load, Harmonic):
         amplitude, omega, phase = load.amplitude, 2.0 * math.pi * load.frequency, load.phase
         return lambda t: amplitude * math.sin(omega * t + phase)
@@ -92,18 +92,18 @@ class FirstOrder:
         if np.any(np.isinf(system.beta[system.w > 0.0])):
             raise InputError("first-order form: set-valued Coulomb friction has no Jacobian")
         self.system, self.size = system, 2 * system.n
-        contact, one = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
+        contact, unit = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
         self.w, self.beta = np.zeros(system.n), np.ones(system.n)
         self.w[contact] = system.w
         self.beta[contact] = np.where(system.w > 0.0, system.beta, 1.0)
         order = np.arange(self.size).reshape(2, -1).T.ravel()
-        A = sparse.block_diag([one, system.M], format="csr")
-        G = sparse.block_array([[None, -one], [system.K, system.C]], format="csr")
+        A = sparse.block_diag([unit, system.M], format="csr")
+        G = sparse.block_array([[None, -unit], [system.K, system.C]], format="csr")
         self.A, self.G = (sparse.csr_array(X[order][:, order]) for X in (A, G))
         self.none = np.zeros((0, self.size))
 
     def _filled(self, A, scale):
-        """``fill(t, y, rate, out)`` with the compiled equations."""
+        """Function ``fill(t, y, rate, out)`` of the compiled equations."""
         compiled, w, beta, G = _compiled()[0], self.w, self.beta, packed(self.G)
         loads = [_scalar(load.amplitude) for load in self.system.loads]
         vectors = np.ascontiguousarray(self.system.load_vectors().T)
@@ -117,27 +117,27 @@ class FirstOrder:
         return fill
 
     def residual(self):
-        """``residual(t, y, rate, out)``, its sign turned."""
+        """Function ``residual(t, y, rate, out)`` of the negative residual."""
         return self._filled(packed(self.A), np.ones(self.size))
 
     def rates(self):
-        """``rates(t, y, out)`` with a lumped mass."""
+        """Function ``rates(t, y, out)`` for a lumped mass."""
         fill = self._filled(self.none, 1.0 / self.A.diagonal())
         return lambda t, y, out: fill(t, y, y, out)
 
     def initial_rate(self, y):
-        """Rates at the start, from y, with any mass."""
+        """Rates at the start for any mass matrix."""
         force, rest = np.zeros((2, self.size))
         self.residual()(0.0, y, rest, force)
         return spsolve(self.A.tocsc(), force)
 
     def residual_jacobian(self):
-        """``jacobian(y, c, out)``: in y plus c times that in the rates, square, sign turned."""
+        """Function ``jacobian(y, c, out)``: minus the derivative by y and c times that by rates."""
         A, G, w, beta, compiled = packed(self.A), packed(self.G), self.w, self.beta, _compiled()[1]
         return lambda y, c, out: compiled(G, A, c, w, beta, y, True, out)
 
     def rate_jacobian(self, square):
-        """``jacobian(y, out)`` of the rates with a lumped mass, square or packed."""
+        """Function ``jacobian(y, out)`` of the rates for a lumped mass, square or as bands."""
         scale, none, beta, compiled = 1.0 / self.A.diagonal(), self.none, self.beta, _compiled()[1]
         G, w = packed(sparse.diags_array(scale) @ self.G), self.w * scale[1::2]
         return lambda y, out: compiled(G, none, 0.0, w, beta, y, square, out)

@@ -25,7 +25,7 @@ SIZES = ((100, 300, 15), (1_000, 300, 5), (10_000, 100, 3), (100_000, 40, 1), (1
 
 
 def time_per_step(elements, n_steps, repeats):
-    """Print a line for each law: full model of the paper's lap joint, nothing stored."""
+    """Print the time of a step of the paper's lap joint for each law; the runs store nothing."""
     loads = [sj.Load("free_end", sj.Harmonic(FORCE, FREQUENCY))]
     how = {"step": 1.0 / FREQUENCY / STEPS, "n_steps": n_steps, "save": sj.Save(points=False)}
     joints = [lap_joint(elements=elements, beta=beta) for beta in (1e5, np.inf)]
@@ -43,7 +43,7 @@ def time_per_step(elements, n_steps, repeats):
 
 
 def long_structure(elements, repeats):
-    """Structure of Fig. 18, so many elements in the joint and beyond; the paper's five modes."""
+    """Print the speed of five modes for Fig. 18 with ``elements`` in the joint and beyond it."""
     scene = sj.load_scene(Path(__file__).parents[1] / "structure_harmonic.toml")
     points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
     bar = sj.build_bar([("joint", 0.1, elements), ("linear", 0.5, elements)], points)
@@ -51,7 +51,7 @@ def long_structure(elements, repeats):
     paper = {"reference": "paper", "modes": 5}
     long = scene.changed(mesh=bar, reduction=paper, **asked)
     done = [sj.run_scene(long).models for _ in range(repeats)]
-    full, small = (median(found[name].run.wall_s for found in done) for name in done[0])
+    full, small = (median(models[name].run.wall_s for models in done) for name in done[0])
     reduced, errors = done[0]["reduced"], done[0]["reduced"].errors
     peak, energy = errors.peak_displacement, errors.friction_energy_per_cycle
     print(

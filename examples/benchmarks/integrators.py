@@ -1,4 +1,4 @@
-"""What a user would otherwise pick: SciPy's and SUNDIALS' stiff integrators on the same system.
+"""SciPy's and SUNDIALS' stiff integrators on the same system, as a user would otherwise choose.
 
 Each gets its best form: interleaved unknowns, an analytic Jacobian, compiled right-hand sides
 (:mod:`benchmarks.first_order`), absolute tolerances in proportion to the motion. IDA takes the
@@ -18,7 +18,7 @@ from scipy import integrate, sparse
 
 from benchmarks.first_order import LOWER, UPPER, FirstOrder
 
-#: Steps that no integrator may need between two samples.
+#: Largest number of steps that an integrator may take between two samples.
 MOST_STEPS = 10**8
 
 
@@ -69,7 +69,7 @@ class Solution(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What an integrator is to do."""
+    """Task of an integrator."""
 
     form: Form
     model: FirstOrder  # with the mass that the form asks for
@@ -82,7 +82,7 @@ class Task(NamedTuple):
 
 
 def solve(task):
-    """Integrate and sample the solution; why it did not finish if it did not."""
+    """Integrate and sample the solution; returns the reason in words if it did not finish."""
     clock = Clock(task.bound)
     act = {"IDA": _ida, "CVODE": _cvode}.get(task.form.name, _scipy)
     try:
@@ -101,15 +101,15 @@ def _sundials(solver, task, equations, matrix, *start):
     """Samples of one of SUNDIALS's integrators and their work."""
     band = {"linsolver": "band", "lband": LOWER, "uband": UPPER, "max_order": task.order}
     limits = {"rtol": task.tolerance, "atol": task.absolute, "max_num_steps": MOST_STEPS}
-    found = solver(equations, jacfn=matrix, **limits, **band).solve(task.times, task.start, *start)
-    return _checked(found), {"Jacobians": int(found.njev)}
+    result = solver(equations, jacfn=matrix, **limits, **band).solve(task.times, task.start, *start)
+    return _checked(result), {"Jacobians": int(result.njev)}
 
 
-def _checked(found):
-    """Samples of an integrator that came to the end."""
-    if not found.success:
-        raise ArithmeticError(found.message)
-    return found.y
+def _checked(result):
+    """Samples of an integrator; ArithmeticError if it failed."""
+    if not result.success:
+        raise ArithmeticError(result.message)
+    return result.y
 
 
 def _ida(task, clock):
@@ -168,5 +168,5 @@ def _scipy(task, clock):
             raise ArithmeticError(work["message"])
         return y, {"steps": int(work["nst"][-1]), "Jacobians": int(work["nje"][-1])}
     form = {"method": task.form.name, "t_eval": times, "jac": matrix} | tolerances
-    found = integrate.solve_ivp(equations, (times[0], times[-1]), start, **form)
-    return _checked(found).T, {"Jacobians": int(found.nlu)}
+    result = integrate.solve_ivp(equations, (times[0], times[-1]), start, **form)
+    return _checked(result).T, {"Jacobians": int(result.nlu)}

@@ -1,4 +1,4 @@
-"""What a step of a plate costs: full, condensed, reduced, and refactoring at each iteration.
+"""Cost of a step of a plate: full, condensed, reduced, and refactoring at each iteration.
 
     python examples/benchmarks/plates.py            both cases at 4,000 and 20,000 unknowns
     python examples/benchmarks/plates.py --quick    both at 600
@@ -29,7 +29,7 @@ from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
 from skfem_joint.minimise import truncated_newton
 
-FREQUENCY, STEPS, CYCLES, REPEATS = 500.0, 200, 2, 3
+FREQUENCY, STEPS, CYCLES = 500.0, 200, 2
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
 #: Elements along and across, and width (m), with bolts and pressed evenly.
 SIZES = (((63, 31, 0.25), (198, 9, 0.05)), ((142, 69, 0.25), (432, 22, 0.05)))
@@ -58,7 +58,7 @@ def run(system, n_steps=CYCLES * STEPS):
 
 def line(name, base, runs, offline=0.0, errors=""):
     """Print runs of a model beside one that takes ``base`` seconds a step."""
-    counters, seconds = runs[0].counters, median(one.wall_s for one in runs)
+    counters, seconds = runs[0].counters, median(run.wall_s for run in runs)
     step, offline = seconds / counters.steps, offline + runs[0].preparation_s
     print(
         f"{name:35s}  {1e3 * step:9.3f}  {base / step:12.2f}"
@@ -92,7 +92,7 @@ def report(along, across, width, bolted):
         begin = time.perf_counter()
         small = make(system)
         offline = time.perf_counter() - begin
-        runs = [run(small) for _ in range(REPEATS)]
+        runs = [run(small) for _ in range(3)]
         off = 100 * compare(full, runs[0]).displacement_max
         energy = 100 * (runs[0].cycles.friction[-1] / full.cycles.friction[-1] - 1.0)
         kind = "condensed" if make is sj.condense else "reduced"

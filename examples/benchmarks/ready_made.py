@@ -38,10 +38,6 @@ ABSOLUTE = 1e-2
 READY_MADE, EXPLICIT, MESH = "ready-made", "Runge-Kutta", "full, mesh"
 #: Elements of coarse meshes.
 COARSE = (10, 20, 50, 100)
-#: Share of the stable step that explicit runs take, steps of a piece, longest whole run (s).
-SAFETY, PIECE, LONGEST = 0.95, 400, 5.0
-#: Longest run of a ready-made integrator in a quick report, s.
-QUICK_BOUND = 1.0
 
 
 def sampled(reference, u, v):
@@ -67,7 +63,7 @@ def has_arctan_law(system):
 
 
 def ready_made_jobs(reference, bound, forms=FORMS):
-    """Every integrator in every form at its tolerances; none under set-valued Coulomb friction."""
+    """Jobs of all integrators at all tolerances; none under set-valued Coulomb friction."""
     if not has_arctan_law(reference.system):
         return
     models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]
@@ -98,31 +94,34 @@ def _attempt(task, reference, tries):
     failures = list(tries.values()).count(False)
     if failures >= task.form.unfinished and not tries.get(task.tolerance):
         return Outcome(None, status="not tried: others of this solver were beyond the bound")
-    found = solve(task)
-    tries[task.tolerance] = not isinstance(found, str)
-    if isinstance(found, str):
-        return Outcome(None, status=found)
-    one = sampled(reference, found.y[:, ::2], found.y[:, 1::2])
-    return Outcome(one, found.wall_s, found.work)
+    solution = solve(task)
+    tries[task.tolerance] = not isinstance(solution, str)
+    if isinstance(solution, str):
+        return Outcome(None, status=solution)
+    samples = sampled(reference, solution.y[:, ::2], solution.y[:, 1::2])
+    return Outcome(samples, solution.wall_s, solution.work)
 
 
-def explicit_jobs(reference, longest=LONGEST):
-    """The paper's way: the classical Runge-Kutta method at its stable step."""
+def explicit_jobs(reference, longest=5.0):
+    """Job of the paper's classical Runge-Kutta method at 95 % of its stable step.
+
+    A run that would take more than ``longest`` (s) is extrapolated.
+    """
     grid, system = reference.grid, reference.system
     if not has_arctan_law(system):
         return
     begin = time.perf_counter()
-    parts = int(np.ceil(grid.duration / (SAFETY * stable_step(system)) / grid.intervals))
+    parts = int(np.ceil(grid.duration / (0.95 * stable_step(system)) / grid.intervals))
     offline = time.perf_counter() - begin
     what = {"step (s)": grid.duration / (parts * grid.intervals)}
     yield Job(EXPLICIT, what, partial(_explicit, reference, parts, longest), offline)
 
 
 def _explicit(reference, parts, longest):
-    """Explicit run, whole if it is short enough, else the time of a piece of it in proportion."""
+    """Explicit run if it is short enough, else its time extrapolated from its first 400 steps."""
     grid, n_steps = reference.grid, parts * reference.grid.intervals
     run = partial(runge_kutta, reference.system, step=grid.duration / n_steps, check=False)
-    piece = min(PIECE, n_steps)
+    piece = min(400, n_steps)
     begin = time.perf_counter()
     run(n_steps=piece, save=Save(points=False))
     wall = (time.perf_counter() - begin) * n_steps / piece
@@ -130,8 +129,8 @@ def _explicit(reference, parts, longest):
         return Outcome(None, wall, {"steps": n_steps}, status="extrapolated")
     cycle = None if grid.cycles is None else parts * SETTINGS.per_cycle
     begin = time.perf_counter()
-    found = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
-    return Outcome(results(found), time.perf_counter() - begin, {"steps": n_steps})
+    result = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
+    return Outcome(results(result), time.perf_counter() - begin, {"steps": n_steps})
 
 
 def coarsened(bar, elements):
@@ -180,15 +179,15 @@ def ratios(points):
     ):
         for level in et.SETTINGS.levels:
             ours = time_at(curves.get(family, []), level, error)
-            found = [time for one in made if (time := time_at(one, level, TIME_ERROR))]
-            theirs = min(found, default=None)
+            times = [time for curve in made if (time := time_at(curve, level, TIME_ERROR))]
+            theirs = min(times, default=None)
             ratio = theirs / ours if ours and theirs else None
             rows.append((f"{words} {level:.0e}", ours, theirs, ratio))
     return rows
 
 
 def section(points, bound):
-    """What the page says of the competitors, in Markdown."""
+    """Section of the page on the competitors, in Markdown."""
     return (
         "## Speed ratios of this run\n\n"
         + et.markdown_table(["ours / theirs", "ours", "theirs", "times faster"], ratios(points))
@@ -211,7 +210,7 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help="few points, one round")
     options = parser.parse_args(arguments)
     scene, quick = load_scene(options.scene), options.quick
-    bound = min(options.bound, QUICK_BOUND) if quick else options.bound
+    bound = min(options.bound, 1.0) if quick else options.bound
     made = partial(ready_made_jobs, bound=bound, forms=QUICK_FORMS if quick else FORMS)
     parts = (et.QUICK if quick else et.RANGE)["parts"]
     counts = [n for n in COARSE[:: 3 if quick else 1] if n < scene.named_mesh.n_elements]

@@ -33,17 +33,9 @@ from skfem_joint.reduction.sources import static_basis
 from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.stepping.plan import Plan
 
-#: Columns of the table; the last are quasi-static states, factorisations and preliminary steps.
-HEADER = (
-    *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
-    *("full, s", "times faster, 2 periods", "12 periods", "estimate, s", "2", "12"),
-    *("stated history, %", "friction, %", "states, factors, steps"),
-)
-IMPULSE = {"duration": 2e-3, "step": 1e-6}
-
 
 def timed(its):
-    """System of a scene and how it is run."""
+    """System of a scene, and its steps as arguments of `integrate`."""
     steps = {"step": its.time_step, "n_steps": its.n_steps, "cycle_steps": its.cycle_steps}
     return its.system(), steps
 
@@ -56,7 +48,8 @@ def paper(name, pulse=""):
     """System of the paper by name, under its harmonic load or a pulse."""
     case = cases.CASES[name]
     load = cases.pulse(case, pulse, 2.5e-5) if pulse else None
-    return timed(cases.scene(case, load=load, time=IMPULSE if pulse else None))
+    time = {"duration": 2e-3, "step": 1e-6} if pulse else None
+    return timed(cases.scene(case, load=load, time=time))
 
 
 def harmonics(length, arm, *parts):
@@ -90,17 +83,14 @@ def bending():
     return system, {"step": 2e-5, "n_steps": 400, "cycle_steps": 100}
 
 
-#: How structures are made; what is reduced, and what is asked of it.
-MAKERS = {one.__name__: one for one in (scene, paper, harmonics, plate, bending)}
-TASKS = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
-UNASKED = {"unknowns": 1000, "history": np.inf, "peak": np.inf, "friction": np.inf}
-CHOSEN = {"modes": 12, "interface_modes": "auto"}
+#: Functions that make structures, by the names in ``reduction.toml``.
+MAKERS = {maker.__name__: maker for maker in (scene, paper, harmonics, plate, bending)}
 
 
 def measure(task):
-    """Run the full model and the reduced one; cells of the table."""
+    """Run the full model and the reduced one; returns the cells of a row."""
     system, how = MAKERS[task["make"]](*task["of"])
-    modes, interface_modes = (task.get(name, value) for name, value in CHOSEN.items())
+    modes, interface_modes = task.get("modes", 12), task.get("interface_modes", "auto")
     full = sj.integrate(system, **how)
     begin = time.perf_counter()
     plan = Plan(**how)
@@ -112,14 +102,15 @@ def measure(task):
     reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s
     begin = time.perf_counter()
-    found = estimate.of_reduced(system, basis, small, plan, reduced)
+    estimated = estimate.of_reduced(system, basis, small, plan, reduced)
     more = time.perf_counter() - begin
 
     errors, cycles, n = compare(full, reduced), full.cycles.friction.size, basis.V.shape[1]
     friction = errors.friction_energy_per_cycle if cycles else errors.friction_energy
     shares = errors.displacement_rms, errors.peak_displacement or 0.0, friction or 0.0
     measured = [n, *(100.0 * abs(share) for share in shares)]
-    asked = [task.get(name, value) for name, value in UNASKED.items()]
+    asked = [task.get("unknowns", 1000)]
+    asked += [task.get(name, np.inf) for name in ("history", "peak", "friction")]
     missed = any(value > limit for value, limit in zip(measured, asked, strict=True))
     cells = [task["name"] + (" (missed)" if missed else "")]
     cells.append(f"{n} ({asked[0]})" if "unknowns" in task else n)
@@ -127,25 +118,33 @@ def measure(task):
         cells.append(f"{value:.2f} ({limit:g})" if np.isfinite(limit) else f"{value:.2f}")
 
     def times_faster(added):
-        """Two and twelve periods, off-line time included."""
+        """Speed-up over two and twelve periods, off-line time and ``added`` time included."""
         for share in (periods / cycles if cycles else 1.0 for periods in (2, 12)):
             spent = offline + added + share * reduced.wall_s
             yield f"{share * full.wall_s / spent:.2g}"
 
     cells += [f"{offline:.2f}", f"{1e3 * reduced.wall_s / full.counters.steps:.3f}"]
     cells += [f"{full.wall_s:.2f}", *times_faster(0.0), f"{more:.2f}", *times_faster(more)]
-    stated = (found.of("total", quantity) for quantity in ("displacement_rms", "friction_energy"))
+    stated = (
+        estimated.of("total", quantity) for quantity in ("displacement_rms", "friction_energy")
+    )
     cells += ["-" if error is None else f"{100.0 * error:.2f}" for error in stated]
     return *cells, ", ".join(map(str, path.work.values()))
 
 
 def main(arguments):
     """Print the table; other arguments than --quick are parts of the names of rows."""
-    names = [one for one in arguments if not one.startswith("-")] or [""]
+    names = [name for name in arguments if not name.startswith("-")] or [""]
     measure({"name": "what loads the code", "make": "plate", "of": [20, 3, 0.05, False]})
     print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
-    head(*HEADER)
-    for task in TASKS:
+    # The last column counts quasi-static states, factorisations and preliminary steps.
+    head(
+        *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),
+        *("full, s", "times faster, 2 periods", "12 periods", "estimate, s", "2", "12"),
+        *("stated history, %", "friction, %", "states, factors, steps"),
+    )
+    tasks = tomllib.loads((Path(__file__).parent / "reduction.toml").read_text("utf-8"))["task"]
+    for task in tasks:
         large = task.get("large") and "--quick" in arguments
         if any(name in task["name"] for name in names) and not large:
             row(*measure(task))

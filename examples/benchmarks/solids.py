@@ -1,4 +1,4 @@
-"""What a step of two bolted solid plates costs: full, condensed, reduced; and their damping curve.
+"""Cost of a step of two bolted solid plates, full, condensed and reduced; their damping curve.
 
     python examples/benchmarks/solids.py            about 30,000 unknowns, 600 contact points
     python examples/benchmarks/solids.py --large    100,000 in full: the memory that it takes
@@ -8,8 +8,8 @@ The scene is ``examples/solid_lap_joint.toml`` on bricks of second order: a lap 
 under two bolts, pulled by half of its friction limit; 40 mm wide, without holes, pressed by rings.
 It runs from rest, three periods of 200 steps, with exact Coulomb friction in the full and in the
 condensed model. BLAS threads are pinned. Errors, in percent, are against the full model, as
-measured and as stated without it; off-line is all before the first step but the factors of the
-static path, which are left from what is told of every scene before it is run.
+measured and as stated without it. Off-line time is all time before the first step, but for the
+factors of the static path, which are left from the description of the scene.
 """
 
 import os
@@ -29,12 +29,6 @@ from skfem_joint.analysis import memory
 from skfem_joint.scene import scene_from
 
 WIDTH, LEVELS = 0.04, 20
-BOLT = {"force": 20e3, "head_radius": 0.0075, "hole_radius": 0.0045}
-ESTIMATED = "displacement_rms", "friction_energy"
-HEADER = (
-    *("model", "unknowns", "off-line, s", "ms a step", "times faster", "history, %"),
-    *("friction, %", "stated history, %", "friction, %", "estimate, s"),
-)
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness;
 #: periods, and steps of each.
 SIZES = {
@@ -53,7 +47,8 @@ def plates(elements, cycles, steps):
     lower = {"lower_end": "right", "lower_contact": ("back", "lower_lap")}
     above = build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=2, boundaries=upper)
     below = build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=2, boundaries=lower)
-    bolts = [{"at": [x, 0.5 * WIDTH, 0.01], **BOLT} for x in (0.125, 0.175)]
+    bolt = {"force": 20e3, "head_radius": 0.0075, "hole_radius": 0.0045}
+    bolts = [{"at": [x, 0.5 * WIDTH, 0.01], **bolt} for x in (0.125, 0.175)]
     scene = tomllib.loads((EXAMPLES / "solid_lap_joint.toml").read_text(encoding="utf-8"))
     scene["joint"][0]["pressure"] = {"reach": 0.01, "bolts": bolts}
     scene["time"] = {"steps_per_cycle": steps, "cycles": cycles}
@@ -69,29 +64,34 @@ def percent(error):
 
 
 def report(scene, made):
-    """Print the table of one size, ``made`` in so many s, damping curves, and what it takes."""
+    """Print the table of a scene that took ``made`` (s) to build, its damping curves and memory."""
     system = scene.system()
     said = memory.size(sum(memory.needed(scene).values()))
     print(
         f"{system.n} unknowns, {system.contact_points} contact points, made in {made:.1f} s with "
         f"the modes that the damping ratio needs; memory said: {said}\n"
     )
-    head(*HEADER)
+    head(
+        *("model", "unknowns", "off-line, s", "ms a step", "times faster", "history, %"),
+        *("friction, %", "stated history, %", "friction, %", "estimate, s"),
+    )
     study = run_scene(scene)
-    steps = {name: one.run.wall_s / one.run.counters.steps for name, one in study.models.items()}
+    steps = {
+        name: model.run.wall_s / model.run.counters.steps for name, model in study.models.items()
+    }
     for name, model in study.models.items():
         cells = [name, model.run.system.n, f"{model.offline_s:.1f}"]
         cells += [f"{1e3 * steps[name]:.3f}", f"{steps['full'] / steps[name]:.1f}"]
         kinds = "displacement_rms", "friction_energy_per_cycle"
         cells += [percent(getattr(model.errors, kind, None)) for kind in kinds]
-        found = model.estimate
+        estimate = model.estimate
         # Estimated without the full model, although it was run beside this one.
-        known = {} if found is None else found.unmeasured or found.parts["total"]
-        stated = [known.get(kind) for kind in ESTIMATED]
+        known = {} if estimate is None else estimate.unmeasured or estimate.parts["total"]
+        stated = [known.get(kind) for kind in ("displacement_rms", "friction_energy")]
         cells += [*map(percent, stated), f"{model.estimate_s:.1f}"]
         row(*cells)
     print()
-    for name in [one for one in ("full", "condensed") if len(study.models) > 1]:
+    for name in [name for name in ("full", "condensed") if len(study.models) > 1]:
         begin = time.perf_counter()
         (curve,) = backbone(study.models[name].run.system, levels=LEVELS)
         print(

@@ -1,4 +1,4 @@
-"""What steady vibration costs: damping curves, responses, and a published beam.
+"""Cost of steady vibration: damping curves, responses, and a published beam.
 
     python examples/benchmarks/steady.py [--quick]
 
@@ -38,30 +38,24 @@ from benchmarks.plates import system_of
 from skfem_joint.analysis import response
 from skfem_joint.stepping import driver, steady
 
-MODAL_DAMPING, RESONANCE, STEPS = 0.001, 2500.0, 200
-#: Steps a period of the beam: thirteen times the frequency of its highest peak meets its second
-#: mode, whose frequency in time steps is 1.5 % too low with 200 and 0.4 % with 400.
-BEAM_STEPS = 400
+RESONANCE, STEPS = 2500.0, 200  # Hz, per period
 #: Share of the friction limit, frequency (Hz), periods that SUNDIALS marches: at the peaks and
 #: beside them. At the last the third harmonic meets the second mode, which asks for shorter steps.
 CASES = ((0.03, 2270.0, 10), (0.1, 2050.0, 10), (0.1, 2100.0, 10), (0.3, 2000.0, 10),
          (0.3, 1790.0, 20))  # fmt: skip
-#: Steepness (s/m) of the law for it, samples of its periods; finer steps of ours; how far off
-#: another start of ours is.
-STEEP, SAMPLES, FINE, OFF = 1e7, 400, 1600, 0.02
-#: Steepness (s/m) of the law for the harmonic balance.
-GENTLE = 10.0
+#: Steepness (s/m) of the law for SUNDIALS, and samples in a period.
+STEEP, SAMPLES = 1e7, 400
 #: Force (N), peak of the tip (mm) and its frequency (rad/s) of the beam, with its 16 unknowns.
 BEAM = ((50.0, 0.0737, 241.0), (100.0, 0.0761, 221.0), (200.0, 0.0886, 207.8),
         (400.0, 0.2021, 157.0))  # fmt: skip
 
 
 def bar(frequency=RESONANCE, share=0.1, beta=np.inf, elements=100):
-    """Bar of so many elements in its joint, loaded by a share of the joint's friction limit."""
+    """Bar with ``elements`` in its joint, loaded by a share of the joint's friction limit."""
     case = replace(cases.CASES["structure"], length=0.2, frequency=frequency)
     held = 0.5 / elements  # of the joint, beside the support, cannot slip
     case = replace(case, force=share * case.limit * (1.0 - held))
-    damping = 2.0 * MODAL_DAMPING / (2.0 * np.pi * RESONANCE)
+    damping = 2.0 * 0.001 / (2.0 * np.pi * RESONANCE)  # 0.1 % of the critical one
     ways = {"normal_force": "consistent", "elements": elements, "damping": damping}
     return cases.scene(case, beta=beta, **ways).system()
 
@@ -92,14 +86,14 @@ def backbones(quick):
     for name, system in (("bar", bar()), ("plate", system_of(*plate, False))):
         for _ in range(2):  # the second one is warm
             begin = time.perf_counter()
-            (found,) = sj.backbone(system)
+            (curve,) = sj.backbone(system)
             spent = time.perf_counter() - begin
-        error = "-" if found.masing_error is None else f"{100 * found.masing_error:.2g} %"
+        error = "-" if curve.masing_error is None else f"{100 * curve.masing_error:.2g} %"
         row(name, system.contact_points, f"{spent:.3g}", error)
 
 
 def periods(systems, memory):
-    """Periods that steady states take from rest with so many states mixed; 0: plain iteration."""
+    """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
     halves = driver.turns_over if memory else lambda loads: False
     settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
     with patch.object(steady, "SETTINGS", settings), patch.object(driver, "turns_over", halves):
@@ -108,12 +102,12 @@ def periods(systems, memory):
 
 
 def swing(run, steps=STEPS):
-    """From peak to peak of the end in the last of periods of so many steps, m."""
+    """Peak-to-peak displacement of the end in the last period, of ``steps`` steps, m."""
     return np.ptp(run.point("free_end")[-steps - 1 :])
 
 
 def responses(quick):
-    """Time of a frequency, periods beside plain iteration, and what marching gives."""
+    """Print the time of a frequency, periods beside plain iteration, and results of marching."""
     system, frequencies = bar(share=1.0), np.linspace(1700.0, 2600.0, 7 if quick else 31)
     sj.integrate(system, until="steady", steps_per_cycle=STEPS)  # compiles
     times, used = [], 0
@@ -121,9 +115,9 @@ def responses(quick):
         state = None
         for frequency in frequencies.tolist():
             begin = time.perf_counter()
-            one = response.steady_point(system, frequency, level, STEPS, None, state)
+            point = response.steady_point(system, frequency, level, STEPS, None, state)
             times.append(time.perf_counter() - begin)
-            state, used = one.state, used + one.periods
+            state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
@@ -151,18 +145,19 @@ def marched(system, start, cycles):
     times = np.linspace(0.0, cycles * period, cycles * SAMPLES + 1)
     absolute = np.tile([1e-5, 1e-2], system.n) / STEEP
     y = np.column_stack(start).ravel()
-    found = solve(Task(Form("IDA", ()), model, times, 1e-6, absolute, np.inf, y, order=2))
-    if isinstance(found, str):
-        raise sj.ConvergenceError(f"SUNDIALS {found}")
-    u, v = found.y[:, ::2], found.y[:, 1::2]
+    solution = solve(Task(Form("IDA", ()), model, times, 1e-6, absolute, np.inf, y, order=2))
+    if isinstance(solution, str):
+        raise sj.ConvergenceError(f"SUNDIALS {solution}")
+    u, v = solution.y[:, ::2], solution.y[:, 1::2]
     rows = [slice(k * SAMPLES, (k + 1) * SAMPLES + 1) for k in range(cycles)]
     end = u @ system.loads[0].vector
     return np.transpose([(0.5 * np.ptp(end[k]), slip_work(system, u[k], v[k])) for k in rows])
 
 
 def sundials(quick):
-    """Steady states of Coulomb friction beside the arctan law, marched from the finer of them."""
-    cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, FINE, 100)
+    """Print steady states of Coulomb friction beside the arctan law marched from the finer one."""
+    cases, fine, elements = (CASES[:1], 2 * STEPS, 20) if quick else (CASES, 1600, 100)
+    off = 0.02  # of the state that another run starts from
     print()
     first = f"{STEPS} steps: amplitude, friction energy apart"
     others = f"{fine} steps: the same", "both drifted by", "a start 2 % off keeps"
@@ -170,34 +165,34 @@ def sundials(quick):
     for share, frequency, periods in cases:
         case, cycles = bar(frequency, share, elements=elements), 2 if quick else periods
         coarse, run = (sj.integrate(case, until="steady", steps_per_cycle=n) for n in (STEPS, fine))
-        start = tuple((1.0 - OFF) * part for part in coarse.final)
+        start = tuple((1.0 - off) * part for part in coarse.final)
         other = sj.integrate(case, cycles=cycles, steps_per_cycle=STEPS, initial=start)
         kept = abs(swing(other) / swing(coarse) - 1.0)
         begin = time.perf_counter()
         theirs = marched(bar(frequency, share, STEEP, elements), run.final, cycles)
         wall = time.perf_counter() - begin
         apart = [
-            (0.5 * swing(one, fine), one.cycles.friction[-1]) / theirs[:, -1] - 1.0
-            for one in (coarse, run)
+            (0.5 * swing(vibration, fine), vibration.cycles.friction[-1]) / theirs[:, -1] - 1.0
+            for vibration in (coarse, run)
         ]
         columns = [*apart, theirs[:, -1] / theirs[:, 0] - 1.0]
         texts = ["{:+.2g}, {:+.2g} %".format(*100.0 * pair) for pair in columns]
         name, cost = f"{100 * share:g} %, {frequency:g} Hz", f"{cycles} periods, {wall:.0f} s"
-        row(name, cost, *texts, f"{100 * kept / OFF:.2g} %")
+        row(name, cost, *texts, f"{100 * kept / off:.2g} %")
 
 
 def first_harmonic(run):
-    """Its amplitude (m) at the end, from a run of one period."""
+    """Amplitude (m) of the first harmonic at the end, from a run of one period."""
     u = run.point("free_end")[1:]
     return float(2.0 / u.size * abs(np.fft.rfft(u)[1]))
 
 
 def balances(quick):
-    """Harmonic balance beside ours at one frequency, the same arctan law; processor time."""
+    """Print processor times of harmonic balance and of ours, at one frequency and for one law."""
     from benchmarks.balance import balanced
 
     share, frequency, _ = CASES[1]
-    case = bar(frequency, share, GENTLE, 10 if quick else 100)
+    case = bar(frequency, share, beta=10.0, elements=10 if quick else 100)
     balanced(case, [1])  # compiles
     for _ in range(2):  # the second one is warm
         begin = time.process_time()
@@ -215,12 +210,17 @@ def balances(quick):
 
 
 def published(quick):
+    """Peaks of the beam's response beside the published ones.
+
+    Thirteen times the frequency of the highest peak meets the beam's second mode. Its frequency in
+    time steps is 1.5 % too low with 200 steps a period, and 0.4 % with the 400 that are taken.
+    """
     system = beam()
     print()
     head("force, N", "peak, mm", "published", "at, rad/s", "published")
     for force, peak, omega in BEAM[1:3] if quick else BEAM:
         around = (omega + np.linspace(-9.0, 9.0, 4 if quick else 7)) / (2.0 * np.pi)
-        (curve,) = sj.response(system, around, (force,), steps_per_cycle=BEAM_STEPS)
+        (curve,) = sj.response(system, around, (force,), steps_per_cycle=400)
         at, size = curve.peak
         row(f"{force:g}", f"{1e3 * size:.4f}", peak, f"{2.0 * np.pi * at:.1f}", omega)
 

@@ -1,9 +1,9 @@
-"""Wall time of a sweep of 5 x 5 scenes with two workers against one, their start counted.
+"""Wall time of a sweep of 5 x 5 scenes with two workers and with one, their start included.
 
     python examples/benchmarks/sweep.py            three minutes on two idle cores
     python examples/benchmarks/sweep.py --quick    short scenes: mostly the start
 
-BLAS threads are pinned; both are run in turn, and medians are reported.
+BLAS runs on one thread. Both are run in turn, and medians are reported.
 """
 
 import os
@@ -18,9 +18,6 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 from skfem_joint.analysis.sweep import processes, sweep
 from skfem_joint.scene import load_sweep
 
-#: Cycles of each scene, rounds.
-SIZE, QUICK = (1000, 2), (3, 1)
-
 
 def seconds(scenes, workers):
     """Wall time of a sweep; all of its scenes must have run."""
@@ -33,16 +30,17 @@ def seconds(scenes, workers):
 
 
 def main(arguments):
-    cycles, rounds = QUICK if "--quick" in arguments else SIZE
+    cycles, rounds = (3, 1) if "--quick" in arguments else (1000, 2)
     swept = load_sweep(Path(__file__).parents[1] / "lap_joint_sweep.toml")
     scenes = [scene.changed(time={"cycles": cycles}) for scene in swept.scenes]
     times = {1: [], 2: []}
     for k in range(rounds):
         for workers in (1, 2) if k % 2 == 0 else (2, 1):
             times[workers].append(seconds(scenes, workers))
-    one, two = median(times[1]), median(times[2])
+    single, double = median(times[1]), median(times[2])
     ratio = median(b / a for a, b in zip(*times.values(), strict=True))
-    print(f"{len(scenes)} scenes: {one:.1f} s with one worker, {two:.1f} s with two: {ratio:.2f}")
+    both = f"{single:.1f} s with one worker, {double:.1f} s with two"
+    print(f"{len(scenes)} scenes: {both}: {ratio:.2f}")
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def iterated(case, frequency, most=60, tolerance=1e-4):
 
 
 def iteration_limits():
-    """Where the iteration of A_a fails, as frequency over the static length's resonance.
+    """Frequencies over the static length's resonance at which the iteration of A_a fails.
 
     With r the ratio at a fixed point, an error of an iterate grows by d ln A_a / d ln r
     = 2 r^2 (1 - 2 zeta^2 - r^2) A_a^2 in the next one. It grows for 1 at the first limit, where
@@ -47,15 +47,15 @@ def iteration_limits():
 def fig6(item, quick):
     case = CASES["I"]
     length, static = case.static_length, case.static_resonance
-    found = iterated(case, case.frequency)
+    iteration = iterated(case, case.frequency)
     elements = cases.estimate_of(case)
-    second, element_second = (one.factors[0] * length for one in (found, elements))
-    item.compare("first", found.factors[0], elements.factors[0])
+    second, element_second = (result.factors[0] * length for result in (iteration, elements))
+    item.compare("first", iteration.factors[0], elements.factors[0])
     item.compare("second_frequency", natural_frequency(second))
     stated, count = item.printed["second_length_mm"], item.printed["iterations"]
     same, off = abs(second - stated) <= 0.5e-4, percent(second, stated)
     item.say("fig6.second", **locals())
-    item.compare("converged", found.factor, elements.factor)
+    item.compare("converged", iteration.factor, elements.factor)
     at_print = iterated(case, case.frequency, count).factor
     item.compare("converged", at_print, what=f"A_a after {count} iterations")
     counts = [len(iterated(case, case.frequency, 60, e).factors) for e in (1e-3, 1e-4, 1e-5)]
@@ -66,11 +66,11 @@ def fig6(item, quick):
     longer_factor = longer / length
     item.say(**locals())
     item.marks |= {"jump": jump, "edge": edge}
-    factors = np.array([1.0, *found.factors])
+    factors = np.array([1.0, *iteration.factors])
     item.curves["fig6"] = {"iteration": np.arange(0.0, factors.size), "factor": factors}
     shares = np.linspace(0.02, 1.2, 20 if quick else 237)
     settled = [iterated(case, share * static, 600) for share in shares]
-    ends = [one.factors[-1 if one.converged else -8 :] for one in settled]
+    ends = [result.factors[-1 if result.converged else -8 :] for result in settled]
     item.curves["fig6_sweep"] = {
         "frequency_over_static_resonance": shares,
         "least_of_last_iterates": np.array([min(end) for end in ends]),
@@ -97,8 +97,8 @@ def full_active(key, frequency, beta=1e5, damping=1e-5, elements=100):
 
 def _estimated(key, frequency):
     """Estimate by Eqs. (17) to (20), percent of the joint; NaN where it does not converge."""
-    found = iterated(CASES[key], frequency)
-    return 100.0 * found.length / CASES[key].length if found.converged else nan
+    iteration = iterated(CASES[key], frequency)
+    return 100.0 * iteration.length / CASES[key].length if iteration.converged else nan
 
 
 @cache
@@ -110,7 +110,7 @@ def _longest(key):
 
 
 def _halves(key):
-    """50 % of the resonance in two meanings, Hz: where Eq. (17) has converged, r = 0.5."""
+    """50 % of the resonance (Hz): r = 0.5 in Eq. (17), or half of the frequency of longest slip."""
     static = CASES[key].static_resonance
     return {"Eq. (17)": 0.5 * static / amplification(0.5), "longest": 0.5 * _longest(key) * static}
 

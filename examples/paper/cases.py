@@ -31,12 +31,11 @@ E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
 STIFFNESS, SPEED = E * WIDTH * THICKNESS, float(np.sqrt(E / DENSITY))
 #: Shares of the free end's peak above which a node counts as active: this package's, and less.
 THRESHOLDS = THRESHOLD, 1e-4
-SHAPES = sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold
 PULSES = "triangle", "half_sine", "versine", "ramp_and_hold"
 #: Ours: scaled modes of the paper's reference system, velocity snapshots beside displacement,
 #: active length from a probe run, friction at Gauss points, beta that the modes resolve.
 DEFAULT = {"reference": "paper", "modes": 5, "snapshots": "both", "inner_product": "euclidean"}
-#: The paper's own choices; the same with the active length measured; what own modes change.
+#: The paper's own choices; these with a measured active length; keys for own modes.
 PLAIN = DEFAULT | {"snapshots": "displacement", "friction_points": "all", "beta": 1e5}
 PLAIN |= {"active_length": "estimate"}
 MOVED = PLAIN | {"active_length": "auto"}
@@ -74,16 +73,16 @@ class Case:
 
     @property
     def static_resonance(self):
-        """First natural frequency of that length, Hz."""
+        """First natural frequency of the static length, Hz."""
         return SPEED / (4.0 * self.static_length)
 
     def static(self, closed_form, *phase):
-        """What a function of `pseudo_static` says of it."""
+        """Value of a function of `pseudo_static` for this case."""
         return closed_form(self.force, STIFFNESS, self.tau, *phase)
 
     @property
     def static_loop_area(self):
-        """J."""
+        """Area of the hysteresis loop without inertia, J."""
         return self.static(pseudo_static.loop_energy)
 
 
@@ -104,7 +103,7 @@ CASES = {
 
 @cache
 def _bar(length, linear, elements):
-    """Joint with ``elements`` elements and, beyond it, a linear region with as many."""
+    """Bar with ``elements`` elements in the joint, and as many in a linear region beyond it."""
     parts = [("joint", length, elements), ("linear", linear, elements)][: 2 if linear else 1]
     points = {"fixed": 0.0} | ({"junction": length} if linear else {})
     return sj.build_bar(parts, points | {"free_end": length + linear})
@@ -114,7 +113,7 @@ def scene(
     case, reduction=None, *, load=None, time=None, models=("full",), beta=1e5,
     normal_force="equal", elements=100, damping=1e-5, frames=0,
 ):  # fmt: skip
-    """Scene of a case; harmonic, 8 cycles of 200 steps unless told otherwise.
+    """Scene of a case; by default harmonic, 8 cycles of 200 steps.
 
     ``reduction``, ``load`` and ``time`` are keys of these tables; ``beta`` (s/m) is infinite for
     Coulomb's law; ``damping`` (s) makes C = damping K; ``frames`` are fields to keep, at most.
@@ -146,12 +145,13 @@ def pulse(case, shape, rise_time):
 
 
 def pulses(case, rise_time, end):
-    t, kinds = np.linspace(0.0, end, 501), zip(PULSES, SHAPES, strict=True)
+    t, shapes = np.linspace(0.0, end, 501), (sj.Triangle, sj.HalfSine, sj.Versine, sj.RampAndHold)
+    kinds = zip(PULSES, shapes, strict=True)
     return {"time_s": t} | {f"{name}_N": kind(case.force, rise_time)(t) for name, kind in kinds}
 
 
 def _own(its):
-    """Modes of the scene's own run and what moves in it, for Gauss points along it.
+    """Modes of the scene's own run, and the stretch that slips in it, for Gauss points.
 
     The package takes fewer times of that run and merges points that slip alike.
     """
@@ -184,9 +184,9 @@ _MODELS = {}
 
 
 def run(case, reduction=None, **options):
-    """Full model of a case, or its reduced model with errors against the full one; run once.
+    """Full model of a case, or its reduced model with errors against the full one.
 
-    Options as for `scene`.
+    Each is run once. Options as for `scene`.
     """
     key = repr((case, reduction, sorted(options.items())))
     if key not in _MODELS:
@@ -205,19 +205,19 @@ def estimate_of(case):
     return estimate_active_length(its.system(), active_zones(its.structure(), its.system())[0])
 
 
-def peak(found):
+def peak(run):
     """Largest displacement of the free end in the last cycle, m."""
-    return found.cycles.peak[-1, found.system.points.index("free_end")]
+    return run.cycles.peak[-1, run.system.points.index("free_end")]
 
 
-def loop_area(found):
+def loop_area(run):
     """Work of the load in the last cycle, J."""
-    return found.cycles.input[-1].sum()
+    return run.cycles.input[-1].sum()
 
 
-def friction(found):
+def friction(run):
     """Friction energy of the last cycle, J."""
-    return found.cycles.friction[-1]
+    return run.cycles.friction[-1]
 
 
 def fields(case, **options):
@@ -247,7 +247,7 @@ def energy_error(errors):
 
 
 def aims_met(errors):
-    """Whether the peak displacement and the friction energy are as close as we ask."""
+    """Whether the errors of peak displacement and of friction energy are within the aims."""
     aim, peak = printed("aim"), 100.0 * abs(errors.peak_displacement)
     energy = abs(energy_error(errors)) <= aim["friction_energy_percent"]
     return peak <= aim["displacement_percent"], energy
@@ -262,4 +262,5 @@ def aim_rows(item, name, errors):
 def modes_for_aims(case, **options):
     """Fewest modes of the default reduction that meet both aims; None beyond 15."""
     models = (run(case, DEFAULT | {"modes": count}, **options) for count in range(1, 16))
-    return next((count for count, one in enumerate(models, 1) if all(aims_met(one.errors))), None)
+    within = (count for count, model in enumerate(models, 1) if all(aims_met(model.errors)))
+    return next(within, None)

@@ -16,7 +16,7 @@ STYLES = (
     ("#8f62b5", (0, (5, 1, 1, 1, 1, 1)), 1.6),
     ("#8a8a8a", (0, (8, 2)), 1.6),
 )
-#: What columns are drawn as, by the unit at the end of their names: unit, factor, usual quantity.
+#: Unit, factor and quantity in a picture, by the unit at the end of a column's name.
 UNITS = {
     "s": ("ms", 1e3, "time"),
     "m": ("µm", 1e6, "displacement"),
@@ -31,11 +31,11 @@ THIN = {"color": "0.5", "linewidth": 0.8}
 
 def _read(column):
     """Name of a column, label of an axis for it, and the factor to its unit there."""
-    found = re.fullmatch(r"(.*?)(?:_| \()(m_per_s|s|m|N|Hz|percent|%)\)?", column)
-    if not found:
+    match = re.fullmatch(r"(.*?)(?:_| \()(m_per_s|s|m|N|Hz|percent|%)\)?", column)
+    if not match:
         return column.replace("_", " "), column.replace("_", " "), 1.0
-    unit, factor, quantity = UNITS[found[2]]
-    return found[1].replace("_", " "), f"{quantity} ({unit})", factor
+    unit, factor, quantity = UNITS[match[2]]
+    return match[1].replace("_", " "), f"{quantity} ({unit})", factor
 
 
 def _matching(names, patterns):
@@ -67,9 +67,9 @@ def _draw_panel(panel, curves, mark, axes):
         x_factor, factor = panel.get("xfactor", x_factor), panel.get("factor", y_factor)
         values = factor * curves[name][y][rows]
         values = np.abs(values) if panel.get("absolute") else values
-        look = dict(zip(("color", "linestyle", "linewidth"), STYLES[k % len(STYLES)], strict=True))
-        look |= {"marker": panel.get("marker"), "markersize": 3.5}
-        axes.plot(x_factor * curves[name][x][rows], values, label=label, **look)
+        style = dict(zip(("color", "linestyle", "linewidth"), STYLES[k % len(STYLES)], strict=True))
+        style |= {"marker": panel.get("marker"), "markersize": 3.5}
+        axes.plot(x_factor * curves[name][x][rows], values, label=label, **style)
     for name in panel.get("levels", []):
         axes.axhline(factor * mark(name), label=name.replace("_", " "), **THIN)
     for name in panel.get("at", []):

@@ -33,9 +33,9 @@ def _reduced_rows(item, label, key, made, full, why="", around=0.0):
         item.say("table3.reduced", name=f"{label}: {what}", **locals())
 
 
-def _last(found):
+def _last(run):
     """Displacement of the free end in the last two cycles, m."""
-    return found.point("free_end")[-2 * STEPS - 1 :]
+    return run.point("free_end")[-2 * STEPS - 1 :]
 
 
 def table3(item, quick):
@@ -97,8 +97,8 @@ def table4(item, quick):
             item.curves["fig11"][f"10_percent_{key}_{choice}_m"] = _last(model.run)
     lengths = length * np.linspace(0.8, 1.2, 5 if quick else 17)
     swept = [reduced(float(value)).errors for value in lengths]
-    peaks = 100 * np.array([one.peak_displacement for one in swept])
-    energies = 100 * np.array([one.loop_energy_per_cycle for one in swept])
+    peaks = 100 * np.array([errors.peak_displacement for errors in swept])
+    energies = 100 * np.array([errors.loop_energy_per_cycle for errors in swept])
     columns = {"peak_error_percent": peaks, "energy_error_percent": energies}
     item.curves["fig11_sweep"] |= {"active_length_m": lengths} | columns
     stated, scaling = item.printed["active_length_stated"], printed("fig6")["converged"]

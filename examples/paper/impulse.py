@@ -13,7 +13,7 @@ from skfem_joint.reduction.pod import ProperModes, proper_decomposition
 CASE = CASES["VII"]
 DURATION, STEP = 2e-3, 1e-6
 DAMPINGS = (1e-5, 1e-6, 1e-7)
-#: Reduced models of Fig. 17 by the paper's numbers: what differs from the choices below.
+#: Reduced models of Fig. 17 by the paper's numbers: name, and keys that the choices change by.
 MODELS = {
     "ii": ("5 modes of the impulse", OWN),
     "iii": ("11 modes of the impulse", OWN | {"modes": 11}),
@@ -77,9 +77,9 @@ def fig15(item, quick):
             item.say("fig15.error", key=key, label=label, choice=choice, most=most, **fields)
     for choice, shape, options in CHOICES[:2]:
         for key, (_, changes) in MODELS.items():
-            found = _run(shape, options | changes).run
-            curve[f"{key}_{choice}_m"] = found.point("free_end")
-            curve[f"error_{key}_{choice}_percent"] = difference(full.run, found)
+            reduced = _run(shape, options | changes).run
+            curve[f"{key}_{choice}_m"] = reduced.point("free_end")
+            curve[f"error_{key}_{choice}_percent"] = difference(full.run, reduced)
     item.curves["fig15_fig17"] = curve
     errors = [_run(PULSES[0], choice).errors for choice in (DEFAULT, STEEP, MOVED)]
     cases.aim_rows(item, "impulse on the joint", errors[0])
@@ -103,13 +103,13 @@ def _sensitivity(item, shapes):
         runs = [_full(shape, damping) for damping in DAMPINGS]
         curve = item.curves[f"fig15_sensitivity_{shape}"] = {
             "damping_s": np.array(DAMPINGS),
-            "active_length_percent": np.array([one.active[0] for one in runs]),
-            "active_length_lower_percent": np.array([one.active[1] for one in runs]),
-            "first_proper_value_percent": np.array([one.first[-1] for one in runs]),
-            "cumulative_of_five_percent": np.array([one.proper.cumulative[4] for one in runs]),
+            "active_length_percent": np.array([full.active[0] for full in runs]),
+            "active_length_lower_percent": np.array([full.active[1] for full in runs]),
+            "first_proper_value_percent": np.array([full.first[-1] for full in runs]),
+            "cumulative_of_five_percent": np.array([full.proper.cumulative[4] for full in runs]),
         }
         for k, end in enumerate(("0.2", "0.5", "2")):
-            values = np.array([one.first[k] for one in runs])
+            values = np.array([full.first[k] for full in runs])
             curve[f"first_proper_value_of_{end}_ms_percent"] = values
         rows = zip(*list(curve.values())[1:4], strict=True)
         line = ", ".join(f"{a:.0f} ({lower:.0f}) and {value:.1f} %" for a, lower, value in rows)

@@ -65,12 +65,12 @@ def _hysteresis(item):
     stated, steps = item.printed["loop_energy"], 400
     slow = {case: reference_run(SLOW, inf, case, steps) for case in (REFERENCE, LESSER)}
     fast = reference_run(REFERENCE.frequency, 1e5)
-    for case, found in slow.items():
-        share, areas = case.force / case.limit, (case.static_loop_area, loop_area(found))
+    for case, full in slow.items():
+        share, areas = case.force / case.limit, (case.static_loop_area, loop_area(full))
         offs, from_static = [percent(area, stated) for area in areas], percent(areas[1], areas[0])
         same = abs(offs[0]) < 0.1
         item.say("fig2.loop", **locals())
-        u, f = hysteresis_loop(found, "free_end", rows_per_cycle=steps)
+        u, f = hysteresis_loop(full, "free_end", rows_per_cycle=steps)
         u_static, _ = case.static(pseudo_static.loop, np.linspace(0.0, 2.0 * pi, steps + 1))
         curve = {"force_N": f, "displacement_5Hz_m": u, "displacement_pseudo_static_m": u_static}
         item.curves[f"fig2b_{case.force / 1e3:.1f}kN"] = curve
@@ -81,7 +81,7 @@ def _hysteresis(item):
     # The force whose closed-form loop has the printed area.
     implied = (1.5 * stated * STIFFNESS * REFERENCE.tau) ** (1.0 / 3.0)
     share, runs = implied / REFERENCE.limit, (slow[REFERENCE], reference_run(SLOW, 1e5), fast)
-    from_static = [percent(loop_area(one), REFERENCE.static_loop_area) for one in runs]
+    from_static = [percent(loop_area(run), REFERENCE.static_loop_area) for run in runs]
     item.say("fig2.loops", **locals(), reference=REFERENCE, lesser=LESSER)
 
 
@@ -117,12 +117,12 @@ def fig4(item, quick):
         else:
             item.say("fig4.fast", **locals(), near=(abs(of_peak) < 1.0, largest < 1.0))
         curve = item.curves[f"fig4{letter}"] = {"time_over_period": np.linspace(0.0, 1.0, 201)}
-        for beta, found in runs.items():
+        for beta, full in runs.items():
             name = _name(beta)
-            changes = [percent(of(found), of(runs[inf])) for of in (peak, loop_area, friction)]
+            changes = [percent(of(full), of(runs[inf])) for of in (peak, loop_area, friction)]
             if beta < inf:
                 item.say("fig4.changes", **locals())
-            curve[f"displacement_{name}_m".replace(" ", "")] = found.point("free_end")[-201:]
+            curve[f"displacement_{name}_m".replace(" ", "")] = full.point("free_end")[-201:]
     weak = _changes({beta: reference_run(SLOW, beta, WEAK) for beta in (1e5, 1e7)})
     item.say(weak=weak, force=REFERENCE.force, lesser=WEAK.force)
 
@@ -131,8 +131,8 @@ def fig4(item, quick):
 def _modes(case=REFERENCE, cycles=3, steps=200, snapshots="displacement", **law):
     """Modes of a case that has the reference joint's geometry."""
     joint, times = package.lap_joint(**law), {"cycles": cycles, "steps_per_cycle": steps}
-    found = package.run_lap_joint(joint, case.force, case.frequency, **times)
-    return package.modes_of_lap_joint(joint, found, snapshots=snapshots)
+    run = package.run_lap_joint(joint, case.force, case.frequency, **times)
+    return package.modes_of_lap_joint(joint, run, snapshots=snapshots)
 
 
 def _upright(modes, xi):
@@ -145,16 +145,16 @@ def table1(item, quick):
     reference, weak = _modes(), _modes(WEAK, steps=100)
     exact = _modes(beta=inf), _modes(WEAK, steps=100, beta=inf)
     proper, settled = reference.proper, package.run_lap_joint(package.lap_joint(), cycles=6)
-    for name, key, found in (
+    for name, key, computed in (
         ("proper value", "proper_values", proper.proper_values),
         ("cumulative sum", "cumulative", proper.cumulative),  # sums of rounded values
     ):
         for k, value in enumerate(item.printed[key]):
             within = 0.005 * (k + 2 if key == "cumulative" else 1)
             what = {"value": value, "what": f"{name} {k + 1}, %", "within": within}
-            item.compare("proper_value", found[k], **what)
+            item.compare("proper_value", computed[k], **what)
     xi = np.linspace(0.0, 1.0, 201)
-    curves, sharp = ([_upright(one, xi) for one in pair] for pair in ((reference, weak), exact))
+    curves, sharp = ([_upright(modes, xi) for modes in pair] for pair in ((reference, weak), exact))
     rule = np.sqrt(WEAK.force / REFERENCE.force)
     # Roots of the ratios of active lengths.
     pairs = (reference, weak), exact
@@ -166,9 +166,9 @@ def table1(item, quick):
     ends, offs = (mean.min(), mean.max()), [percent(end, rule) for end in (mean.min(), mean.max())]
     by_rule, by_lengths = (np.abs(mean / value - 1.0).max() for value in (rule, lengths[0]))
     item.say("table1.mean", **locals(), near=by_rule < by_lengths)
-    for law, (one, other) in {"β 1e5": curves, "Coulomb": sharp}.items():
-        norms = (one**2).sum(axis=0) * (other**2).sum(axis=0)
-        likeness = (one * other).sum(axis=0) ** 2 / norms
+    for law, (strong, other) in {"β 1e5": curves, "Coulomb": sharp}.items():
+        norms = (strong**2).sum(axis=0) * (other**2).sum(axis=0)
+        likeness = (strong * other).sum(axis=0) ** 2 / norms
         item.say("table1.likeness", law=law, likeness=likeness, near=likeness.min() > 0.98)
     item.curves["table1"] = {
         "mode": np.arange(1.0, 16.0),

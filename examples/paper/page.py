@@ -26,10 +26,11 @@ HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "differen
 #: Printed values by item, some with rounding and name; pictures by item.
 PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
 PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
-#: Names of files that the page consists of, which are not to be those of files of other origin.
-_DRAWN = "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
+#: Names of the files that the page consists of; files of other origin must not have them.
 USED_NAMES = re.compile(
-    rf"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/({_DRAWN})\.png)?"
+    r"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/("
+    + "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
+    + r")\.png)?"
 )
 #: Title and blocks of ``page.md`` by the name in the heading.
 TEMPLATES = {}
@@ -40,7 +41,7 @@ for section in re.split(r"(?m)^## ", (HERE / "page.md").read_text("utf-8"))[1:]:
 
 
 def printed(item):
-    """Printed values alone of an item; empty if it has none."""
+    """Printed values of an item without rounding and name; empty if it has none."""
     entries = PUBLISHED.get(item, {}).items()
     return {key: entry.get("value") if isinstance(entry, dict) else entry for key, entry in entries}
 
@@ -51,7 +52,7 @@ def limit_of(statement):
 
 
 class _Words(string.Formatter):
-    """Formats of ``page.md``: what to say if true // if not, a factor*, several values (;)."""
+    """Formats of ``page.md``: texts for true // false, a factor*, several values (;)."""
 
     def format_field(self, value, form):
         if isinstance(value, bool | np.bool_):
@@ -59,7 +60,7 @@ class _Words(string.Formatter):
             return (yes or "agrees") if value else (no or "differs")
         if isinstance(value, list | tuple | np.ndarray):
             separator = "; " if form.startswith(";") else ", "
-            return separator.join(self.format_field(one, form.removeprefix(";")) for one in value)
+            return separator.join(self.format_field(part, form.removeprefix(";")) for part in value)
         factor, _, form = form.rpartition("*")
         return format(float(factor) * value if factor else value, form)
 
@@ -111,7 +112,7 @@ class Item:
         self.title, self.printed = TEMPLATES[self.key][0], printed(self.key)
 
     def mark(self, name):
-        """Value of a line across a picture: a mark, or a published value or limit of the item."""
+        """Value of a line across a picture: a mark, a published value, or a limit."""
         value = self.marks[name] if name in self.marks else self.printed[name.removeprefix("-")]
         value = limit_of(value) if isinstance(value, str) else value
         return -value if name.startswith("-") else value
@@ -142,7 +143,7 @@ class Item:
         self.rows.append(Row(entry["what"], f"{value:g}", *cells))
 
     def markdown(self):
-        """Its part of the page; the title and the table come first."""
+        """Markdown of the item; the title and the table come first."""
         parts = [f"## {self.title}", markdown_table(HEADINGS, self.rows), *self.notes]
         parts += [f"![{self.title}](pictures/{name}.png)" for name in self.pictures]
         names = ", ".join(f"[{name}.csv](curves/{name}.csv)" for name in self.curves)

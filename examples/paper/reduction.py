@@ -1,4 +1,4 @@
-"""What the reduction saves (section 7.5, Fig. 22), and its error against the number of modes."""
+"""Cost of the reduced model (section 7.5, Fig. 22), and its error against the number of modes."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def without_friction(system, damped):
 
 
 def largest_frequency(system):
-    """Of (K, M), rad/s."""
+    """Largest natural frequency of K and M, rad/s."""
     K, M = (A if system.is_dense else A.toarray() for A in (system.K, system.M))
     return np.sqrt(linalg.eigh(K, M, eigvals_only=True)[-1])
 
@@ -78,7 +78,7 @@ def operations_full(n):
 
 
 def operations_reduced(n, j):
-    """The same with ``j`` modes: expansion and compression, then the accelerations."""
+    """Operations with ``j`` modes: expansion and compression, then the accelerations."""
     return (4 * n * j - n - j) + (j * j - j)
 
 
@@ -87,18 +87,18 @@ def section7_5(item, quick):
     frequencies = [largest_frequency(system) for system in both.values()]
     item.compare("step_factor", frequencies[0] / frequencies[1])
     parts = {
-        "K and M alone": {name: without_friction(one, False) for name, one in both.items()},
-        "with C": {name: without_friction(one, True) for name, one in both.items()},
+        "K and M alone": {name: without_friction(system, False) for name, system in both.items()},
+        "with C": {name: without_friction(system, True) for name, system in both.items()},
         "with C and friction, beta 1e5 s/m": both,
     }
     computed, measured, n = {}, {}, 500 if quick else 1500
     for part, pair in parts.items():
-        computed[part] = {name: stable_step(one) for name, one in pair.items()}
+        computed[part] = {name: stable_step(system) for name, system in pair.items()}
     for part in [*parts][:2]:
         near = computed[part].items()
         measured[part] = {name: measured_step(parts[part][name], step, n) for name, step in near}
-    for how, found in {"computed": computed, "measured": measured}.items():
-        for part, steps in found.items():
+    for how, steps_by_part in {"computed": computed, "measured": measured}.items():
+        for part, steps in steps_by_part.items():
             factor, what = steps["reduced"] / steps["full"], f"its factor, {part}, {how}"
             item.say("section7.5.step", part=part, how=how, steps=steps)
             item.compare("step_factor", None, factor, what=what, form=".3g")
@@ -108,7 +108,7 @@ def section7_5(item, quick):
     saving = counts[operations_reduced(n, counts) < operations_full(n)]
     item.compare("break_even_modes", None, int(saving[-1]))
     steps = computed["with C"]
-    chattering = {name: chatter(one, 0.5 * steps[name]) for name, one in both.items()}
+    chattering = {name: chatter(system, 0.5 * steps[name]) for name, system in both.items()}
     item.say("section7.5.chatter", chattering=chattering)
     _add_times(item, quick, computed, chattering)
 
@@ -132,9 +132,9 @@ def _add_times(item, quick, computed, chattering):
     (full_time, full_iterations), full_explicit = _implicit(full, repeats), _explicit(full, repeats)
     few = [_reference(DEFAULT | {"modes": int(j)}).run.system for j in counts]
     projected = [systems(int(j))["reduced"] for j in counts]
-    every = np.array([_implicit(one, repeats) for one in projected])
-    gauss = np.array([_implicit(one, repeats) for one in few])
-    explicit = np.array([_explicit(one, repeats) for one in projected])
+    every = np.array([_implicit(system, repeats) for system in projected])
+    gauss = np.array([_implicit(system, repeats) for system in few])
+    explicit = np.array([_explicit(system, repeats) for system in projected])
     five = int(np.flatnonzero(counts == 5)[0])
     points, micro = few[five].w.size, (every[five, 0], gauss[five, 0], explicit[five])
     item.say("section7.5.times", **locals())
@@ -163,14 +163,12 @@ def _add_times(item, quick, computed, chattering):
 
 
 IMPULSE = "structure, impulse"
-#: What is reduced, and its name in rows.
+#: Systems that are reduced, by their names in rows.
 SYSTEMS = {name: f"Case {name}" for name in ("I", "IV", "V", "VI", "VII")}
 SYSTEMS |= {"structure": "structure, harmonic", IMPULSE: IMPULSE}
 SWEPT = ("I", "VI", "VII", "structure")
-#: Where the estimate by Eq. (17) does not settle, or does not apply.
-UNSETTLED = ("IV", "V", "VII", IMPULSE)
 CHOICES = ("ours", "the paper's plain choice", "own modes")
-#: What differs from the plain choice, one at a time.
+#: Keys that are changed in the plain choice, each alone.
 CHANGES = {
     "nothing": {},
     "velocity snapshots as well": {"snapshots": "both"},
@@ -180,18 +178,19 @@ CHANGES = {
     "beta that the modes resolve": {"beta": "auto"},
     "six interface modes": {"interface_modes": 6},
 }
-#: What is measured, and which of this project's aims judges it.
+#: Measures of the error (percent), and the project's aim that each is judged by.
 MEASURES = {
-    "peak": (lambda found: 100.0 * found.peak_displacement, "displacement"),
-    "free end at any time": (lambda found: 100.0 * found.by_point["free_end"][1], "displacement"),
-    "any point at any time": (lambda found: 100.0 * found.displacement_max, "displacement"),
+    "peak": (lambda errors: 100.0 * errors.peak_displacement, "displacement"),
+    "free end at any time": (lambda errors: 100.0 * errors.by_point["free_end"][1], "displacement"),
+    "any point at any time": (lambda errors: 100.0 * errors.displacement_max, "displacement"),
     "friction energy": (energy_error, "friction_energy"),
 }
 
 
 def errors(system, choice, modes=5, **changes):
     """Errors of a system's reduced model with one of `CHOICES`, and with keys of it changed."""
-    plain = MOVED if system in UNSETTLED else PLAIN
+    # In these the estimate by Eq. (17) does not settle, or does not apply.
+    plain = MOVED if system in ("IV", "V", "VII", IMPULSE) else PLAIN
     reduction = dict(zip(CHOICES, (DEFAULT, plain, DEFAULT | OWN), strict=True))[choice]
     reduction = reduction | {"modes": modes} | changes
     if system == IMPULSE:
@@ -224,15 +223,15 @@ def modes(item, quick):
     for system in SWEPT:
         curves = []
         for choice in CHOICES:
-            found = [errors(system, choice, count) for count in counts]
+            swept = [errors(system, choice, count) for count in counts]
             curves.append({"modes": np.array(counts, float)})
             for measure, (of, _) in MEASURES.items():
-                curves[-1][f"{measure} (%)"] = np.array([of(one) for one in found])
+                curves[-1][f"{measure} (%)"] = np.array([of(each) for each in swept])
             plain = choice.replace(" ", "_").replace("'", "")
             item.curves[f"modes_{system}_{plain}"] = curves[-1]
         for measure in ("peak", "free end at any time", "friction energy"):
             limit, name = item.marks[MEASURES[measure][1]], SYSTEMS[system]
-            needed = [_enough(counts, one[f"{measure} (%)"], limit) for one in curves]
+            needed = [_enough(counts, curve[f"{measure} (%)"], limit) for curve in curves]
             item.say("modes.needed", **locals(), choices=CHOICES)
     met = {}
     for measure, (of, judge) in MEASURES.items():

@@ -2,9 +2,9 @@
 
     python examples/paper/reproduce.py [ITEM ...] --out DIR
 
-prints the tables, and writes into DIR one page with them and what is to be said (reproduction.md),
-the pictures, every curve as CSV, and files of the jointed structure for ParaView. Items are tables,
-figures or sections such as table3, fig19, section7.5; all (about a minute) if none is given.
+prints the tables. It writes into DIR a page with tables and notes (reproduction.md), the pictures,
+every curve as CSV, and files of the jointed structure for ParaView. Items are tables, figures or
+sections such as table3, fig19, section7.5; all of them (about a minute) if none is given.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from skfem_joint.errors import InputError, JointError
 from skfem_joint.output.folder import kept
 from skfem_joint.output.record import writing
 
-#: Items in the paper's order, and what else each of them covers.
+#: Items in the paper's order: the function, and the names of others that it covers.
 ITEMS = {
     "fig2": (joint.fig2,),
     "fig3": (joint.fig3,),
@@ -40,13 +40,13 @@ ITEMS = {
 
 
 def made(key, quick=False):
-    """Compute an item; quick for coarser sweeps around the same rows."""
+    """Compute an item; ``quick`` makes sweeps coarser and keeps the rows."""
     ITEMS[key][0](item := page.Item(key), quick)
     return item
 
 
 def chosen(names):
-    """Keys of the items that cover the names asked for, in the paper's order; all if none."""
+    """Keys of the items that cover some names, in the paper's order; all items without names."""
     covers = {name: key for key, (_, *others) in ITEMS.items() for name in (key, *others)}
     if unknown := [name for name in names if name.lower() not in covers]:
         raise InputError(

@@ -22,7 +22,7 @@ PARTS = {"steady state": slice(-201, None), "transient": slice(None, 800)}
 POINTS = {"free_end": "free end", "junction": "junction"}
 OURS, THEIRS = CHOICES = ("ours", "the paper's plain choice")
 FRICTION_LAWS = {1e5: "beta 1e5 s/m", 1e7: "beta 1e7 s/m", inf: "Coulomb"}
-#: Pulses and stiffness damping (s) whose decay is looked at; the first is the paper's, assumed.
+#: Pulses and stiffness damping (s) whose decay is fitted; the first is the paper's, assumed.
 DECAYS = (("triangle", 1e-5), ("ramp_and_hold", 1e-5), ("triangle", 1e-6), ("triangle", 0.0))
 
 
@@ -76,7 +76,7 @@ class Envelope(NamedTuple):
 
     @property
     def frequency(self):
-        """Of the last swings, Hz."""
+        """Frequency of the last swings, Hz."""
         return 0.5 / np.diff(self.time[-6:]).mean()
 
     def fits(self):
@@ -108,7 +108,7 @@ def envelope(run, point, period):
 
 
 def friction_share(run):
-    """Friction's part of what is dissipated, percent."""
+    """Friction's share of the dissipated energy, percent."""
     friction = run.friction_work.sum()
     return 100.0 * friction / (friction + run.viscous_work)
 
@@ -120,9 +120,9 @@ def _histories(item, full, plain, ours):
         histories["force (N)"] = full.amplitudes[:, 0]
     for point, name in POINTS.items():
         histories[f"{name}, full (m)"] = full.point(point)
-        for choice, found in (("plain choice", plain), ("ours", ours)):
-            histories[f"{name}, reduced, {choice} (m)"] = found.point(point)
-            differences[f"{name}, {choice} (%)"] = difference(full, found, point)
+        for choice, reduced in (("plain choice", plain), ("ours", ours)):
+            histories[f"{name}, reduced, {choice} (m)"] = reduced.point(point)
+            differences[f"{name}, {choice} (%)"] = difference(full, reduced, point)
     item.curves |= {f"{item.key}_histories": histories, f"{item.key}_differences": differences}
 
 
@@ -217,8 +217,8 @@ def section7_4(item, quick):
             item.say("section7.4.others", **locals(), values=most(shape, choice, damping))
     text = []
     for shape in PULSES:
-        active, found = impulse(shape).active_length["joint"] / CASE.length, impulse(shape).run
-        energy, share = found.friction_work.sum(), friction_share(found)
+        active, full = impulse(shape).active_length["joint"] / CASE.length, impulse(shape).run
+        energy, share = full.friction_work.sum(), friction_share(full)
         shown = shape.replace("_", " ")
         text += words("section7.4.pulse", **locals())
     item.say(text="; ".join(text))
@@ -230,19 +230,19 @@ def section7_4(item, quick):
 def _envelopes(item, period):
     """Add rows, notes and curves of the free end's decay; ``period`` of the first resonance, s."""
     runs = [impulse(shape, "", damping).run for shape, damping in DECAYS]
-    swings = [envelope(found, "free_end", period) for found in runs]
-    shares, misfits = [friction_share(found) for found in runs], []
-    for k, ((shape, damping), one) in enumerate(zip(DECAYS, swings, strict=True)):
-        fits, share, shown = one.fits(), shares[k], shape.replace("_", " ")
+    swings = [envelope(run, "free_end", period) for run in runs]
+    shares, misfits = [friction_share(run) for run in runs], []
+    for k, ((shape, damping), swing) in enumerate(zip(DECAYS, swings, strict=True)):
+        fits, share, shown = swing.fits(), shares[k], shape.replace("_", " ")
         misfits.append({law: misfit for law, (_, misfit) in fits.items()})
         best, values, laws = min(misfits[k], key=misfits[k].get), [*misfits[k].values()], [*fits]
         curved = best != "linear", f"{shown}, C = {damping:g} s · K"
         item.say("decay.envelope", **locals())
-        curve = {"time (s)": one.time, "amplitude (m)": one.amplitude, "mean (m)": one.mean}
+        curve = {"time (s)": swing.time, "amplitude (m)": swing.amplitude, "mean (m)": swing.mean}
         curve |= {f"{law} fit (m)": fit for law, (fit, _) in fits.items()}
         item.curves[f"section7.4_envelope_{k + 1}"] = curve
     paper, held, _, bare = swings
-    decrements = [one.decrement[k] for one in (bare, paper, held) for k in (0, -1)]
+    decrements = [swing.decrement[k] for swing in (bare, paper, held) for k in (0, -1)]
     viscous = 2.0 * pi**2 * DECAYS[0][1] * paper.frequency
     ends = paper.mean[-1], paper.amplitude[-1]
     item.say("decay", **locals())

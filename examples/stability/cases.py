@@ -1,4 +1,4 @@
-"""What a case is, and the matrix of stiff and extreme ones that ``cases.toml`` lists."""
+"""Cases, and the matrix of stiff and extreme ones that ``cases.toml`` lists."""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ UNITS = {
 }
 #: Directions of a load on plates.
 DIRECTIONS = {"along": (1.0, 0.0), "across": (0.0, 1.0), "oblique": (1.0, 0.3)}
-#: Plates on a rigid base, by their area or their lower edge; two on each other on half of their
-#: length, the same, with nodes that match or not.
+#: A plate on a rigid base, pressed on its area or its lower edge; and two plates on each other over
+#: half of their length, with nodes that match or not, or side by side.
 ONE, TWO = ("base", "edge"), ("lap", "lap of other nodes", "side by side")
 
 
@@ -98,13 +98,13 @@ class Case:
 
     @property
     def work(self):
-        """About how long the case takes, in any unit."""
+        """Estimate of the time that the case takes, in no unit."""
         fixed, each = (1000.0, 10.0) if self.is_plate else (20.0, 1.0)
         return self.steps * self.periods * (fixed + each * prod(self.elements) * self.order**2)
 
 
 TABLE = tomllib.loads((Path(__file__).parent / "cases.toml").read_text(encoding="utf-8"))
-LISTS, SHARED = TABLE["lists"], TABLE["with"]
+LISTS = TABLE["lists"]
 BETAS, RADII, PLATE_RADII = (LISTS[name] for name in ("BETAS", "RADII", "PLATE_RADII"))
 #: Easy cases, and how many of each axis are in a quick matrix.
 BAR = Case()
@@ -117,7 +117,7 @@ def _fields(row):
     for key, value in row.items():
         if key == "with":
             for name in [value] if isinstance(value, str) else value:
-                yield from _fields(SHARED[name])
+                yield from _fields(TABLE["with"][name])
         elif key == "elements" and not isinstance(value[0], list):
             yield key, tuple(value)
         else:
@@ -125,7 +125,7 @@ def _fields(row):
 
 
 def _varied(base, row):
-    """All combinations of the values of those fields of a row that are lists; they name a case."""
+    """Cases of all combinations of the values of a row's lists, named by these values."""
     fields = dict(_fields(row))
     lists = {key: fields.pop(key) for key in [*fields] if isinstance(fields[key], list)}
     for values in product(*lists.values()):
@@ -153,7 +153,7 @@ def matrix():
 
 
 def quick_matrix():
-    """A few cases of each axis, for a look and for tests."""
+    """A few cases of each axis, for a quick check and for tests."""
     few = {}
     for case in matrix():
         if case.steps * case.periods <= 1000 and case.elements[0] <= 1000:

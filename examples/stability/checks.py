@@ -1,4 +1,4 @@
-"""What must hold of a run whatever its answer: balance of energy, law of friction, motion."""
+"""Checks of a run that need no reference: balance of energy, law of friction, motion."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -7,13 +7,13 @@ from skfem_joint.analysis.history import steady_state
 from skfem_joint.minimise.law import force
 from skfem_joint.stepping.schemes import generalized_alpha
 
-#: Energy left over in the audit, over the energy in play.
+#: Allowed residual of the energy audit, over the energy in play.
 ENERGY = 1e-8
-#: Share of the peak by which a loop may miss its own point reflection in steady state, whose
-#: detection lets 2e-3 of change pass.
+#: Share of the peak by which a steady loop may differ from its own point reflection. The steady
+#: state is detected with a tolerance of 2e-3.
 ASYMMETRY = 2e-2
 EPS = float(np.finfo(float).eps)
-#: Round-off of slip velocities that are sums, over the largest of the run; of a friction vector.
+#: Round-off of slip velocities that are sums, over the largest one; and of a friction vector.
 SLIP_ROUND_OFF, ROUND_OFF = 64.0 * EPS, 8.0 * EPS
 
 
@@ -54,9 +54,9 @@ def law_checks(run):
     # force must lie on the law within the round-off of the largest slip.
     noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if system.is_dense else 0.0
     moves = acts & (speed > 0.0)
-    one = np.where(moves, speed, 1.0)
-    aligned = np.repeat(size / one, system.directions, axis=-1) * slip
-    with_slip = system.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / one
+    divisor = np.where(moves, speed, 1.0)
+    aligned = np.repeat(size / divisor, system.directions, axis=-1) * slip
+    with_slip = system.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
     low = force(np.maximum(speed - noise, 0.0), system.beta)
     high = force(speed + noise, system.beta)
     on_law = (low - 1e-12 <= size) & (size <= high + 1e-12)
@@ -70,7 +70,7 @@ def law_checks(run):
 
 
 def passivity_checks(run, bound):
-    """Friction takes energy at every point, and what is stored was put in."""
+    """Friction takes energy at every point, and no more is stored than was put in."""
     start, end = run.stored_energy
     more = end - start - run.input_work.sum()
     margin = bound * max(np.abs(run.input_work).sum(), abs(start), abs(end))
@@ -118,7 +118,7 @@ def _inertia(case, momentum, first, h):
 
 
 def steadiness(case, run):
-    """Whether the last two cycles agree, and then how far the loop is from symmetric.
+    """Steady state, 'reached' or 'not reached', and the asymmetry of the steady loop.
 
     Half a period later the displacement from the loop's middle is the opposite. The middle
     itself may be anywhere: a joint keeps what the first cycles left in its stuck part.

@@ -2,25 +2,25 @@
 
     python examples/stability/hostile.py --out DIR [--count 200] [--seed 0]
 
-Each file is damaged in one of five ways: its *indices* point outside, its *sizes* lie, its values
-are of another *type*, it is *cut*, or any of its *bytes* are changed. The command `run` reads it in
-a process of its own. It must not crash, end in a traceback, or take more than 60 s or 2 GiB.
+Each file is damaged in one of five ways: its *indices* point outside, its *sizes* are false, its
+values are of another *type*, it is *cut*, or any of its *bytes* are changed. The command `run`
+reads it in a process of its own, which must not crash, end in a traceback, or take more than 60 s
+or 2 GiB.
 
 A damaged file that is run is judged by its results:
 
-- *same*: they are those of the undamaged file, so that the damage did not matter;
+- *same*: they are those of the undamaged file; the damage did not matter;
 - *another file*: they differ, and the damaged file is a proper one of other numbers, which no
   reader can tell from what was meant. Only three damages make such files: changed bytes of files
   that have no checksum (.mtx, .csv, .msh and uncompressed .mat), a .csv that is cut at the end of a
-  row, and one that is cut in its last number, of which a warning must tell. Their energy must
-  balance as that of any run;
+  row, and a .csv that is cut in its last number, of which a warning must be given. Their energy
+  must balance as that of any run;
 - *wrong in silence*: they differ otherwise.
 
-A table lists all files. The exit status is 1 if one crashed, ended in a traceback, was too slow,
-took too much memory, or was wrong in silence; its files are kept in DIR.
+A table lists all files. The exit status is 1 if a file made the command crash, end in a traceback,
+take too long or too much memory, or give wrong results in silence; such files are kept in DIR.
 """
 
-import argparse
 import contextlib
 import io
 import json
@@ -47,12 +47,10 @@ from skfem_joint import build_bar, cli, load_scene, run_scene
 from skfem_joint.array_files import npz_arrays
 from skfem_joint.mesh import write_mesh
 from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints
+from stability.launch import command_line
 from stability.mutated import damaged
 
-#: Seconds and MiB that a file may take; MiB of addresses beyond which a process gets no more.
-PATIENCE, MOST_MEMORY, MOST_ADDRESSES = 60.0, 2048.0, 8192
-#: Share of the largest value by which equal results may differ, and of energy left over.
-SAME, ENERGY = 1e-9, 1e-6
+#: Unknowns of the system whose matrices are damaged.
 N = 16
 #: Whole numbers that an index or a size may become.
 WILD = (-1, -(2**31), N, 2**20, 2**31 - 1)
@@ -103,11 +101,11 @@ steps_per_cycle = 40
 
 
 class KilledError(Exception):
-    """Ends a run in its middle, so that its checkpoint stays."""
+    """End of a run in its middle, which leaves its checkpoint."""
 
 
 class Case(NamedTuple):
-    """A damaged file: its place in the folder of its scene, and how it may be run."""
+    """A damaged file, and its place in the folder of its scene."""
 
     kind: str
     damage: str
@@ -117,10 +115,10 @@ class Case(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What became of a file."""
+    """Outcome of a file."""
 
     case: Case
-    status: int | None  #: exit status; a signal's number below zero; None: ended by patience
+    status: int | None  #: exit status; a signal's number below zero; None: ended after 60 s
     outcome: str
     sentence: str
     seconds: float
@@ -128,7 +126,7 @@ class Verdict(NamedTuple):
 
     @property
     def is_right(self):
-        """Whether it was refused or run as it should be."""
+        """Whether the file was refused, or run with right results."""
         return self.outcome in ("refused", "same", "another file")
 
 
@@ -142,7 +140,7 @@ def stiffness(form="csr"):
 
 
 def write_matrix(path, A):
-    """Store a matrix as the name of the file says: its kind and its ending."""
+    """Store a matrix in the form that the name and the ending of the file state."""
     if path.name == "dense.npz":
         np.savez(path, K=A)
     elif path.suffix == ".npz":
@@ -197,7 +195,7 @@ def write_checkpoint(folder):
 
 
 def cases(folder, kind, rng):
-    """Damaged files of a kind, one after the other, without end."""
+    """Endless sequence of damaged files of a kind."""
     file = "out/checkpoint_full.npz" if kind == "checkpoint.npz" else kind
     content = (folder / file).read_bytes()
     unsummed = kind.endswith((".csv", ".msh", ".mtx")) or kind == "plain.mat"
@@ -226,7 +224,7 @@ def _of_array(content, rng, kind):
     elif how == "type":
         name = rng.choice(numbers)
         types = ["c16", "f2", "U8", "?", "O", "m8[s]", "u1"]
-        # Where a narrow type cannot hold a number, the file is another one.
+        # If the narrow type cannot hold a number, this is a proper file of other numbers.
         kept = arrays[name]
         arrays[name] = kept.astype(rng.choice(types))
         with contextlib.suppress(TypeError, ValueError):
@@ -245,7 +243,7 @@ def _npz(arrays):
 
 
 def _lying(arrays, name, rng):
-    """Archive in which the header of one array says that it is larger, or packs zeros."""
+    """Archive in which an array's header states a larger size, or which unpacks to 1 GiB."""
     content, file = io.BytesIO(_npz(arrays)), io.BytesIO()
     bomb = rng.random() < 0.2
     how = zipfile.ZIP_DEFLATED if bomb else zipfile.ZIP_STORED
@@ -300,12 +298,12 @@ def _of_text(content, rng, kind):
         words = lines[at].split(b" ")
         words[rng.randrange(len(words))] = str(rng.choice([*WILD, *HUGE])).encode()
         lines[at] = b" ".join(words)
-    # A node or a place exchanged for another one that is there makes another file.
+    # Another node or place that exists makes a proper file of other numbers.
     return ("bytes" if how == "index" else how), b"\n".join(lines)
 
 
 def _of_checkpoint(content, rng, kind):
-    """A checkpoint with other arrays, some of them under a sum that is right again."""
+    """A checkpoint with other arrays, some of them with a checksum that is right again."""
     if rng.random() < 0.4:
         how, data = _of_array(content, rng, kind)
         return ("type" if how == "bytes" else how), data
@@ -357,9 +355,8 @@ SPECIAL = {
 
 
 def command(folder):
-    """Run the scene of a folder, in a process of its own; what it says goes to files there."""
-    most = MOST_ADDRESSES * 2**20
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    """Run the scene of a folder with at most 8 GiB of addresses; messages go to a file there."""
+    resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30, 8 * 2**30))
     status = 1
     with (
         (folder / "said.txt").open("w", encoding="utf-8") as said,
@@ -374,10 +371,10 @@ def command(folder):
 
 
 def run_apart(context, folder):
-    """Exit status of `command` (None: ended by patience), what it said, seconds, and MiB."""
+    """Exit status of `command` (None: ended after 60 s), its messages, seconds, and MiB."""
     process, begin = context.Process(target=command, args=(folder,)), time.perf_counter()
     process.start()
-    process.join(PATIENCE)
+    process.join(60.0)
     seconds, status = time.perf_counter() - begin, process.exitcode
     if status is None:
         process.kill()
@@ -396,13 +393,13 @@ def results(folder):
     return history, summary["models"]["full"]["energy_balance_residual"]
 
 
-def same(one, other):
+def same(history, other):
     """Whether two histories are equal but for round-off."""
-    if one.keys() != other.keys():
+    if history.keys() != other.keys():
         return False
-    pairs = [(one[name], other[name]) for name in one]
+    pairs = [(history[name], other[name]) for name in history]
     return all(
-        a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=SAME * np.abs(b).max(initial=0.0))
+        a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=1e-9 * np.abs(b).max(initial=0.0))
         if a.dtype.kind == "f"
         else np.array_equal(a, b)
         for a, b in pairs
@@ -410,21 +407,21 @@ def same(one, other):
 
 
 def judge(case, folder, context, whole):
-    """Run a damaged file and say what became of it."""
+    """Run a damaged file and judge the outcome."""
     (folder / case.file).write_bytes(case.content)
     status, said, seconds, memory = run_apart(context, folder)
     sentence = " ".join(said.split())
     outcome = "refused" if status in (2, 3) and sentence else "crashed"
     if status is None:
         outcome = "too slow"
-    elif memory > MOST_MEMORY:
+    elif memory > 2048.0:
         outcome = "too much memory"
     elif status == 0:
         history, energy = results(folder)
         cut = case.damage == "cut" and not case.content.endswith(b"\n")
         if same(history, whole):
             outcome = "same"
-        elif case.may_differ and energy <= ENERGY and (not cut or "does not end" in said):
+        elif case.may_differ and energy <= 1e-6 and (not cut or "does not end" in said):
             outcome = "another file"
         else:
             outcome = "wrong in silence"
@@ -432,7 +429,7 @@ def judge(case, folder, context, whole):
 
 
 def judged(kinds, count, seed, out):
-    """Verdicts of so many damaged files, in turn of each kind."""
+    """Verdicts on ``count`` damaged files, the kinds in turn."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["skfem_joint.cli", "skfem_joint.analysis.study"])
     drawn, wholes = {}, {}
@@ -460,17 +457,14 @@ def judged(kinds, count, seed, out):
 
 
 def main(arguments=None):
-    """Judge damaged files; 1 if one of them breaks something."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder for what breaks")
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
+    """Judge damaged files; returns 1 if any of them breaks something."""
+    parser = command_line(__doc__, count=200, seed=0)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS)
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     print("| file | kind | damage | status | outcome | s | MiB | sentence |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    found, broken, slowest, largest = Counter(), 0, 0.0, 0.0
+    outcomes, broken, slowest, largest = Counter(), 0, 0.0, 0.0
     for number, verdict in judged(options.kinds, options.count, options.seed, options.out):
         case, sentence = verdict.case, verdict.sentence.replace("|", "/")
         print(
@@ -478,10 +472,10 @@ def main(arguments=None):
             f"{verdict.seconds:.1f} | {verdict.memory:.0f} | {sentence[-160:]} |",
             flush=True,
         )
-        found[verdict.outcome] += 1
+        outcomes[verdict.outcome] += 1
         broken += not verdict.is_right
         slowest, largest = max(slowest, verdict.seconds), max(largest, verdict.memory)
-    counts = ", ".join(f"{count} {word}" for word, count in sorted(found.items()))
+    counts = ", ".join(f"{count} {word}" for word, count in sorted(outcomes.items()))
     print(f"\n{options.count} files: {counts}; {broken} broken.")
     print(f"At most {slowest:.1f} s and {largest:.0f} MiB.")
     return int(broken > 0)

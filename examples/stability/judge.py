@@ -1,4 +1,4 @@
-"""Judge of a case: its answer is right, or it was refused, or it is wrong in silence."""
+"""Judge cases: an answer is right, refused, or wrong in silence."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -14,13 +14,11 @@ from stability.cases import Case
 from stability.references import modelled, reference, run
 
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong in silence"
-#: Words of a message that says what to do.
-REMEDIES = ("use ", "try ", "must be", "give ", "add ", "hold ")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a case."""
+    """Outcome of a case."""
 
     case: Case
     outcome: str  # RIGHT, REFUSED or WRONG
@@ -31,7 +29,7 @@ class Verdict:
     energy: float | None = None  # left over in the audit, over the energy in play
     steady: str = ""  # a harmonic run's steady state: "reached" or "not reached"
     iterations: float = 0.0  # of Newton's method a step,
-    largest_iterations: int = 0  # and most in one
+    largest_iterations: int = 0  # and the most in a step
     fallbacks: int = 0  # steps that needed the second tier of the solver, or the third,
     halved: int = 0  # or parts
 
@@ -39,8 +37,8 @@ class Verdict:
 def judge(case):
     """Run a case and judge it.
 
-    An exception that is not one of the package's own, and a warning of numpy, count as wrong:
-    the user would be told nothing that helps.
+    An exception that is not one of the package's own counts as wrong, and so does a warning of
+    numpy: neither says what to do. So does an error of the package that names no remedy.
     """
     try:
         with warnings.catch_warnings():
@@ -48,7 +46,8 @@ def judge(case):
             verdict = _judge(case)
     except JointError as error:
         message = " ".join(str(error).split())
-        if any(word in message.lower() for word in REMEDIES):
+        remedies = ("use ", "try ", "must be", "give ", "add ", "hold ")
+        if any(word in message.lower() for word in remedies):
             return Verdict(case, REFUSED, message)
         return Verdict(case, WRONG, f"no remedy named: {message}")
     except (ArithmeticError, ValueError, IndexError, RuntimeError, Warning) as error:
@@ -64,11 +63,11 @@ def judge_all(cases, progress):
     ``progress`` is called with (label, cases done, cases in all).
     """
     verdicts = {}
-    # The longest first, so that no worker is left alone with one at the end.
+    # The longest cases go first, so that the workers finish at about the same time.
     order = sorted(range(len(cases)), key=lambda k: -cases[k].work)
     with processes(2) as pool:
-        found = pool.map(judge, [cases[k] for k in order])
-        for k, verdict in zip(order, found, strict=True):
+        judged = pool.map(judge, [cases[k] for k in order])
+        for k, verdict in zip(order, judged, strict=True):
             verdicts[k] = verdict
             progress("stiff and extreme cases", len(verdicts), len(cases))
     return [verdicts[index] for index in range(len(cases))]
@@ -80,22 +79,22 @@ def _judge(case):
         steps = 1.0 / case.frequency / (case.step_factor * stable_step(system))
         # Rounded so that the step stays on its side of the stable one.
         case = replace(case, steps=int(np.ceil(steps) if case.step_factor < 1.0 else steps))
-    found = run(case, system, fields=True)
-    against, expected, error_bound = reference(case, found, system)
-    scale, off = np.abs(expected).max(), np.abs(found.point_u - expected).max()
+    result = run(case, system, fields=True)
+    against, expected, error_bound = reference(case, result, system)
+    scale, off = np.abs(expected).max(), np.abs(result.point_u - expected).max()
     error = off / scale if scale > 0.0 else (inf if off > 0.0 else 0.0)
-    energy, bound = found.energy_residual, checks.energy_bound(case, found)
-    steady, asymmetry = checks.steadiness(case, found)
+    energy, bound = result.energy_residual, checks.energy_bound(case, result)
+    steady, asymmetry = checks.steadiness(case, result)
     all_checks = [
         (error <= error_bound, f"displacement off by {error:.2g}, allowed {error_bound:.2g}"),
         (energy <= bound, f"energy audit open by {energy:.2g}, allowed {bound:.2g}"),
         (asymmetry <= checks.ASYMMETRY, f"symmetric load, loop asymmetric by {asymmetry:.2g}"),
-        *checks.law_checks(found),
-        *checks.passivity_checks(found, bound),
-        *checks.motion_checks(case, found, bound),
+        *checks.law_checks(result),
+        *checks.passivity_checks(result, bound),
+        *checks.motion_checks(case, result, bound),
     ]
     failures = [text for holds, text in all_checks if not holds]
-    counters = found.counters
+    counters = result.counters
     return Verdict(
         *(case, WRONG if failures else RIGHT, "; ".join(failures), against),
         *(float(error), error_bound, energy, steady),

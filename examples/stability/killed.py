@@ -14,10 +14,8 @@ row may be computed twice, and tables and summary must be those of an uninterrup
 times. The exit status is 1 if anything differs.
 """
 
-import argparse
 import csv
 import json
-import os
 import re
 import signal
 import subprocess
@@ -27,10 +25,14 @@ from pathlib import Path
 from shutil import rmtree
 from typing import Any, NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import numpy as np
 
+from stability.launch import PATIENCE, command_line, complete, launch
+
 EXAMPLES = Path(__file__).parents[1]
-#: By kind: the scene that it is made from, its times, models and reduction.
+#: Source scene, times, models and reduction of each kind.
 KINDS = {
     "bar": ("structure_harmonic", "cycles = 60", '"full"', ""),
     "impulse": ("structure_impulse", "duration = 6e-3\nstep = 1e-6", '"full"', ""),
@@ -39,10 +41,7 @@ KINDS = {
     "reduced": ("structure_harmonic", "cycles = 40", '"full", "reduced"', 'friction_points="all"'),
     "hyper-reduced": ("structure_harmonic", "cycles = 200", '"reduced"', "friction_points = 20"),
 }
-OUTPUT = "[output]\nvtk = true\nplots = false\nframes = 60\n"
-#: Steps between checkpoints by kind; long enough for several of them in a run.
-EVERY = {"plate": 4, "two plates": 4}
-#: Commands that go on from rows, with what they are told beside scene and folder.
+#: Commands that go on from rows, with their arguments beside scene and folder.
 COMMANDS = {"response": [], "backbone": [], "error-time": ["--quick"]}
 STEADY = """
 [backbone]
@@ -54,52 +53,38 @@ frequencies = { from = 2200.0, to = 2500.0, points = 3 }
 levels = [0.1, 0.3]
 """
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-#: One thread: else error-time starts itself anew, and a kill would end the wrong process.
-THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-#: Columns of error-time.csv that hold times, or follow from them.
-TIMES = {"front", "run time (s)", "off-line (s)"}
-#: Seconds that a run may take beyond any doubt.
-PATIENCE = 300.0
 
 
 def scene_text(kind):
-    """Scene file of a kind, with files of its mesh by their whole paths."""
+    """Text of the scene file of a kind; files of its mesh have absolute paths."""
     name, times, models, reduction = KINDS[kind]
     text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
     text = text.replace("../meshes", (EXAMPLES.parent / "meshes").as_posix())
     own = ("[time]", "[models]", "[reduction]", "[output]")
     kept = [table for table in re.split(r"(?m)^(?=\[)", text) if not table.startswith(own)]
     own = f"[time]\n{times}\n[models]\nrun = [{models}]\n[reduction]\nmodes = 5\n{reduction}\n"
-    return "".join(kept) + own + OUTPUT
-
-
-def launch(scene, out, *more, command="run"):
-    """A command of `skfem-joint` in a process of its own."""
-    started = [sys.executable, "-P", "-m", "skfem_joint"]  # -P: not from the current folder
-    words = [*started, command, str(scene), "--out", str(out), *more]
-    pipe, environment = subprocess.PIPE, os.environ | THREADS
-    return subprocess.Popen(
-        words, stdout=pipe, stderr=pipe, text=True, env=environment,
-        # A job of a shell's background ignores interrupts.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    return "".join(kept) + own + "[output]\nvtk = true\nplots = false\nframes = 60\n"
 
 
 def content(folder):
-    """What the files of a folder say, by their names; times that runs took are left out."""
-    found = {}
+    """Content of the files of a folder by their names, without the times that runs took."""
+    files = {}
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.suffix == ".json":
-            summary = json.loads(path.read_text(encoding="utf-8"))
-            # Digests of tables and pictures with times differ: names alone count.
-            found[name] = _timeless(summary) | {"files": sorted(summary.get("files", ()))}
+            files[name] = _summary(path)
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
-                found[name] = {key: arrays[key].tobytes() for key in arrays}
+                files[name] = {key: arrays[key].tobytes() for key in arrays}
         elif path.is_file():
-            found[name] = path.read_bytes()
-    return found
+            files[name] = path.read_bytes()
+    return files
+
+
+def _summary(path):
+    """Summary without times; of files it has names only, as digests of files with times differ."""
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    return _timeless(summary) | {"files": sorted(summary.get("files", ()))}
 
 
 def _timeless(value):
@@ -111,14 +96,14 @@ def _timeless(value):
 
 
 def differing(folder, whole):
-    """What is said of the files that differ from those of an uninterrupted run."""
-    found = content(folder)
-    names = sorted(name for name in {*found, *whole} if found.get(name) != whole.get(name))
+    """Names of files that differ from those of an uninterrupted run, in words; empty if none."""
+    files = content(folder)
+    names = sorted(name for name in {*files, *whole} if files.get(name) != whole.get(name))
     return f"differ {', '.join(names[:5])}" if names else ""
 
 
 class Whole(NamedTuple):
-    """An uninterrupted run: its scene, its files, how long it took and how long it wrote."""
+    """An uninterrupted run: its scene, its files, and the times (s) that it ran and wrote."""
 
     scene: Path
     files: dict[str, Any]
@@ -127,23 +112,21 @@ class Whole(NamedTuple):
 
 
 def uninterrupted(kind, folder):
-    """Run a kind once to make its code compile, and once to measure it."""
+    """Run a kind once to compile its code, and once to measure it."""
     folder.mkdir(parents=True, exist_ok=True)
     scene, out = folder / f"{kind.replace(' ', '_')}.toml", folder / "whole"
     scene.write_text(scene_text(kind), encoding="utf-8")
     for _ in range(2):
         rmtree(out, ignore_errors=True)
-        begin = time.perf_counter()
-        _, said = (process := launch(scene, out)).communicate(timeout=PATIENCE)
-        if process.returncode != 0:
-            raise RuntimeError(f"{kind}: {said}")
-        seconds = time.perf_counter() - begin
+        seconds, wrong = complete(scene, out)
+        if wrong:
+            raise RuntimeError(f"{kind}: {wrong}")
     times = [path.stat().st_mtime for path in out.rglob("*") if path.is_file()]
     return Whole(scene, content(out), seconds, max(times) - min(times))
 
 
 def kill(whole, out, resumed, rng, writing):
-    """Start or resume a run and kill it at a random moment; whether it was killed in time."""
+    """Start or resume a run and kill it at a random moment; returns whether it still ran."""
     process = launch(whole.scene, out, *resumed)
     try:
         if writing:
@@ -162,7 +145,7 @@ def kill(whole, out, resumed, rng, writing):
 
 
 def kills(whole, every, count, rng):
-    """Kill runs; how many times, how many of them while it wrote, and what is wrong."""
+    """Kill runs; returns the numbers of kills and of kills while writing, and what is wrong."""
     out, resumed = whole.scene.parent / "out", (f"--checkpoint-every={every}", "--resume")
     killed = wrote = 0
     while killed < count:
@@ -174,16 +157,17 @@ def kills(whole, every, count, rng):
                 break
             killed, wrote = killed + 1, wrote + writing
             again = rng.integers(2)
-        _, said = (process := launch(whole.scene, out, *resumed)).communicate(timeout=PATIENCE)
-        if process.returncode != 0:
-            return killed, wrote, f"status {process.returncode}: {said}"
-        if differ := differing(out, whole.files):
-            return killed, wrote, differ
+        _, wrong = complete(whole.scene, out, *resumed)
+        if wrong := wrong or differing(out, whole.files):
+            return killed, wrote, wrong
     return killed, wrote, ""
 
 
 def pairs(whole, count, rng):
-    """Two runs into one folder, or one below the other; how many were refused, what is wrong."""
+    """Start two runs into the same folder, or the second into a folder below it.
+
+    Returns the number of refused runs, and what is wrong.
+    """
     refused, out = 0, whole.scene.parent / "pairs"
     for number in range(count):
         rmtree(out, ignore_errors=True)
@@ -208,21 +192,21 @@ def pairs(whole, count, rng):
 
 def tables(folder):
     """Tables and summary of a command by their names, without times."""
-    found = {}
+    parts = {}
     for path in folder.glob("*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
+            # Columns of error-time.csv that hold times, or follow from them, are left out.
+            times = {"front", "run time (s)", "off-line (s)"}
             rows = [
-                {name: value for name, value in row.items() if name not in TIMES}
+                {name: value for name, value in row.items() if name not in times}
                 for row in csv.DictReader(file)
             ]
-        found[path.name] = rows
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    models = summary.get("models", {})
-    return found | {"summary": summary | {"models": {k: _timeless(models[k]) for k in models}}}
+        parts[path.name] = rows
+    return parts | {"summary": _summary(folder / "summary.json")}
 
 
 def stop(process, seconds, how):
-    """Send a signal to a process after some time; its exit status, and what it has said."""
+    """Send a signal to a process after some time; returns its exit status and its output."""
     try:
         said = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -232,29 +216,27 @@ def stop(process, seconds, how):
 
 
 def rows_in(folder, command):
-    """Rows that are whole in the file of a command."""
+    """Number of complete rows in the file of a command."""
     path = folder / f"{command}_rows.jsonl"
     return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
 
 
 def row_kills(command, folder, count, rng):
-    """Stop a command at random moments until it ends; what happened, and what is wrong."""
+    """Stop a command at random moments until it ends; returns counts, and what is wrong."""
     folder.mkdir(parents=True, exist_ok=True)
     scene, whole, out = folder / "scene.toml", folder / "whole", folder / "out"
     scene.write_text(scene_text("reduced") + STEADY, encoding="utf-8")
-    for _ in range(2):  # the first one compiles
+    for _ in range(2):  # the first time it compiles
         rmtree(whole, ignore_errors=True)
-        begin = time.perf_counter()
-        process = launch(scene, whole, *COMMANDS[command], command=command)
-        if process.wait(PATIENCE) != 0:
-            return {}, process.stderr.read()
-        seconds = time.perf_counter() - begin
+        seconds, wrong = complete(scene, whole, *COMMANDS[command], command=command)
+        if wrong:
+            return {}, wrong
     expected, happened = tables(whole), {"stopped": 0, "ended": 0, "rows": 0}
     rmtree(out, ignore_errors=True)
     while happened["stopped"] < count or out.exists():
         how = SIGNALS[(happened["stopped"] + happened["ended"]) % len(SIGNALS)]
         known, lock = rows_in(out, command), out / ".skfem-joint-running"
-        stale = lock.exists()  # of one that was killed
+        stale = lock.exists()  # left by a killed command
         after = rng.uniform(0.2, 1.0) * seconds if happened["stopped"] < count else PATIENCE
         process = launch(scene, out, *COMMANDS[command], command=command)
         status, said = stop(process, after, how)
@@ -263,8 +245,8 @@ def row_kills(command, folder, count, rng):
             taken = re.search(r"Note: (\d+) finished parts were taken up", said)
             if not begun or known != (int(taken[1]) if taken else 0):
                 return happened, f"{known} rows were there: {said}"
-            if (found := tables(out)) != expected:
-                return happened, f"differ: {[k for k in expected if found.get(k) != expected[k]]}"
+            if (actual := tables(out)) != expected:
+                return happened, f"differ: {[k for k in expected if actual.get(k) != expected[k]]}"
             if left := [file.name for file in out.iterdir() if "rows" in file.name]:
                 return happened, f"{left} is left"
             happened["ended"] += 1
@@ -278,19 +260,16 @@ def row_kills(command, folder, count, rng):
             continue
         # An interrupt in the midst of an import ends Python by SIGINT itself; shells say 130 too.
         right = status in ((-how,) if how == signal.SIGKILL else (130, -signal.SIGINT))
-        told = how == signal.SIGKILL or now == known or f"{now} of " in said
+        states_rows = how == signal.SIGKILL or now == known or f"{now} of " in said
         locked = how != signal.SIGKILL and lock.exists() and not stale
-        if not right or not told or locked or now < known:
+        if not right or not states_rows or locked or now < known:
             return happened, f"{how.name}: status {status}, {known} to {now} rows: {said}"
     return happened, ""
 
 
 def main(arguments=None):
-    """Kill and pair runs; 1 if anything differs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
-    for name, default in {"kills": 100, "pairs": 20, "rows": 30, "seed": 0}.items():
-        parser.add_argument(f"--{name}", type=int, default=default)
+    """Kill and pair runs; returns 1 if anything differs."""
+    parser = command_line(__doc__, kills=100, pairs=20, rows=30, seed=0)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
     parser.add_argument("--commands", nargs="*", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args(arguments)
@@ -299,7 +278,9 @@ def main(arguments=None):
     for number, kind in enumerate(options.kinds):
         count = len(range(number, options.kills, len(options.kinds)))
         wholes.append(uninterrupted(kind, options.out / f"kind{number}"))
-        killed, wrote, what = kills(wholes[-1], EVERY.get(kind, 500), count, rng)
+        # Steps between checkpoints, several of which must be in a run.
+        every = 4 if "plate" in kind else 500
+        killed, wrote, what = kills(wholes[-1], every, count, rng)
         print(f"| {kind} | {killed} | {wrote} | {what or 'the same to the bit'} |", flush=True)
         wrong.append(what)
     if options.pairs:

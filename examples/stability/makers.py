@@ -44,7 +44,7 @@ def structure_of(case):
 
 
 def _bar(case, length):
-    """Bar whose elements grow geometrically towards the support, and its half there."""
+    """Bar whose elements grow geometrically towards the support; that half is a region."""
     (n,) = case.elements
     if case.grading == case.stiffness_ratio == case.density_ratio == 1.0:
         return sj.build_bar([("joint", length, n)], {"left": 0.0, "right": length})
@@ -56,7 +56,7 @@ def _bar(case, length):
 
 
 def _plates(case, length):
-    """Rectangle, or two that overlap on half of their length."""
+    """A plate, or two plates that overlap on half of their length."""
     along, across = case.elements
     width, middle = length / along / case.aspect * across, 0.5 * length
     half, rest = along // 2, along - along // 2
@@ -91,10 +91,10 @@ def _turn(case):
 
 
 def system_of(case):
-    """System of a case; it observes the right end.
+    """System of a case with displacements of the right end as its points.
 
-    A bar's is one displacement. A plate's are three: along the load, then along and across the
-    plate before it is turned.
+    A bar has one point. A plate has three: along the load, then along and across the plate before
+    it is turned.
     """
     structure = structure_of(case)
     direction = tuple(_turn(case) @ DIRECTIONS[case.direction]) if case.is_plate else None
@@ -114,7 +114,7 @@ def system_of(case):
 
 
 def amplitude_of(case, peak):
-    """Load of a case over time, by its largest force."""
+    """Load of a case over time with the largest force ``peak``."""
     time = UNITS[case.units][2]
     if case.load == "harmonic":
         return sj.Harmonic(peak, case.frequency * time, case.phase)

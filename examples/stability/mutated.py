@@ -4,12 +4,11 @@
 
 Every second scene is valid: bars and plates, one or two bodies, any values, order of tables, names
 and units. It is run, its energy must balance and no friction exceed its limit, and the same
-structure mirrored, with all forces and masses doubled, or told in millimetres and tonnes must give
-the same motion. In the others the bytes of the scene or of its mesh are damaged: they are refused
+structure mirrored, with all forces and masses doubled, or in millimetres and tonnes must give the
+same motion. In the others the bytes of the scene or of its mesh are damaged: they are refused
 with a message, or run. What breaks this is kept in DIR; the exit status is then 1.
 """
 
-import argparse
 import copy
 import faulthandler
 import io
@@ -33,16 +32,14 @@ from skfem_joint import InputError, build_bar, build_plate, cli, load_scene, run
 from skfem_joint.errors import JointError
 from skfem_joint.mesh import write_mesh
 from stability.checks import ENERGY, law_checks, passivity_checks
+from stability.launch import command_line
 
 Tables = dict[str, Any]
 
-#: Seconds after which a scene is taken to hang; unknowns times steps that are run.
-PATIENCE, MOST_WORK = 300.0, 500_000
 #: Share of the largest displacement by which the same motion may differ.
 SAME = 1e-6
 #: What a damaged value may become.
 TOKENS = ("nan", "inf", "-1", "0", "1e308", "true", "[]", "{}", "''", "[[joint]]", "=", "é", "\x00")
-KINDS = ["bar", "bars", "plate", "side", "plates"]
 
 
 # Valid scenes
@@ -50,7 +47,7 @@ KINDS = ["bar", "bars", "plate", "side", "plates"]
 
 def drawn(rng):
     """Tables of a valid scene of any size, and the meshes of its bodies."""
-    kind = rng.choice(KINDS)
+    kind = rng.choice(["bar", "bars", "plate", "side", "plates"])
     bars, two, side = "bar" in kind, kind.endswith("s"), kind == "side"
     length, joint = 10.0 ** rng.uniform(-2.0, 1.0), rng.uniform(0.2, 0.8)
     width, thickness = length * rng.uniform(0.05, 0.3), length * rng.uniform(0.01, 0.1)
@@ -100,7 +97,7 @@ def drawn(rng):
 
 
 def _bodies(rng, bars, two, side, length, share, width):
-    """Meshes with the names `joint`, `fixed` and `free_end`, of two bodies also `lower`."""
+    """Meshes with the names `joint`, `fixed` and `free_end`; of two bodies also `lower`."""
     counts = [rng.randint(1, 30 if bars else 6) for _ in range(3)]
     across = width, rng.randint(1, 3)
     shape = {"kind": rng.choice(["triangle", "quadrilateral"]), "order": rng.choice([1, 2])}
@@ -140,13 +137,16 @@ def _loads(rng, load, force, frequency):
     return [pulse], {"duration": 3.0 * rise, "step": rise / rng.randint(20, 40)}
 
 
-# The same structure, told in another way
+# The same structure described otherwise
 
-# Each gives tables, mesh files, and factors of the motion: of all of it, of what is named after x.
+# Each gives tables, mesh files, and two factors of the motion: of all of it, and of it along x.
 
 
 def mirrored(tables, texts):
-    """Along x; positions of bars count from the other end, those of plates along the other way."""
+    """Mirror a structure along x.
+
+    Positions of bars then count from the other end, those of plates in the other direction.
+    """
     flipped = copy.deepcopy(tables)
     plane = "direction" in tables["load"][0]
     (load,), table = flipped["load"], flipped["joint"][0]["pressure"]
@@ -162,18 +162,18 @@ def mirrored(tables, texts):
 
 
 def doubled(tables, texts):
-    """All forces, stiffness, mass and friction: the same motion."""
+    """Double all forces, stiffness, mass and friction, which leaves the motion the same."""
     return scaled(tables, force=2.0, length=1.0), texts, 1.0, 1.0
 
 
 def in_millimetres(tables, texts):
-    """In millimetres, tonnes, seconds, and so newtons."""
+    """Describe a structure in millimetres, tonnes and seconds, and so in newtons."""
     texts = [moved(text, (1e3, 1e3, 1e3)) for text in texts]
     return scaled(tables, force=1.0, length=1e3), texts, 1e3, 1.0
 
 
 def scaled(tables, force, length):
-    """Tables in other units of force and length, which are by so much smaller."""
+    """Tables in units of force and length that are smaller by these factors."""
     pressure = force / length**2
     factors = {"E": pressure, "pressure": pressure, "values": pressure, "beta": 1.0 / length}
     factors |= {"density": force / length**4, "amplitude": force, "peak": force}
@@ -195,17 +195,17 @@ def walked(key, value, change, order=list):
 
 
 def moved(text, factors):
-    """Mesh file with each coordinate times a factor; they stand alone on a line, with decimals."""
+    """Mesh file with each coordinate times a factor; nodes are the lines of three decimals."""
 
-    def line(found):
-        words = zip(found[0].split(" "), factors, strict=True)
+    def line(match):
+        words = zip(match[0].split(" "), factors, strict=True)
         return " ".join(repr(float(word) * factor) for word, factor in words)
 
     return re.sub(r"(?m)^\S*[.e]\S* \S*[.e]\S* \S*[.e]\S*$", line, text)
 
 
 def renamed(rng, tables, texts):
-    """Other names of the groups in all files, and other orders of tables and keys."""
+    """Tables and mesh files with other names of groups, and other orders of tables and keys."""
     words = ["Füße", "a b", "x'y", "0", "fixed_x", "on", "A" * 60, "结合", "-", "[joint]"]
     rng.shuffle(words)
     names = dict(zip(("joint", "fixed", "free_end", "lower"), words, strict=False))
@@ -288,19 +288,19 @@ def hold(invariant, said):
 
 
 def study_of(folder, scene, bodies):
-    """Results of a scene of these texts; None if running it takes too much."""
+    """Results of a scene of these texts; None beyond 500,000 unknowns times steps."""
     for path in folder.glob("body_*"):
         path.unlink()
     for number, data in enumerate(bodies):
         (folder / f"body_{number}.msh").write_bytes(data)
     (folder / "scene.toml").write_bytes(scene)
-    found = load_scene(folder / "scene.toml")
-    fits = found.n_steps * max(1, found.system().n) <= MOST_WORK
-    return run_scene(found).finished() if fits else None
+    loaded = load_scene(folder / "scene.toml")
+    fits = loaded.n_steps * max(1, loaded.system().n) <= 500_000
+    return run_scene(loaded).finished() if fits else None
 
 
 def check(study):
-    """See that a run's energy balances, and that friction keeps its law and takes energy."""
+    """Check that a run's energy balances, and that friction keeps its law and takes energy."""
     for name, model in study.models.items():
         run = model.run
         finite = all(np.isfinite(x).all() for x in (run.point_u, run.peak, run.sigma))
@@ -310,9 +310,9 @@ def check(study):
             hold(holds, f"{name}: {said}")
 
 
-def same(one, other, factor, along):
-    """See that two runs are the same motion, times a factor, and another one along x."""
-    a, b = (study.models["full"].run for study in (one, other))
+def same(first, second, factor, along):
+    """Check that two runs are the same motion, but for a factor and another factor along x."""
+    a, b = (study.models["full"].run for study in (first, second))
     factors = [factor * (along if name.endswith(".x") else 1.0) for name in a.system.points]
     largest = np.abs(a.point_u).max()
     difference = np.abs(b.point_u / factors - a.point_u).max()
@@ -321,7 +321,7 @@ def same(one, other, factor, along):
 
 
 def judge(number, seed, folder):
-    """Draw a scene by its number and judge it; a word for what became of it."""
+    """Draw a scene by its number and judge it; returns the outcome in a word."""
     rng = random.Random(f"{seed} {number}")
     tables, bodies = drawn(rng)
     texts = []
@@ -330,8 +330,8 @@ def judge(number, seed, folder):
         texts.append((folder / "drawn.msh").read_text(encoding="utf-8"))
     if number % 2:
         files = [toml(tables).encode(), *(text.encode() for text in texts)]
-        one = rng.choice([0, 0, *range(len(files))])
-        files[one] = damaged(files[one], rng)
+        damaged_file = rng.choice([0, 0, *range(len(files))])
+        files[damaged_file] = damaged(files[damaged_file], rng)
         try:
             study = study_of(folder, files[0], files[1:])
         except JointError as error:
@@ -342,9 +342,9 @@ def judge(number, seed, folder):
         check(study)
         return "damaged: run"
     way = rng.choice([mirrored, doubled, in_millimetres])
-    told = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
+    described = renamed(rng, tables, texts) if rng.random() < 0.5 else (tables, texts)
     try:
-        study = _valid(folder, *told)
+        study = _valid(folder, *described)
     except InputError as error:
         if "reduced model cannot follow" in str(error):  # and says what to do
             return "valid, reduction refused"
@@ -372,22 +372,19 @@ def _by_command(folder):
 
 
 def main(arguments=None):
-    """Judge scenes by their numbers; 1 if one of them breaks something."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder for what breaks")
-    for name, default in {"count": 20_000, "first": 0, "seed": 0}.items():
-        parser.add_argument(f"--{name}", type=int, default=default)
-    options = parser.parse_args(arguments)
+    """Judge scenes by their numbers; returns 1 if any of them breaks something."""
+    options = command_line(__doc__, count=20_000, first=0, seed=0).parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    found, broken, begin = Counter(), 0, time.perf_counter()
+    outcomes, broken, begin = Counter(), 0, time.perf_counter()
     for number in range(options.first, options.first + options.count):
-        faulthandler.dump_traceback_later(PATIENCE, exit=True, file=sys.__stderr__)
+        # A scene that takes five minutes is taken to hang.
+        faulthandler.dump_traceback_later(300.0, exit=True, file=sys.__stderr__)
         try:
-            found[judge(number, options.seed, options.out)] += 1
+            outcomes[judge(number, options.seed, options.out)] += 1
         except Exception as error:  # noqa: BLE001 - anything that is not a message is a finding
             broken += 1
             kind = "refused" if isinstance(error, InputError) else type(error).__name__
-            found[f"BROKEN: {kind}"] += 1
+            outcomes[f"BROKEN: {kind}"] += 1
             kept = options.out / f"broken_{number}"
             kept.mkdir(exist_ok=True)
             for path in [*options.out.glob("*.toml"), *options.out.glob("body_*.msh")]:
@@ -399,7 +396,7 @@ def main(arguments=None):
         done = number + 1 - options.first
         if done % 1000 == 0:
             print(f"{done} of {options.count} scenes, {broken} broken", file=sys.stderr, flush=True)
-    for word, count in sorted(found.items()):
+    for word, count in sorted(outcomes.items()):
         print(f"{word}: {count}")
     print(f"{options.count} scenes in {time.perf_counter() - begin:.0f} s, {broken} broken")
     return int(broken > 0)

@@ -1,15 +1,15 @@
-"""Steady vibration of pairs of plates of which friction alone holds one, beside marching from rest.
+"""Steady vibration of pairs of plates beside marching from rest; friction alone holds one plate.
 
     python examples/stability/pairs.py [--count 48] [--seed 0]
 
-Two plates in plan lie over each other; one is held at its far end, the other is pulled at its own
-by a harmonic load, along the plates or at an angle. Force, frequency, damping ratio, coefficient of
+Two plates in plan view overlap. One is held at its far end, the other is pulled at its far end by a
+harmonic load, along the plates or at an angle. Force, frequency, damping ratio, coefficient of
 friction and lengths are drawn; steps are 50, 52, 60, 100 a period in turn. The friction is
-Coulomb's, so that the loaded plate goes to where its transient leaves it. Half of peak to peak of
-its end must be that of marching from rest within 0.1 %; offsets are printed beside each other, for
-they depend on how the vibration began. The exit status is 1 where an amplitude is further off, a
-search fails, or marching does not settle. (One core: about twenty minutes for most pairs, as long
-again for a pair that settles slowly.)
+Coulomb's, so that the loaded plate stays where its transient leaves it. Half of the peak-to-peak
+displacement of its end must be that of marching from rest within 0.1 %. Offsets are printed beside
+each other: they depend on how the vibration began. The exit status is 1 where an amplitude is
+further off, a search fails, or marching does not settle. (One core: about twenty minutes for most
+pairs, as long again for a pair that settles slowly.)
 """
 
 import os
@@ -25,15 +25,11 @@ import numpy as np
 import skfem_joint as sj
 from skfem_joint.mesh import merged
 
-STEEL = sj.Material(E=210e9, density=7800.0, poisson=0.3)
-WIDTH, THICKNESS, LAP, PRESSURE = 0.04, 0.01, 0.1, 8e6
+WIDTH, LAP, PRESSURE = 0.04, 0.1, 8e6  # m, m, Pa
 STEPS = (50, 52, 60, 100)
-#: Largest difference of amplitudes with what marching may still change by, relative; and the change
-#: by which marching ends.
+#: Largest relative difference of the amplitudes, with what marching may still change by; and the
+#: relative change at which marching ends.
 ALLOWED, SETTLED = 1e-3, 1e-4
-#: Periods that are marched first, and at most: a body's mean velocity may die away by the damping
-#: of its mass alone, for between two steps friction does not see it.
-FIRST, MOST = 100, 6400
 
 
 class Pair(NamedTuple):
@@ -59,9 +55,13 @@ class Pair(NamedTuple):
         )  # fmt: skip
         joint = sj.Joint("upper_lap", PRESSURE, self.friction, against="lower_lap", beta=np.inf)
         structure = sj.Structure(
-            merged([lower, upper]), STEEL, joints=[joint], thickness=THICKNESS,
-            fixed=["lower_left"], damping_ratio=self.ratio,
-        )  # fmt: skip
+            merged([lower, upper]),
+            sj.Material(E=210e9, density=7800.0, poisson=0.3),
+            joints=[joint],
+            thickness=0.01,
+            fixed=["lower_left"],
+            damping_ratio=self.ratio,
+        )
         force = self.share * self.friction * PRESSURE * LAP * WIDTH
         direction = float(np.cos(self.angle)), float(np.sin(self.angle))
         return structure.system([sj.Load("upper_right", sj.Harmonic(force, self.frequency),
@@ -69,7 +69,7 @@ class Pair(NamedTuple):
 
 
 def draw(count, seed=0):
-    """So many pairs."""
+    """Draw ``count`` pairs."""
     generator = np.random.default_rng(seed)
     for k in range(count):
         yield Pair(
@@ -84,7 +84,7 @@ def draw(count, seed=0):
 
 
 class Marched(NamedTuple):
-    """What marching from rest leads to."""
+    """Vibration that marching from rest leads to."""
 
     amplitude: float  # half of peak to peak, m
     offset: float  # mean of both peaks, m
@@ -93,8 +93,12 @@ class Marched(NamedTuple):
 
 
 def marched(system, steps):
-    """March from rest until the amplitude has settled."""
-    periods = FIRST
+    """March from rest until the amplitude has settled, for 100 periods at first and 6400 at most.
+
+    So many may be needed: between two steps friction does not see a body's mean velocity, which may
+    die away by the damping of its mass alone.
+    """
+    periods = 100
     while True:
         run = sj.integrate(system, cycles=periods, steps_per_cycle=steps)
         quarters = [run.point_u[k * periods // 4 * steps :][: steps + 1, 0] for k in (2, 3)]
@@ -105,61 +109,40 @@ def marched(system, steps):
         if last > 1e-6 * sizes[-1]:
             rest = last * max(1.0, last / (before - last)) if last < before else np.inf
         changing = float(rest / sizes[-1])
-        if changing <= SETTLED or periods >= MOST:
+        if changing <= SETTLED or periods >= 6400:
             middle = 0.5 * (quarters[-1].max() + quarters[-1].min())
             return Marched(float(sizes[-1]), float(middle), periods, changing)
         periods *= 2
 
 
-class Compared(NamedTuple):
-    """Steady vibration of a pair beside marching; lengths in m."""
-
-    pair: Pair
-    vibration: object  # `Steady`
-    other: Marched
-
-    @property
-    def apart(self):
-        """Difference of the amplitudes, relative."""
-        return self.vibration.amplitude[0] / self.other.amplitude - 1.0
-
-    @property
-    def holds(self):
-        return abs(self.apart) + self.other.changing <= ALLOWED
-
-
-def compare(pair):
-    """Search for the steady vibration of a pair, and march to it."""
-    system = pair.system()
-    run = sj.integrate(system, until="steady", steps_per_cycle=pair.steps)
-    return Compared(pair, run.vibration, marched(system, pair.steps))
-
-
-HEAD = ("steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched",
-        "amplitude, um", "apart, %", "offset, um", "of marching")  # fmt: skip
-
-
 def main(arguments):
+    """Compare pairs; returns 1 if any amplitude is not that of marching."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=48)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*HEAD))
+    names = ["steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched"]
+    others = "amplitude, um", "apart, %", "offset, um", "of marching"
+    print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*names, *others))
     good = 0
     for pair in draw(options.count, options.seed):
+        system = pair.system()
         try:
-            found = compare(pair)
+            vibration = sj.integrate(system, until="steady", steps_per_cycle=pair.steps).vibration
+            other = marched(system, pair.steps)
         except sj.ConvergenceError as error:
             print(f"{pair}: {error}", flush=True)
             continue
-        good += found.holds
-        v, other = found.vibration, found.other
+        apart = vibration.amplitude[0] / other.amplitude - 1.0
+        holds = abs(apart) + other.changing <= ALLOWED
+        good += holds
+        judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
         print(
             f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
-            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{v.periods:8}"
-            f"{other.periods:8}{1e6 * v.amplitude[0]:15.4f}{100 * found.apart:+11.4f}"
-            f"{1e6 * v.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
-            f"{'' if found.holds else '  UNSETTLED' if other.changing > SETTLED else '  WRONG'}",
+            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{vibration.periods:8}"
+            f"{other.periods:8}{1e6 * vibration.amplitude[0]:15.4f}{100 * apart:+11.4f}"
+            f"{1e6 * vibration.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
+            f"{'' if holds else judgement}",
             flush=True,
         )
     print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %.")

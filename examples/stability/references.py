@@ -1,4 +1,4 @@
-"""Models and runs of cases, what their answers are compared with, and how close they must be."""
+"""Models and runs of cases, their references, and the errors that are allowed."""
 
 from dataclasses import replace
 from math import inf, pi
@@ -23,21 +23,17 @@ COARSE, MOST = 2.0, 0.2
 #: Error allowed between the same problem in different units or in all its modes: the steps'
 #: tolerance of 1e-11, gathered over the steps.
 SAME = 1e-6
-#: Fields are stored at this many steps at most.
-FRAMES = 2000
-#: Friction points of hyper-reduced bars, and of plates for each mode.
-POINTS, POINTS_PER_MODE = 6, 4
 
 
 def modelled(case):
-    """System of a case, reduced if the case says so."""
+    """System of a case, reduced if the case has a reduced model."""
     system = system_of(case)
     if case.model == "full":
         return system
     training = run(replace(case, model="full", steps=max(case.steps, 50)), system, fields=True)
     if case.is_plate and case.modes is not None:
         basis = own_basis(system, training, case.modes)
-        reduced, most = system.project(basis.V), POINTS_PER_MODE * case.modes
+        reduced, most = system.project(basis.V), 4 * case.modes
         if case.model == "reduced":
             return reduced
         return merged_points(reduced, basis.history.velocities, basis.history.active, most)
@@ -51,33 +47,36 @@ def modelled(case):
         return system.project(V)
     (patch,) = (structure := structure_of(case)).patches
     line = patch.points, structure.nodes[patch.nodes, 0]
-    return gauss_points(system.project(V), [line], POINTS)
+    return gauss_points(system.project(V), [line], 6)
 
 
 def run(case, system, *, fields=False, finer=1):
-    """Run a case; ``finer`` divides its step, the stored times stay the same."""
+    """Run a case; ``finer`` divides its step, the stored times stay the same.
+
+    Fields are stored at 2,000 steps at most.
+    """
     n_steps = finer * case.steps * case.periods
-    save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // FRAMES)))
+    save = Save(every=finer, fields=fields, fields_every=max(1, -(-n_steps // 2000)))
     step = case.step / finer / UNITS[case.units][2]
     if case.solver == "explicit":
-        found = runge_kutta(system, step=step, n_steps=n_steps, save=save)
+        result = runge_kutta(system, step=step, n_steps=n_steps, save=save)
     else:
         # Cycle by cycle is enough; a drift of 1e5 cycles is watched by the thousand.
         cycle = finer * case.steps * max(1, case.periods // 100)
         how = {"cycle_steps": cycle, "scheme": generalized_alpha(case.rho), "save": save}
-        found = integrate(system, step=step, n_steps=n_steps, **how)
-    if found.interrupted:
+        result = integrate(system, step=step, n_steps=n_steps, **how)
+    if result.interrupted:
         raise KeyboardInterrupt
-    return found
+    return result
 
 
-def reference(case, found, system):
-    """What a case is compared with, how its points should move (rows, points), and how closely."""
+def reference(case, result, system):
+    """Reference of a case: its name, the displacements (rows, points), and the allowed error."""
 
     def other(another):
         return run(another, modelled(another)).point_u
 
-    u, bound = found.point_u, allowed_error(case)
+    u, bound = result.point_u, allowed_error(case)
     if case.units:
         return "same in SI", other(replace(case, units="")) / UNITS[case.units][0], SAME
     if case.turned:
@@ -92,11 +91,11 @@ def reference(case, found, system):
         later = np.resize(early, (u.shape[0] - 100 * case.steps, u.shape[1]))
         return "its 100th period", np.concatenate([u[: 100 * case.steps], later]), SAME
     if system.contact_points == 0 and case.load == "harmonic":
-        return "closed form", linear_response(case, system, found.times), bound
+        return "closed form", linear_response(case, system, result.times), bound
     if case.axis == "slow":
         # Each branch of the loop ends somewhere inside an element.
         coarse = 1.0 / (case.share * case.elements[0])
-        return "closed form", pseudo_static_response(case, found)[:, np.newaxis], bound + coarse
+        return "closed form", pseudo_static_response(case, result)[:, np.newaxis], bound + coarse
     if case.model == "reduced" and case.modes is None:
         return "full model", other(replace(case, model="full")), SAME
     if case.solver == "explicit":
@@ -153,10 +152,10 @@ def linear_response(case, system, times):
     return np.array(states)[:, :n] @ system.P.T
 
 
-def pseudo_static_response(case, found):
+def pseudo_static_response(case, result):
     """Loaded end of a bar with a Coulomb joint, pulled so slowly that inertia does not matter."""
     EA = E * (0.2 * case.length) * (0.04 * case.length)
     tau = case.friction * case.pressure * (0.2 * case.length)
-    phase = 2.0 * pi * case.frequency * found.times
-    u, force = loop(found.system.loads[0].amplitude.peak_value or 0.0, EA, tau, phase)
+    phase = 2.0 * pi * case.frequency * result.times
+    u, force = loop(result.system.loads[0].amplitude.peak_value or 0.0, EA, tau, phase)
     return np.where(phase < 0.5 * pi, peak_displacement(1.0, EA, tau) * force**2, u)

@@ -1,4 +1,4 @@
-"""What became of the cases: a page with a table of all of them, and a picture of the schemes."""
+"""Outcomes of the cases: a page with a table of all of them, and a picture of the schemes."""
 
 import re
 from collections import Counter
@@ -12,33 +12,30 @@ from stability.cases import BETAS, PLATE_RADII, RADII
 from stability.judge import REFUSED, RIGHT, WRONG
 
 OUTCOMES = (RIGHT, REFUSED, WRONG)
-#: Words of the page; its name and that of the picture.
-WORDS = (Path(__file__).parent / "page.md").read_text(encoding="utf-8")
+#: Names of the page and of its picture.
 PAGE, PICTURE = "stability.md", "stability.png"
 #: Schemes and models of bars and of plates, with a panel each in the picture.
 SCHEMES = [*(f"rho = {rho:g}" for rho in RADII), "explicit Runge-Kutta", "reduced", "hyper-reduced"]
 SCHEMES += [f"plates, rho = {rho:g}" for rho in PLATE_RADII]
-#: The axes of their cases.
-MAPS = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
 
 
 def bottom_line(verdicts, seconds):
-    """Counts in one sentence."""
+    """Counts of the outcomes in a sentence."""
     counts = Counter(verdict.outcome for verdict in verdicts)
-    found = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
-    return f"{len(verdicts)} cases: {found}, in {seconds:.0f} s."
+    parts = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
+    return f"{len(verdicts)} cases: {parts}, in {seconds:.0f} s."
 
 
 def summary(verdicts):
-    """Table by axis."""
+    """Table of outcomes and largest errors by axis."""
     head = ["axis", *OUTCOMES, "error", "over allowed", "energy left over", "fallbacks", "halved"]
     rows = []
     for axis in dict.fromkeys(verdict.case.axis for verdict in verdicts):
         group = [verdict for verdict in verdicts if verdict.case.axis == axis]
         counts = Counter(verdict.outcome for verdict in group)
         judged = [v for v in group if v.error is not None]
-        found = ((v.error, v.error / (v.error_bound or 1.0), v.energy or 0.0) for v in judged)
-        worst = map(max, zip(*found, strict=True)) if judged else [None] * 3
+        figures = ((v.error, v.error / (v.error_bound or 1.0), v.energy or 0.0) for v in judged)
+        worst = map(max, zip(*figures, strict=True)) if judged else [None] * 3
         sums = sum(v.fallbacks for v in group), sum(v.halved for v in group)
         rows.append([axis, *(counts[outcome] for outcome in OUTCOMES), *worst, *sums])
     return markdown_table(head, rows)
@@ -46,22 +43,22 @@ def summary(verdicts):
 
 def _iterations(verdicts):
     """Newton iterations a step by beta and scheme at 100 steps per period: mean, most."""
-    found = {
+    texts = {
         (v.case.beta, v.case.scheme): f"{v.iterations:.1f}, at most {v.largest_iterations}"
         for v in verdicts
         if v.case.axis in ("scheme", "plate scheme") and v.case.steps == 100 and v.outcome == RIGHT
     }
-    schemes = [name for name in SCHEMES if name in {key[1] for key in found}]
+    schemes = [name for name in SCHEMES if name in {key[1] for key in texts}]
     rows = [["beta", *schemes]]
     for beta in BETAS:
-        cells = [found.get((beta, name), "") for name in schemes]
+        cells = [texts.get((beta, name), "") for name in schemes]
         if any(cells):
             rows.append(["Coulomb" if beta == inf else f"{beta:.0e}", *cells])
     return rows
 
 
 def _refusals(verdicts):
-    """Refusals by message, numbers aside: how many, on which axes, one in full."""
+    """Refusals grouped by their message without its numbers: count, axes, an example."""
     groups = {}
     for verdict in verdicts:
         if verdict.outcome == REFUSED:
@@ -88,7 +85,8 @@ def page(verdicts, seconds):
     ]
     head = ["axis", "case", "outcome", "error", "allowed", "against", "energy left over"]
     head += ["steady state", "iterations a step", "fallbacks", "halved"]
-    return WORDS.format(
+    words = (Path(__file__).parent / "page.md").read_text(encoding="utf-8")
+    return words.format(
         bottom_line=bottom_line(verdicts, seconds),
         bars=len(verdicts) - plates,
         plates=plates,
@@ -121,17 +119,18 @@ def draw(verdicts):
 
     drawing, norm = new_figure(20.0, 7.5), LogNorm(1e-7, 0.2)
     panels, drawn = drawing.subplots(2, 5), {}
-    maps = [v for v in verdicts if v.case.axis in MAPS]
+    axes = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
+    maps = [v for v in verdicts if v.case.axis in axes]
     names = ["C" if beta == inf else f"{beta:.0e}".replace("+0", "") for beta in BETAS]
     ticks = [n * (k % 2 != len(BETAS) % 2) for k, n in enumerate(names)]
     for panel, name in zip(panels.flat, SCHEMES, strict=True):
         for outcome, marker, size in zip(OUTCOMES, "oxs", (60, 40, 70), strict=True):
-            found = [v for v in maps if v.case.scheme == name and v.outcome == outcome]
+            group = [v for v in maps if v.case.scheme == name and v.outcome == outcome]
             style = {"c": "red" if outcome == WRONG else "black"}
             if outcome == RIGHT:
-                errors = [max(v.error or 0.0, 1e-9) for v in found]
+                errors = [max(v.error or 0.0, 1e-9) for v in group]
                 style = {"c": errors, "norm": norm, "cmap": "cividis", "edgecolors": "black"}
-            at = [BETAS.index(v.case.beta) for v in found], [v.case.steps for v in found]
+            at = [BETAS.index(v.case.beta) for v in group], [v.case.steps for v in group]
             drawn[outcome] = panel.scatter(*at, marker=marker, s=size, label=outcome, **style)
         panel.set_title(name, loc="left", fontsize=11)
         panel.set(yscale="log", xlim=(-0.6, len(BETAS) - 0.4), ylim=(5, 120_000))

@@ -23,13 +23,13 @@ from stability.cases import matrix, quick_matrix
 
 
 def main(arguments=None):
-    """Judge the matrix; 1 if a case is wrong in silence."""
+    """Judge the matrix; returns 1 if a case is wrong in silence."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
     options = parser.parse_args(arguments)
     try:
-        # What cannot be written is told before anything is computed.
+        # A folder that cannot be written to is refused before anything is computed.
         with kept(options.out, used=re.compile(f"{report.PAGE}|{report.PICTURE}")):
             begin = time.perf_counter()
             with progress_bar() as progress:
