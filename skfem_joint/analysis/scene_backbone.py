@@ -14,7 +14,7 @@ from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.sources import stuck_basis
 from skfem_joint.scene import Scene
@@ -161,9 +161,7 @@ def _of_small_model(
     if start is not None:
         projected = np.linalg.solve(small.M, V.T @ (system.M @ np.array(start).T))
         start = projected[:, 0], projected[:, 1]
-    # A condensed model says what the full one says: notes of the structure's damping.
-    notes = small.notes if name == "reduced" else ()
-    return _OfMode(small, replace(own, slip=slip), start), notes
+    return _OfMode(small, replace(own, slip=slip), start), notes_of_reduction(system, small)
 
 
 def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:

@@ -25,7 +25,7 @@ from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
@@ -196,7 +196,7 @@ def _prepared(name: str, scene: Scene, table: ResponseTable, resonance: float) -
     plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
     basis = make_reduced(scene.structure(), loaded, options, plan)
     small = reduced_system(loaded, basis, **options.friction)
-    return _Prepared(name, small, basis, level, (*basis.notes, *small.notes))
+    return _Prepared(name, small, basis, level, (*basis.notes, *notes_of_reduction(loaded, small)))
 
 
 def _plan(scene: Scene, frequency: float) -> Plan:

@@ -28,7 +28,7 @@ from skfem_joint.errors import ConvergenceError, JointError
 from skfem_joint.linalg import schur
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import gross_slip
-from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import arranged
@@ -253,7 +253,7 @@ def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: 
         options = options_of(scene)
         basis = basis_of(scene, study.structure, study.system, options, rest)
         system = reduced_system(study.system, basis, **options.friction, periodic=scene.periodic)
-        notes = (*basis.notes, *system.notes)
+        notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
         notes = (*notes, *gross_slip(study.structure, basis.history.slip_peak, study.period))

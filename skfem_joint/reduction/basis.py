@@ -197,7 +197,7 @@ class Basis:
                 f"The reduced model has {few.w.size} friction points instead of {count}: no more "
                 "of the joints' points slip apart from each other."
             )
-            return few if few.w.size >= count else replace(few, notes=(note,))
+            return few if few.w.size >= count else replace(few, notes=(*few.notes, note))
         for each in SETTINGS.merged_per_mode:
             few = merged_points(every, velocities, active, each * every.n)
             if friction_lost(every, few, velocities) <= SETTINGS.most_lost:
@@ -302,8 +302,8 @@ def reduced_system(
     Returns
     -------
     System
-        Its ``notes`` say what to beware of, its ``shares`` which points of ``system`` each of its
-        own stands for.
+        Its ``notes`` are those of the system and what to beware of in the reduction, its ``shares``
+        say which points of ``system`` each of its own stands for.
 
     Raises
     ------
@@ -312,7 +312,7 @@ def reduced_system(
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
-    reduced = replace(system.project(basis.V), notes=())
+    reduced = system.project(basis.V)
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:
         raise InputError(f"reduction.friction_points: found {count}, must be >= 1")
@@ -332,3 +332,8 @@ def reduced_system(
         )
         notes = (*notes, note)
     return replace(reduced, beta=np.minimum(reduced.beta, steepest), notes=notes)
+
+
+def notes_of_reduction(system: System, reduced: System) -> tuple[str, ...]:
+    """Notes that `reduced_system` has added to those of the system."""
+    return reduced.notes[len(system.notes) :]
