@@ -219,7 +219,9 @@ class _Record:
         known = {key: {value} for key, value in self.files.items()}
         free = not os.path.lexists(path) or _is_ours(self.folder, name, known)
         parent = PurePosixPath(name).parent.as_posix()
-        if not free or not _is_plain(self.folder, parent, stat.S_ISDIR):
+        # The folder itself may be a link, for the user named it.
+        inside = parent == "." or _is_plain(self.folder, parent, stat.S_ISDIR)
+        if not free or not inside:
             raise InputError(
                 f"{path}: is there, and this run did not write it: it is left as it is; move it "
                 "away, or choose another folder"

@@ -151,6 +151,14 @@ def test_links_are_not_followed(out, tmp_path):
         (out / name).unlink()
 
 
+def test_the_folder_itself_may_be_a_link(out, tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to(out)
+    with kept(link, drawn=False), writing(link, {"title": "again"}):
+        write(link, OURS)
+    assert set(tree(out)) == {"summary.json", *OURS}
+
+
 @pytest.mark.parametrize("name", ["../kept", "/kept", "fields/../../kept", "", ".", "./kept"])
 def test_names_in_a_list_cannot_leave_the_folder(name, out, tmp_path):
     """Not even one that is forged whole, with the right digest."""
