@@ -20,7 +20,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
 from skfem_joint.stepping.driver import Driver, steady_run
-from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import check_jumps, check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
@@ -96,6 +96,7 @@ def integrate(
     check_some(POSITIVE, step=step, duration=duration)
     counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
     check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check_until(until)
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         cycles = 1 if cycles is None and until == "steady" else cycles
