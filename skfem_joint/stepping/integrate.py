@@ -195,7 +195,13 @@ def _start(
     """Displacement and velocity at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
-    u, v = (np.array(as_real(x, "initial")) for x in initial)
+    try:
+        displacement, velocity = initial
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "initial: must be two arrays, the displacement and the velocity at the start"
+        ) from error
+    u, v = (np.array(as_real(x, "initial")) for x in (displacement, velocity))
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
         raise InputError("initial: must be finite")
     if u.shape != (system.n,) or v.shape != (system.n,):

@@ -51,6 +51,8 @@ class Plan:
     def __post_init__(self) -> None:
         check("step", self.step, POSITIVE)
         check("n_steps", self.n_steps, COUNT)
+        if self.n_steps > 2**53:  # where numbers of steps are no longer exact as floats
+            raise InputError(f"n_steps: found {self.n_steps:.3g}, must be at most 2^53")
         check_some(COUNT, cycle_steps=self.cycle_steps)
         check_until(self.until)
 
