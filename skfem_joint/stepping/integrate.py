@@ -179,6 +179,7 @@ def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> 
             "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
             "give steps_per_cycle"
         )
+    _check_repeats(system, plan)
     if checkpoint is not None:
         raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
     damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
@@ -187,6 +188,27 @@ def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> 
             "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
             "[damping] ratio = 0.002 in a scene"
         )
+
+
+def _check_repeats(system: System, plan: Plan) -> None:
+    """Refuse loads that differ from what they are a period (the plan's duration) later.
+
+    They are compared within each step, and at and between the times where they kink or jump. A
+    pulse without kinks that acts only later is known by its peak.
+    """
+    within = plan.step * (np.arange(plan.n_steps) + 0.5)
+    for load in system.loads:
+        corners = np.array(load.amplitude.corners)
+        times = np.concatenate([within, corners, 0.5 * (corners[1:] + corners[:-1])])
+        first, later = load.amplitude(times), load.amplitude(times + plan.duration)
+        largest, peak = np.abs(first).max(), load.amplitude.peak_value or 0.0
+        acts_later = not load.amplitude.harmonics and largest < 0.5 * peak
+        if acts_later or np.abs(later - first).max() > 1e-6 * largest:
+            raise InputError(
+                f"until: 'steady' needs loads that repeat: that on {load.on!r} does not after "
+                f"{plan.duration:.6g} s, the common period of the harmonic ones; leave it out, or "
+                "give cycles in place of until = 'steady'"
+            )
 
 
 def _start(
