@@ -79,7 +79,7 @@ class SteadyPoint:
     offset : ndarray, shape (points,)
         Mean of the two peaks, m.
     harmonics : ndarray of complex, shape (points, 5)
-        Factors of ``exp(i k omega t)``, m.
+        Factors of ``exp(i k omega t)``, m; nan where a period has too few steps for them.
     phase : ndarray, shape (points,)
         Phase of the first harmonic after that of the first load, rad.
     friction_energy : float
@@ -476,6 +476,11 @@ def _slipping_share(system: System, run: Run) -> float:
 
 
 def _harmonics(rows: FloatArray) -> FloatArray:
-    """Harmonics of the columns over a period, (columns, harmonics), complex."""
-    spectrum = np.fft.rfft(rows, axis=0)[1 : SETTINGS.harmonics + 1]
-    return np.asarray(2.0 * spectrum.T / len(rows))
+    """Harmonics of the columns over a period, (columns, harmonics), complex.
+
+    Those from half the sampling rate on, which so few rows do not determine, are nan.
+    """
+    harmonics = np.full((rows.shape[1], SETTINGS.harmonics), np.nan + 0j)
+    known = min((len(rows) - 1) // 2, SETTINGS.harmonics)
+    harmonics[:, :known] = 2.0 * np.fft.rfft(rows, axis=0)[1 : known + 1].T / len(rows)
+    return harmonics

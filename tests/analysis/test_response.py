@@ -174,6 +174,13 @@ def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
     assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
 
 
+@pytest.mark.parametrize("steps", [8, 9, 10, 12])
+def test_harmonics_that_so_few_steps_do_not_determine_are_nan(steps):
+    point = module.steady_point(bar(), 500.0, steps_per_cycle=steps)
+    known = np.arange(1, 6) < steps / 2
+    np.testing.assert_array_equal(np.isfinite(point.harmonics), known[np.newaxis])
+
+
 def test_errors_of_the_step_are_explained_by_their_cause():
     """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
     mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
