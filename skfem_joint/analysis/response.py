@@ -339,15 +339,23 @@ def _curves(
         for number in range(len(searches)):
             advance(number, None)
         while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            finished: dict[int, SteadyPoint] = {}
+            # What is finished is kept before anything that failed is raised.
+            for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=_failed):
                 number, mark, begin = running.pop(future)
-                point = rows.keep(mark, future.result(), time.perf_counter() - begin)
+                finished[number] = rows.keep(mark, future.result(), time.perf_counter() - begin)
                 tally.add()
+            for number, point in finished.items():
                 advance(number, point)
     finally:
         for future in running:
             future.cancel()
     return [curves[number] for number in range(len(searches))]
+
+
+def _failed(future: Future[SteadyPoint]) -> bool:
+    """Whether the result of a future that is done would raise."""
+    return future.cancelled() or future.exception() is not None
 
 
 def _search(
