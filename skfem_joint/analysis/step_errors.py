@@ -91,5 +91,5 @@ def _error_by_shift(curve: Curve, shift: float, width: FloatArray) -> FloatArray
     """
     f, (known, A) = curve.column("frequency"), curve.known
     peaks = known[np.flatnonzero(np.diff(np.sign(np.diff(np.pad(A, 1)))) < 0)]
-    distance = np.abs(f[:, np.newaxis] / peaks - 1.0).min(axis=1)
+    distance = np.abs(f[:, np.newaxis] / peaks - 1.0).min(axis=1, initial=np.inf)
     return np.asarray(shift / np.maximum(width, distance))

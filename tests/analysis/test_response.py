@@ -204,6 +204,20 @@ def test_what_finished_beside_a_worker_that_fails_is_kept(tmp_path, monkeypatch)
     assert Rows(kept.path, (module.SteadyPoint,)).known == 1
 
 
+def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
+    """Every node is in contact."""
+    scene = bar_scene(
+        "full",
+        bar="short_lap_joint",
+        joint=[joint(law="coulomb")],
+        load=[harmonic(amplitude=100.0)],
+        time={"cycles": 1, "steps_per_cycle": 50},
+        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 3}, "levels": [1.0]},
+    )
+    (model,) = scene_response(scene).models
+    assert not model.curves[0].column("amplitude").any()
+
+
 def test_errors_of_the_step_are_explained_by_their_cause():
     """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
     mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
