@@ -17,6 +17,7 @@ from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
     at_frequency,
+    follows_twice,
     response,
     steady_plan,
 )
@@ -149,7 +150,7 @@ def scene_response(
     stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
-        of_a_curve += frequencies.size + 1
+        of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
     rows.asked += len(scene.models.run) * len(table.levels) * of_a_curve
     resonance = float(frequencies[stuck.max(axis=1).argmax()])
     models = []

@@ -218,6 +218,22 @@ def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
     assert not model.curves[0].column("amplitude").any()
 
 
+@pytest.mark.parametrize(("steps", "estimated"), [(15, False), (16, True)])
+def test_the_error_of_a_step_is_not_estimated_where_twice_the_step_is_too_long(steps, estimated):
+    scene = bar_scene(
+        "full",
+        bar="short_lap_joint",
+        joint=[joint()],
+        time={"cycles": 1, "steps_per_cycle": steps},
+        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 2}, "levels": [1.0]},
+    )
+    response = scene_response(scene)
+    (curve,) = response.models[0].curves
+    assert np.isfinite(curve.column("step_error")).all() == estimated
+    assert ("twice the step does not follow" in " ".join(response.warnings)) != estimated
+    assert response.models[0].estimates[0].of("time_step", "friction_energy") > 0.0
+
+
 def test_errors_of_the_step_are_explained_by_their_cause():
     """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
     mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
