@@ -254,7 +254,10 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
     ------
     InputError
         As `clear`; if a file of other origin lies where one is to be written.
+    ValueError
+        If ``content`` holds numbers that are not finite; nothing is removed then.
     """
+    json.dumps(content, allow_nan=False)  # nothing is removed for what cannot be written
     clear(folder)
     summary, hidden = folder / SUMMARY, folder / LIST
     try:
