@@ -307,12 +307,17 @@ def _backbone(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
-    from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
+    from skfem_joint.analysis.scene_response import (
+        RESPONSE_ROWS,
+        response_table,
+        scene_response,
+    )
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
+    response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             response = scene_response(scene, executor, progress, rows)
@@ -334,6 +339,7 @@ def _error_time(options: argparse.Namespace) -> int:
         again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
+    comparison.check_options(scene, options.repeats)  # before earlier results are removed
     with folder.kept(options.out) as notes, _rows(options, comparison.ROWS) as rows:
         with _progress(options) as progress:
             measured = comparison.error_time(

@@ -7,6 +7,7 @@ to import, and refuses the whole numbers of numpy.)
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -40,7 +41,10 @@ class Kind:
             value = value.item()
         if isinstance(value, bool) or not isinstance(value, Integral if self.whole else Real):
             return False
-        return bool(self.holds(float(value)))
+        try:
+            return bool(self.holds(float(value)))
+        except OverflowError:  # a whole number beyond all floats
+            return False
 
 
 #: Kinds of numbers; all but a beta must be finite.
@@ -69,10 +73,16 @@ def problems(where: str, value: Any, kind: Kind, *words: str) -> Iterator[str]:
     if isinstance(value, str) and value in words:
         return
     if value not in kind:
-        shown = f"{value}" if isinstance(value, Real) else repr(value)
         others = "".join(f"{word!r}, or " for word in words)
-        shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-        yield f"{where}: found {shown}, must be {others}{kind.words}"
+        yield f"{where}: found {_shown(value)}, must be {others}{kind.words}"
+
+
+def _shown(value: Any) -> str:
+    """Text of a value for a message, of at most sixty characters."""
+    if isinstance(value, int) and value.bit_length() > sys.float_info.max_exp:
+        return "a whole number beyond all floats"
+    shown = f"{value}" if isinstance(value, Real) else repr(value)
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
 def check(where: str, value: Any, kind: Kind, *words: str) -> None:

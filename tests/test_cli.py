@@ -379,7 +379,7 @@ def test_files_that_no_summary_lists_are_of_other_origin_and_stay(scene, tmp_pat
     (out / "summary.json").unlink()
     before = files_below(out)
     for name in ("error-time", "run", "backbone", "response"):
-        assert cli.main([name, str(scene()), "--out", str(out)]) == 2
+        assert cli.main([name, str(scene(more=STEADY)), "--out", str(out)]) == 2
         assert "move them away" in capsys.readouterr().err
     assert files_below(out) == before
 
@@ -402,6 +402,16 @@ def test_what_a_command_cannot_be_asked_for(command, table, says, scene, tmp_pat
     path = scene(more=f"\n{table}")
     assert cli.main([*command.split(), str(path), "--out", str(tmp_path / "out")]) == 2
     assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["response", "error-time --repeats 0"])
+def test_what_can_never_run_leaves_earlier_results(command, scene, tmp_path, monkeypatch):
+    for variable in error_time.THREADS:
+        monkeypatch.setenv(variable, "1")
+    out = earlier(tmp_path / "out")
+    before = files_below(out)
+    assert cli.main([*command.split(), str(scene()), "--out", str(out)]) == 2
+    assert files_below(out) == before
 
 
 def test_a_run_goes_on_until_it_is_steady(scene, tmp_path, capsys):

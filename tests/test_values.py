@@ -13,8 +13,8 @@ from skfem_joint.loads import Harmonic, Rectangle, Table, Triangle
 from skfem_joint.stepping.schemes import generalized_alpha
 
 NAN, INF = math.nan, math.inf
-#: What is never a number.
-NONE = ("1", True, 1j, [1.0], (), np.array([1.0, 2.0]), object)
+#: What is never a number that can be computed with.
+NONE = ("1", True, 1j, [1.0], (), np.array([1.0, 2.0]), object, 10**400, -(10**400))
 WRONG: dict[str, tuple[Any, ...]] = {
     "positive": (*NONE, 0, 0.0, -1.0, NAN, INF, -INF, np.float64(-1.0)),
     "not_negative": (*NONE, -1, -1e-300, NAN, INF),

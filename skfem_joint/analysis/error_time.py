@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.analysis.asked import basis_of, options_of, origin_of
-from skfem_joint.analysis.certificate import Reference, make_reference
+from skfem_joint.analysis.certificate import Reference, check_slips, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.errors import InputError, JointError
+from skfem_joint.errors import InputError, JointError, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
@@ -487,6 +487,19 @@ def threads_pinned(environment: Mapping[str, str]) -> bool:
     return all(environment.get(name) == "1" for name in THREADS)
 
 
+def check_options(scene: Scene, repeats: int, bound: float = 60.0) -> None:
+    """Check the options of `error_time`, and that the scene's models can be compared.
+
+    InputError if an option is not positive, the scene runs until it is steady, or as `check_slips`.
+    """
+    given = {"--bound": bound, "--repeats": repeats}
+    problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]
+    if scene.time.until is not None:
+        problems.append("time.until: error-time compares runs of equal length; give cycles")
+    refuse(problems)
+    check_slips(scene)
+
+
 def error_time(
     scene: Scene,
     *,
@@ -504,14 +517,9 @@ def error_time(
     one in a ``quick`` report of few points; ``wanted`` replaces some of `RANGE` or `QUICK`.
     ``rows``, which may hold `ROWS`, keeps what is finished and is gone on from, times included
     where the machine is the same.
-    Raises as `make_reference`, and InputError for options that are not positive.
+    Raises InputError as `check_options`, and ConvergenceError as `make_reference`.
     """
-    given = {"--bound": bound, "--repeats": repeats}
-    problems = [f"{k}: found {x:g}, must be > 0" for k, x in given.items() if not x > 0]
-    if scene.time.until is not None:
-        problems.append("time.until: error-time compares runs of equal length; give cycles")
-    if problems:
-        raise InputError(problems)
+    check_options(scene, repeats, bound)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     rows = rows or Rows()
     rows.asked += _most_rows(scene, what)

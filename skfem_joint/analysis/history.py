@@ -107,11 +107,11 @@ def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
 class Errors:
     """Distance of a run from a reference run, relative to the reference.
 
-    None where there is nothing to compare with: no cycles, or a zero.
+    None where there is nothing to compare with: no cycles, or a reference of zero for what is not.
 
     Attributes
     ----------
-    displacement_rms, displacement_max : float
+    displacement_rms, displacement_max : float or None
         Root mean square and largest difference of the displacements of the named point that differs
         most, over the root mean square and the largest displacement of the reference there.
     by_point : dict of str to tuple of float
@@ -126,8 +126,8 @@ class Errors:
         Difference of the energies lost by friction over the whole run, with its sign.
     """
 
-    displacement_rms: float
-    displacement_max: float
+    displacement_rms: float | None
+    displacement_max: float | None
     by_point: dict[str, tuple[float, float]]
     peak_displacement: float | None
     friction_energy_per_cycle: float | None
@@ -175,9 +175,10 @@ def compare(reference: Run, other: Run) -> Errors:
     most = int(np.argmax(peak)) if peak.size else 0
     have_cycles = min(reference.cycles.friction.size, other.cycles.friction.size) > 0
     ours, theirs = energies(other), energies(reference)
+    at_rest = None if np.any(other.point_u) else 0.0  # where the reference is
     return Errors(
-        displacement_rms=max((a for a, _ in by_point.values()), default=0.0),
-        displacement_max=max((b for _, b in by_point.values()), default=0.0),
+        displacement_rms=max((rms for rms, _ in by_point.values()), default=at_rest),
+        displacement_max=max((largest for _, largest in by_point.values()), default=at_rest),
         by_point=by_point,
         peak_displacement=relative(peaks(other)[most], peak[most]) if peak.size else None,
         friction_energy_per_cycle=relative(ours[0], theirs[0]) if have_cycles else None,

@@ -28,6 +28,7 @@ from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.resolution import PER_PERIOD
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
@@ -79,7 +80,7 @@ class SteadyPoint:
     offset : ndarray, shape (points,)
         Mean of the two peaks, m.
     harmonics : ndarray of complex, shape (points, 5)
-        Factors of ``exp(i k omega t)``, m.
+        Factors of ``exp(i k omega t)``, m; nan where a period has too few steps for them.
     phase : ndarray, shape (points,)
         Phase of the first harmonic after that of the first load, rad.
     friction_energy : float
@@ -100,7 +101,8 @@ class SteadyPoint:
     course : ndarray, shape (steps + 1, n), optional
         Displacement over the period, m; of dense systems only.
     step_error : float
-        Estimated relative error of the largest amplitude by the time step; nan: not estimated.
+        Estimated relative error of the largest amplitude by the time step; nan if it is not
+        estimated.
     failure : str, optional
         Why no steady vibration was found.
     """
@@ -196,6 +198,13 @@ def steady_plan(period: float, steps_per_cycle: int, scheme: Scheme | None = Non
     )
 
 
+def follows_twice(system: System, steps_per_cycle: int) -> bool:
+    """Whether twice the step still follows each load of a system, see `check_resolution`."""
+    period = common_period(load.amplitude for load in system.loads) or 0.0
+    fastest = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
+    return steps_per_cycle // 2 >= PER_PERIOD * fastest * period * (1.0 - 1e-9)
+
+
 def response(
     system: System,
     frequencies: FloatArray,
@@ -225,7 +234,8 @@ def response(
     refined : bool
         Whether points are added around peaks and where a curve is steep.
     estimated : bool
-        Whether each point is computed with twice the step too, which gives the error of its step.
+        Whether each point is computed with twice the step too, which gives the error of its step;
+        not done where `follows_twice` says that twice the step is too long.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
@@ -258,6 +268,7 @@ def response(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
+    estimated = estimated and follows_twice(system, steps_per_cycle)
     rows, at_each_frequency = rows or Rows(), 2 if estimated else 1
     tally = Tally(progress, at_each_frequency * frequencies.size * len(levels))
 
@@ -339,15 +350,23 @@ def _curves(
         for number in range(len(searches)):
             advance(number, None)
         while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            finished: dict[int, SteadyPoint] = {}
+            # What is finished is kept before anything that failed is raised.
+            for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=_failed):
                 number, mark, begin = running.pop(future)
-                point = rows.keep(mark, future.result(), time.perf_counter() - begin)
+                finished[number] = rows.keep(mark, future.result(), time.perf_counter() - begin)
                 tally.add()
+            for number, point in finished.items():
                 advance(number, point)
     finally:
         for future in running:
             future.cancel()
     return [curves[number] for number in range(len(searches))]
+
+
+def _failed(future: Future[SteadyPoint]) -> bool:
+    """Whether the result of a future that is done would raise."""
+    return future.cancelled() or future.exception() is not None
 
 
 def _search(
@@ -380,7 +399,7 @@ def _search(
         points.append((yield _Request(added, level, steps_per_cycle, state, True)))
         points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
-    if not estimated or steps_per_cycle < 4:
+    if not estimated:
         return curve
     coarse, largest = steps_per_cycle // 2, curve.largest
     order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
@@ -476,6 +495,11 @@ def _slipping_share(system: System, run: Run) -> float:
 
 
 def _harmonics(rows: FloatArray) -> FloatArray:
-    """Harmonics of the columns over a period, (columns, harmonics), complex."""
-    spectrum = np.fft.rfft(rows, axis=0)[1 : SETTINGS.harmonics + 1]
-    return np.asarray(2.0 * spectrum.T / len(rows))
+    """Harmonics of the columns over a period, (columns, harmonics), complex.
+
+    Those from half the sampling rate on, which so few rows do not determine, are nan.
+    """
+    harmonics = np.full((rows.shape[1], SETTINGS.harmonics), np.nan + 0j)
+    known = min((len(rows) - 1) // 2, SETTINGS.harmonics)
+    harmonics[:, :known] = 2.0 * np.fft.rfft(rows, axis=0)[1 : known + 1].T / len(rows)
+    return harmonics

@@ -199,10 +199,17 @@ def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows
 
 
 def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
-    """Largest relative distances of a curve from the full model's."""
-    names = "frequency", "damping_ratio"
-    ratios = {name: getattr(curve, name) / getattr(full, name) for name in names}
-    return {name: float(np.abs(ratio - 1.0).max()) for name, ratio in ratios.items()}
+    """Largest relative distances of a curve from the full model's.
+
+    Levels at which joints that stick damp nothing, and nothing else does, are left out.
+    """
+    distances = {}
+    for name in ("frequency", "damping_ratio"):
+        values, reference = getattr(curve, name), getattr(full, name)
+        known = reference > 0.0
+        ratio = values[known] / reference[known]
+        distances[name] = float(np.abs(ratio - 1.0).max(initial=0.0))
+    return distances
 
 
 def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:

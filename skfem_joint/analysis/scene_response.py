@@ -17,6 +17,7 @@ from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
     at_frequency,
+    follows_twice,
     response,
     steady_plan,
 )
@@ -100,6 +101,21 @@ class SceneResponse:
     warnings: tuple[str, ...]
 
 
+def response_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene.
+
+    InputError if there is none, or a load of the scene has no frequency that could be changed.
+    """
+    table = scene.response
+    if table is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    at_frequency(scene.system(), table.frequencies.to)
+    return table
+
+
 def scene_response(
     scene: Scene,
     executor: Executor | None = None,
@@ -124,22 +140,17 @@ def scene_response(
     Raises
     ------
     InputError
-        If there is no such table, or as :func:`response`.
+        As :func:`response_table` and :func:`response`.
     ConvergenceError
         As :func:`response`.
     """
-    table = scene.response
-    if table is None:
-        raise InputError(
-            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
-            "in a table [response]"
-        )
+    table = response_table(scene)
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
     stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
-        of_a_curve += frequencies.size + 1
+        of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
     rows.asked += len(scene.models.run) * len(table.levels) * of_a_curve
     resonance = float(frequencies[stuck.max(axis=1).argmax()])
     models = []

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from skfem_joint.analysis.response import Curve
+from skfem_joint.analysis.response import Curve, follows_twice
 from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping.schemes import Scheme
 from skfem_joint.system import System
@@ -20,7 +20,7 @@ def step_error_notes(
 ) -> Iterator[str]:
     """Sentences about where the time step makes a curve doubtful, by which cause, and the cure.
 
-    Two causes are told apart. Time steps lower the natural frequency, which changes the amplitude
+    They say so where the error is not estimated. Two causes are told apart. Time steps lower the natural frequency, which changes the amplitude
     most where damping is light. What that cannot explain is due to harmonics of friction, which
     meet higher modes.
 
@@ -35,6 +35,13 @@ def step_error_notes(
     steps_per_cycle : int
     scheme : Scheme
     """
+    if not follows_twice(system, steps_per_cycle):
+        yield (
+            f"The errors of the time step are not estimated along the curves of the {name} model: "
+            f"twice the step does not follow the loads. Set time.steps_per_cycle = "
+            f"{2 * steps_per_cycle}."
+        )
+        return
     error = curve.column("step_error")
     failed = np.array([point.failure is not None for point in curve.points])
     if not (np.isfinite(error) | failed).all():
@@ -91,5 +98,5 @@ def _error_by_shift(curve: Curve, shift: float, width: FloatArray) -> FloatArray
     """
     f, (known, A) = curve.column("frequency"), curve.known
     peaks = known[np.flatnonzero(np.diff(np.sign(np.diff(np.pad(A, 1)))) < 0)]
-    distance = np.abs(f[:, np.newaxis] / peaks - 1.0).min(axis=1)
+    distance = np.abs(f[:, np.newaxis] / peaks - 1.0).min(axis=1, initial=np.inf)
     return np.asarray(shift / np.maximum(width, distance))

@@ -154,7 +154,8 @@ def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, I
         inside: dict[int, IntArray] = {}  # by tag
         if entities is not None and len(block.data):
             entity = int(raw.cell_data["gmsh:geometrical"][number][0])
-            inside = dict.fromkeys(entities[block.dim, entity], np.arange(len(block.data)))
+            groups = entities.get((block.dim, entity), ())  # an entity that is not listed has none
+            inside = dict.fromkeys(groups, np.arange(len(block.data)))
         elif "gmsh:physical" in raw.cell_data:
             tags = np.abs(raw.cell_data["gmsh:physical"][number])
             order = np.argsort(tags, kind="stable")

@@ -219,7 +219,9 @@ class _Record:
         known = {key: {value} for key, value in self.files.items()}
         free = not os.path.lexists(path) or _is_ours(self.folder, name, known)
         parent = PurePosixPath(name).parent.as_posix()
-        if not free or not _is_plain(self.folder, parent, stat.S_ISDIR):
+        # The folder itself may be a link, for the user named it.
+        inside = parent == "." or _is_plain(self.folder, parent, stat.S_ISDIR)
+        if not free or not inside:
             raise InputError(
                 f"{path}: is there, and this run did not write it: it is left as it is; move it "
                 "away, or choose another folder"
@@ -252,7 +254,10 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
     ------
     InputError
         As `clear`; if a file of other origin lies where one is to be written.
+    ValueError
+        If ``content`` holds numbers that are not finite; nothing is removed then.
     """
+    json.dumps(content, allow_nan=False)  # nothing is removed for what cannot be written
     clear(folder)
     summary, hidden = folder / SUMMARY, folder / LIST
     try:

@@ -264,8 +264,9 @@ def write_vtk(path: str | Path, structure: Structure, runs: Mapping[str, Run]) -
     Raises
     ------
     InputError
-        If a run stored no fields or other times, or is not one of this structure; for names that
-        lead to one file, a path that cannot be written, and without pyvista.
+        If the path does not end in ``.pvd``: it is left as it is. If a run stored no fields or
+        other times, or is not one of this structure; for names that lead to one file, a path that
+        cannot be written, and without pyvista.
     """
     path, frames = Path(path), frames_of(structure, runs)
     files = write_series(path, frames)
@@ -295,10 +296,12 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes
     its place only when it is whole, the index last: whatever ends the writing leaves an index of
-    the frames that are done. InputError for equal file names, a path that cannot be written, and
-    without pyvista.
+    the frames that are done. InputError for a path of another ending, which is left as it is, equal
+    file names, a path that cannot be written, and without pyvista.
     """
     index, names = Path(path), _names(frames)
+    if index.suffix.lower() != ".pvd":
+        raise InputError(f"{index}: found ending {index.suffix!r}, must be '.pvd'")
     if len({safe_name(name).casefold() for name in names}) < len(names):
         listed = ", ".join(repr(name) for name in names)
         raise InputError(f"fields: the names {listed} lead to files of the same name")

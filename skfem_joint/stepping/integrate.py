@@ -20,7 +20,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
 from skfem_joint.stepping.driver import Driver, steady_run
-from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import check_jumps, check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
@@ -96,6 +96,7 @@ def integrate(
     check_some(POSITIVE, step=step, duration=duration)
     counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
     check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check_until(until)
     if cycles is not None or steps_per_cycle is not None:
         others = (step, n_steps, duration, cycle_steps)
         cycles = 1 if cycles is None and until == "steady" else cycles
@@ -178,6 +179,7 @@ def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> 
             "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
             "give steps_per_cycle"
         )
+    _check_repeats(system, plan)
     if checkpoint is not None:
         raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
     damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
@@ -188,13 +190,40 @@ def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> 
         )
 
 
+def _check_repeats(system: System, plan: Plan) -> None:
+    """Refuse loads that differ from what they are a period (the plan's duration) later.
+
+    They are compared within each step, and at and between the times where they kink or jump. A
+    pulse without kinks that acts only later is known by its peak.
+    """
+    within = plan.step * (np.arange(plan.n_steps) + 0.5)
+    for load in system.loads:
+        corners = np.array(load.amplitude.corners)
+        times = np.concatenate([within, corners, 0.5 * (corners[1:] + corners[:-1])])
+        first, later = load.amplitude(times), load.amplitude(times + plan.duration)
+        largest, peak = np.abs(first).max(), load.amplitude.peak_value or 0.0
+        acts_later = not load.amplitude.harmonics and largest < 0.5 * peak
+        if acts_later or np.abs(later - first).max() > 1e-6 * largest:
+            raise InputError(
+                f"until: 'steady' needs loads that repeat: that on {load.on!r} does not after "
+                f"{plan.duration:.6g} s, the common period of the harmonic ones; leave it out, or "
+                "give cycles in place of until = 'steady'"
+            )
+
+
 def _start(
     system: System, initial: tuple[FloatArray, FloatArray] | None
 ) -> tuple[FloatArray, FloatArray]:
     """Displacement and velocity at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
-    u, v = (np.array(as_real(x, "initial")) for x in initial)
+    try:
+        displacement, velocity = initial
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "initial: must be two arrays, the displacement and the velocity at the start"
+        ) from error
+    u, v = (np.array(as_real(x, "initial")) for x in (displacement, velocity))
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
         raise InputError("initial: must be finite")
     if u.shape != (system.n,) or v.shape != (system.n,):

@@ -5,9 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.values import COUNT, POSITIVE, check, check_some
+
+
+def check_until(until: str) -> None:
+    """Raise InputError for an end that no plan has."""
+    if until not in ("end", "steady"):
+        raise InputError(f"until: found {until!r}, must be 'end' or 'steady'")
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,10 @@ class Plan:
     def __post_init__(self) -> None:
         check("step", self.step, POSITIVE)
         check("n_steps", self.n_steps, COUNT)
+        if self.n_steps > 2**53:  # where numbers of steps are no longer exact as floats
+            raise InputError(f"n_steps: found {self.n_steps:.3g}, must be at most 2^53")
         check_some(COUNT, cycle_steps=self.cycle_steps)
+        check_until(self.until)
 
     @property
     def duration(self) -> float:

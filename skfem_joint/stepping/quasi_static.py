@@ -227,7 +227,7 @@ class QuasiStatic:
         Raises
         ------
         ConvergenceError
-            If a level does not converge.
+            If a level does not converge, or what friction can hold is not found.
         """
         right, inside = self.to.force(forces.T), self.condensed
         if inside is not None:
@@ -247,7 +247,10 @@ class QuasiStatic:
         return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
 
     def limit(self, force: FloatArray) -> float:
-        """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold."""
+        """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold.
+
+        ConvergenceError if the search for it does not end.
+        """
         if not self.shift:
             return np.inf
         f = self.to.force(force)
@@ -273,11 +276,12 @@ class QuasiStatic:
             self.held_back += 1
             right = min(1.0, held * self._limit(f, rate)) * f - self.stiffness @ u
             increment = self._minimise(right, rate)
-        elif not increment.converged and halvings < SETTINGS.halvings:
+            halvings = SETTINGS.halvings  # scaled back, the load has no path to follow in parts
+        if not increment.converged and halvings < SETTINGS.halvings:
             middle = 0.5 * (before + f)
             rest = (held, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
-        elif not increment.converged:
+        if not increment.converged:
             where = (
                 increment.where if self.condensed is None else self.condensed.kept[increment.where]
             )
@@ -309,7 +313,7 @@ class QuasiStatic:
         return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
-        """Multiple of the forces at which everything slips."""
+        """Multiple of the forces at which everything slips; ConvergenceError as `limit`."""
         limit, inner = np.inf, self.to.system
         multiple, without_friction = 1.0, self._without_friction()
         for _ in range(SETTINGS.limit_iterations):
@@ -326,7 +330,10 @@ class QuasiStatic:
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower
-        return limit
+        raise ConvergenceError(
+            f"what friction can hold was not found in {SETTINGS.limit_iterations} iterations: the "
+            f"limit is at most {limit:.6g} of the forces, and may be lower"
+        )
 
 
 def factors_at_rest(system: System) -> QuasiStatic | None:

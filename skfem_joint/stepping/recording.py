@@ -401,7 +401,13 @@ class Recorder:
         m, p, joints = s.w.size, len(s.points), len(s.joints)
         shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
-        self.stored = Rows(*map(np.zeros, shapes))
+        try:
+            self.stored = Rows(*map(np.zeros, shapes))
+        except (MemoryError, ValueError) as error:  # ValueError: beyond all memory
+            raise InputError(
+                f"save: {points} rows of points and {fields} of fields do not fit into memory; "
+                "store fewer of them, or give fewer steps"
+            ) from error
         single = (s.directions == 1).all()  # then the order is the system's own
         self.order = 2 * (slice(None),) if single else row_order(s.directions)
         self._limits = s.on_rows(s.w)[self.order[0]]

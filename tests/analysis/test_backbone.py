@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import DENSITY, EA, MU, THICKNESS, WIDTH, pressed, structure
+from joint_scenes import bar_scene, joint
 from scipy import sparse
 from stepping_systems import arm
 
@@ -188,6 +189,18 @@ def test_a_scene_s_pulse_rings_down_alike_in_both_models():
     assert high.sum() >= 3
     for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
         assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
+
+
+def test_models_are_compared_where_the_full_one_has_damping():
+    scene = bar_scene(
+        "reduced",
+        joint=[joint(law="coulomb")],
+        damping={"stiffness": 0.0},
+        backbone={"modes": [1], "levels": 3, "up_to": 0.03},
+        reduction={"reference": "static"},
+    )
+    (model,) = scene_backbone(scene).models
+    assert model.errors[0]["damping_ratio"] < 0.01
 
 
 def test_too_few_cycles_are_refused():

@@ -1,7 +1,8 @@
 """Response over frequency: linear limits, peaks, refusals, scenes; SI units."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import at_frequency
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.mesh import build_bar
 
@@ -172,6 +174,64 @@ def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
                 call(same)
         assert call(condensed)
     assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
+
+
+@pytest.mark.parametrize("steps", [8, 9, 10, 12])
+def test_harmonics_that_so_few_steps_do_not_determine_are_nan(steps):
+    point = module.steady_point(bar(), 500.0, steps_per_cycle=steps)
+    known = np.arange(1, 6) < steps / 2
+    np.testing.assert_array_equal(np.isfinite(point.harmonics), known[np.newaxis])
+
+
+def test_what_finished_beside_a_worker_that_fails_is_kept(tmp_path, monkeypatch):
+    class Workers(Executor):
+        """Two workers that end at the same moment; the first one fails."""
+
+        given = 0
+
+        def submit(self, function, /, *arguments, **keywords):
+            self.given, future = self.given + 1, Future()
+            if self.given == 1:
+                future.set_exception(sj.InputError("the first cannot"))
+            else:
+                future.set_result(function(*arguments, **keywords))
+            return future
+
+    monkeypatch.setattr(module, "wait", lambda running, **_: SimpleNamespace(done=[*running]))
+    kept = Rows(tmp_path / "rows.jsonl", (module.SteadyPoint,))
+    with pytest.raises(sj.InputError, match="the first cannot"):
+        sj.response(bar(), [500.0], (1.0, 2.0), executor=Workers(), rows=kept, refined=False)
+    assert Rows(kept.path, (module.SteadyPoint,)).known == 1
+
+
+def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
+    """Every node is in contact."""
+    scene = bar_scene(
+        "full",
+        bar="short_lap_joint",
+        joint=[joint(law="coulomb")],
+        load=[harmonic(amplitude=100.0)],
+        time={"cycles": 1, "steps_per_cycle": 50},
+        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 3}, "levels": [1.0]},
+    )
+    (model,) = scene_response(scene).models
+    assert not model.curves[0].column("amplitude").any()
+
+
+@pytest.mark.parametrize(("steps", "estimated"), [(15, False), (16, True)])
+def test_the_error_of_a_step_is_not_estimated_where_twice_the_step_is_too_long(steps, estimated):
+    scene = bar_scene(
+        "full",
+        bar="short_lap_joint",
+        joint=[joint()],
+        time={"cycles": 1, "steps_per_cycle": steps},
+        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 2}, "levels": [1.0]},
+    )
+    response = scene_response(scene)
+    (curve,) = response.models[0].curves
+    assert np.isfinite(curve.column("step_error")).all() == estimated
+    assert ("twice the step does not follow" in " ".join(response.warnings)) != estimated
+    assert response.models[0].estimates[0].of("time_step", "friction_energy") > 0.0
 
 
 def test_errors_of_the_step_are_explained_by_their_cause():

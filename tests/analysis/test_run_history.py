@@ -55,6 +55,11 @@ def test_errors_are_relative_to_the_reference_and_signed():
     assert errors.friction_energy_per_cycle == 0.0
     assert compare(half, one).loop_energy_per_cycle == pytest.approx(3.0, rel=1e-10)
     assert (relative(0.0, 0.0), relative(1.0, 0.0)) == (0.0, None)
+    rest = harmonic_run(linear(0.0), cycles=1)
+    for other, error in ((rest, 0.0), (one, None)):
+        errors = compare(rest, other)
+        assert errors.displacement_rms == errors.displacement_max == error
+        assert errors.peak_displacement == error
     one = sj.integrate(lap_joint().system(), step=1e-5, n_steps=50)  # without cycles
     errors = compare(one, one)
     assert errors.friction_energy_per_cycle is errors.loop_energy_per_cycle is None

@@ -2,6 +2,7 @@
 
 import re
 import runpy
+from textwrap import dedent
 
 import meshio
 import numpy as np
@@ -384,6 +385,45 @@ def test_reversed_groups_and_ungrouped_elements_of_format_41(tmp_path, kind, ord
     with pytest.raises(ValueError, match="Incompatible cell data"):  # what is repaired here
         meshio.read(tmp_path / "mesh.msh")
     assert_same(load_meshes([tmp_path / "mesh.msh"]), bare)
+
+
+def test_an_entity_of_format_41_that_is_not_listed_has_no_group(tmp_path):
+    """A line on the edge of a square of two triangles, beside the surface that is listed."""
+    text = """
+        $MeshFormat
+        4.1 0 8
+        $EndMeshFormat
+        $PhysicalNames
+        1
+        2 1 "plate"
+        $EndPhysicalNames
+        $Entities
+        0 0 1 0
+        1 0 0 0 1 1 0 1 1 0
+        $EndEntities
+        $Nodes
+        1 4 1 4
+        2 1 0 4
+        1
+        2
+        3
+        4
+        0 0 0
+        1 0 0
+        1 1 0
+        0 1 0
+        $EndNodes
+        $Elements
+        2 3 1 3
+        1 7 1 1
+        1 1 2
+        2 1 2 2
+        2 1 2 3
+        3 1 3 4
+        $EndElements
+        """
+    mesh = load_meshes([saved(tmp_path, dedent(text).lstrip())])
+    assert {name: cells.size for name, cells in mesh.regions.items()} == {"plate": 2}
 
 
 @pytest.mark.parametrize("reverse", [False, True])

@@ -1,6 +1,7 @@
 """Only files of this program are ever removed or replaced, and only as it wrote them."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -149,6 +150,21 @@ def test_links_are_not_followed(out, tmp_path):
         (out / name).symlink_to(tmp_path / "kept")
         assert_refused(out)
         (out / name).unlink()
+
+
+def test_a_summary_that_cannot_be_written_removes_nothing(out):
+    before = tree(out)
+    with pytest.raises(ValueError, match="not JSON compliant"), writing(out, {"peak": math.inf}):
+        pass
+    assert tree(out) == before
+
+
+def test_the_folder_itself_may_be_a_link(out, tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to(out)
+    with kept(link, drawn=False), writing(link, {"title": "again"}):
+        write(link, OURS)
+    assert set(tree(out)) == {"summary.json", *OURS}
 
 
 @pytest.mark.parametrize("name", ["../kept", "/kept", "fields/../../kept", "", ".", "./kept"])

@@ -310,6 +310,14 @@ def test_the_load_beside_the_series_reads_back(tmp_path):
     np.testing.assert_array_equal(rows, np.column_stack([times, 1e3 * times, np.sqrt(times)]))
 
 
+@pytest.mark.parametrize("name", ["thesis.npz", "fields", "fields.vtu"])
+def test_a_path_that_is_no_index_is_refused_and_left_as_it_is(name, tmp_path):
+    (tmp_path / name).write_text("of the user")
+    with pytest.raises(InputError, match=r"must be '\.pvd'"):
+        write_series(tmp_path / name, random_frames(bar()))
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["of the user"]
+
+
 def test_mistakes_and_places_that_cannot_be_written_are_input_errors(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="same name"):
         write_series(tmp_path / "a.pvd", random_frames(bar(), ("a:b", "A_b")))

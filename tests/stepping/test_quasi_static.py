@@ -11,7 +11,8 @@ from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import choice
+from skfem_joint.minimise import choice, truncated_newton
+from skfem_joint.stepping import quasi_static
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 TAU, JOINT = 1.75e6, 0.2  # N/m, m
@@ -45,6 +46,23 @@ def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
     # Loads beyond what friction holds are scaled back: the body stays where it is.
     held, beyond = path.follow(np.array([0.98, 1.5])[:, np.newaxis] * limit / multiple * force)
     assert np.abs(beyond - held).max() < 1e-6 * np.abs(held).max()
+
+
+def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
+    few = truncated_newton.SETTINGS._replace(iterations=3)
+    monkeypatch.setattr(truncated_newton, "SETTINGS", few)
+    system = sj.condense(bar(20, held=False))
+    beyond = 3.0 * float(system.w.sum()) * system.loads[0].vector
+    with pytest.raises(sj.ConvergenceError, match="was not found: a force residual"):
+        QuasiStatic(system).follow(beyond[np.newaxis])
+
+
+def test_a_friction_limit_that_is_not_found_is_an_error(monkeypatch):
+    few = replace(quasi_static.SETTINGS, limit_iterations=1)
+    monkeypatch.setattr(quasi_static, "SETTINGS", few)
+    system = bar(held=False)
+    with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
+        QuasiStatic(system).limit(2.0 * float(system.w.sum()) * system.loads[0].vector)
 
 
 def test_an_elastic_support_has_no_friction_limit():

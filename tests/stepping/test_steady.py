@@ -191,6 +191,11 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
     pulse = replace(system, loads=(replace(system.loads[0], amplitude=sj.HalfSine(1.0, 1e-3)),))
     with pytest.raises(sj.InputError, match="loads that repeat"):
         sj.integrate(pulse, until="steady", step=1e-5, n_steps=100)
+    late = sj.HalfSine(1.0, 1e-3, start=0.1), sj.Versine(1.0, 1e-3, start=0.1)
+    for other in (sj.Triangle(1.0, 5e-4), *late, lambda t: 9.0 * t):
+        loads = (*system.loads, AppliedLoad(system.loads[0].vector, other, "base"))
+        with pytest.raises(sj.InputError, match="that on 'base' does not after 0.002 s"):
+            sj.integrate(replace(system, loads=loads), until="steady", steps_per_cycle=100)
     with pytest.raises(sj.InputError, match="no checkpoints"):
         sj.integrate(system, until="steady", steps_per_cycle=100, checkpoint=saved)
 
