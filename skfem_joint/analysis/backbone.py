@@ -350,7 +350,7 @@ def _check_levels(
         slips_at = min(limit, slips_at)
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
-        path.rows.asked += path.rows.done - counted  # how many it takes is known only now
+        path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
             f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
@@ -376,8 +376,8 @@ def _friction_work(
     followed = _spread(level.size) if masing else np.arange(level.size)
     followed = followed[work[followed] > 0.0]
     more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
-    path.tally.asked += more
-    path.rows.asked += more
+    path.tally.total += more
+    path.rows.total += more
     parts = [_half_cycle(path, level[k] * force, states[k]) for k in followed]
     increments = np.reshape(parts, (-1, system.n))
     dissipated = system.slip_norm((system.B @ increments.T).T) @ system.w

@@ -26,11 +26,11 @@ from functools import partial
 from math import log2
 from typing import Any
 
-from skfem_joint.analysis.asked import origin_of, plan_of
 from skfem_joint.analysis.estimate import Estimate, Parts, added, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.analysis.models import Model, Study
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import origin_of, plan_of
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 from skfem_joint.progress import Progress, Tally, silent

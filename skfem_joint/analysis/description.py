@@ -16,9 +16,9 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import modes
-from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
+from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
@@ -88,7 +88,7 @@ class _Draft:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
+def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
     """Describe a scene's structure, and what it does under the peaks of its loads.
 
     It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
@@ -97,8 +97,8 @@ def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
     Parameters
     ----------
     scene : Scene
-    rest : QuasiStatic, optional
-        Quasi-static response of the scene's system, whose factors are used; made here if it is
+    path : QuasiStatic, optional
+        Quasi-static path of the scene's system, whose factors are used; created here if it is
         needed and not given.
     """
     structure, system = scene.structure(), scene.system()
@@ -109,7 +109,7 @@ def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
         draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     try:
-        _moves(scene, structure, system, rest, draft)
+        _moves(scene, structure, system, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
         draft.doubts.append(
             f"What the structure does under its loads at rest is not known: {error}"
@@ -142,7 +142,7 @@ def _moves(
     scene: Scene,
     structure: AnyStructure,
     system: System,
-    rest: QuasiStatic | None,
+    path: QuasiStatic | None,
     draft: _Draft,
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
@@ -188,9 +188,9 @@ def _moves(
         _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
     _normal(scene, structure, vibration, draft)
-    rest = rest or QuasiStatic(system)
-    to = rest.to
-    path = rest.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
+    path = path or QuasiStatic(system)
+    to = path.to
+    path = path.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), draft)
     force = to.force(dynamic)
     level = path.limit(force)

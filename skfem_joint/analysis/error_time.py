@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.asked import basis_of, options_of, origin_of
 from skfem_joint.analysis.certificate import Reference, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import reduced_system
@@ -184,7 +184,7 @@ def measure(
     """
     jobs, points, rows = list(jobs), [], rows or Rows()
     marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
-    rows.asked = rows.done + len(jobs)
+    rows.total = rows.done + len(jobs)
     for k, job in enumerate(jobs):
         progress("first runs", k, len(jobs))
         first = rows.row(marks[k], partial(_first, job))
@@ -197,7 +197,7 @@ def measure(
         points.append(Point(job, first, errors, first.wall_s))
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= SETTINGS.longest_repeated]
     walls: dict[int, list[float]] = {k: [] for k in short}
-    rows.asked += repeats * len(short)
+    rows.total += repeats * len(short)
     for done in range(repeats):
         progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
@@ -261,7 +261,7 @@ class _Reduction:
         """By family: the model, and how long it took to make, s."""
         begin, made, scene = time.perf_counter(), {}, self.scene
         options = replace(options_of(scene), modes=self.modes)
-        basis = basis_of(scene, scene.structure(), self.system, options)
+        basis = basis_of_scene(scene, scene.structure(), self.system, options)
         offline = time.perf_counter() - begin
         for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
             begin, chosen = time.perf_counter(), replace(options, friction_points=points)
@@ -514,7 +514,7 @@ def error_time(
         raise InputError(problems)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     rows = rows or Rows()
-    rows.asked += _most_rows(scene, what)
+    rows.total += _most_rows(scene, what)
     reference = make_reference(scene, quick, bound, progress, rows)
     full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
     jobs = [*full, *reduced, *more(reference)]

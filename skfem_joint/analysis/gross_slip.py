@@ -105,7 +105,7 @@ def gross_slip_level(
     level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
     u = before = 0.0 * force
     for _ in range(SETTINGS.trials):
-        path.tally.asked += 1
+        path.tally.total += 1
         u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
         last = sticking

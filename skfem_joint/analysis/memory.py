@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from skfem_joint.analysis.asked import save_of
+from skfem_joint.analysis.scene_plan import save_of
 from skfem_joint.errors import InputError
 from skfem_joint.scene import Scene
 

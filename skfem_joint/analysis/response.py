@@ -263,8 +263,8 @@ def response(
 
     def expect_more() -> None:
         """Count the vibrations of a frequency that is added."""
-        tally.asked += at_each_frequency
-        rows.asked += at_each_frequency
+        tally.total += at_each_frequency
+        rows.total += at_each_frequency
 
     searches = [
         _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)
