@@ -32,7 +32,7 @@ class SlipRows:
     w : ndarray, shape (m,)
         Friction limit of each contact point, N.
     beta : ndarray, shape (m,)
-        Scaling constant of Eq. (2) of each point, s/m; ``inf`` is Coulomb.
+        Steepness of the law of friction of each point, s/m; ``inf`` is Coulomb.
     directions : ndarray of int, shape (m,)
         Rows of each point, 1 or 2.
     held : sparse array, shape (h, N)

@@ -74,7 +74,7 @@ class System:
     w : ndarray, shape (m,)
         Friction limit of each contact point, N.
     beta : ndarray, shape (m,)
-        Scaling constant of Eq. (2) of each point, s/m; ``inf`` is Coulomb.
+        Steepness of the law of friction of each point, s/m; ``inf`` is Coulomb.
     loads : tuple of AppliedLoad
     P : ndarray or sparse array, shape (p, n)
         Displacement of the named points from the unknowns.
@@ -423,7 +423,7 @@ class System:
         return u if self.T is None else expanded(self.T, u)
 
     def with_beta(self, beta: float) -> System:
-        """System whose contact points all have the scaling constant ``beta`` (s/m)."""
+        """System whose contact points all have the steepness ``beta`` (s/m)."""
         check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 

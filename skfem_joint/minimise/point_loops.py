@@ -2,8 +2,8 @@
 
 A point slips in one or two directions: its unknowns are ``first[p]`` and, unless that is -1,
 ``second[p]``. ``stiff[p]`` is the largest eigenvalue of its block of H, ``w`` are friction limits,
-and ``beta`` scaling constants. Symmetric blocks of points are stored as (11, 12, 22), shape
-(points, 3); of a point with a single direction only the first entry counts.
+and ``beta`` is the steepness of each point. Symmetric blocks of points are stored as (11, 12, 22),
+shape (points, 3); of a point with a single direction only the first entry counts.
 """
 
 # numba infers the types of compiled functions:

@@ -15,12 +15,20 @@ Newton's systems are solved by conjugate gradients. The preconditioner is the fa
 tangent where the law acts as it did then, and the diagonal where it does not; that factor serves
 for several iterations.
 
-Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
-1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton steps with solves and factors for
-each time step: 6.8 with 9.2 and 7.2 without relaxation and with a factor for each, 2.9 with 4.9 and
-2.9 after four sweeps, 3.7 with 12.7 and 0.5 if factors are kept while six solves do and few
-unknowns have changed, 4.2 with 33 and 0.1 while ten do. A factor costs ten solves along a narrow
-band, thirty elsewhere.
+Measured for each time step, on a plate in contact over 40 % of its surface (half of the friction
+limit, 200 steps a period, beta = 1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``):
+
+========== ====================================== ============ ====== =======
+sweeps     factor                                 Newton steps solves factors
+========== ====================================== ============ ====== =======
+none       new for each Newton step                        6.8    9.2     7.2
+four       new for each Newton step                        2.9    4.9     2.9
+four       kept up to 6 solves and few changes             3.7   12.7     0.5
+four       kept up to 10 solves                            4.2     33     0.1
+========== ====================================== ============ ====== =======
+
+The third row is used (`NewtonSettings.patience` and ``changed``): a factor costs as much as ten
+solves where the matrix is a narrow band, and as thirty elsewhere.
 """
 
 # mypy: allow-untyped-calls

@@ -53,7 +53,8 @@ class InterfaceSettings:
     least_beside : float
         Share in the response, relative to the static one, beyond what other modes follow.
     few_beside, modes_for_one : int
-        Most modes beside those of the static path: one for so many of these, or a few.
+        With "auto" at most max(few_beside, joint modes // modes_for_one) modes stand beside the
+        joint modes of the static path.
     candidates : int
         Lowest modes of which `participating` chooses.
     least_participating : float
@@ -185,14 +186,16 @@ def driven(
         omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
         participation = shapes.T @ (F.T @ inertia)
         left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
-        # Modes beyond the last follow their drive but for its acceleration over omega squared.
+        # Modes above the last one move by about the acceleration of their drive over omega^2. That
+        # has to be negligible; the factor 2 is a margin.
         if 2.0 * left * loads.fastest**2 <= SETTINGS.least_driven * strain * omega[-1]:
             break
     stop = loads.plan.duration
     stop = stop if loads.period is None else min(stop, SHORT_RUNS.cycles * loads.period)
     drive = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
-    # What each lags behind its support is its acceleration over the square of its frequency.
+    # What a mode moves beside the static response is minus the acceleration of an oscillator under
+    # the force `drive`; times omega that is the square root of twice its strain energy.
     acceleration = modal_response(omega, damping, drive, loads.plan.step, "acceleration")
     share = omega * np.abs(acceleration).max(axis=1)
     order = np.argsort(-share, kind="stable")[:most]

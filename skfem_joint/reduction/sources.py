@@ -79,9 +79,10 @@ def make_basis(
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
         slipped = slip_path(system, plan, modes, path)
-        if slipped.blind > static_path.SETTINGS.blind:
+        new = slipped.newly_slipping
+        if new > static_path.SETTINGS.newly_slipping:
             notes.append(
-                f"The slip went on growing while the modes were made: {100 * slipped.blind:.2g} % "
+                f"The slip went on growing while the modes were made: {100 * new:.2g} % "
                 "of what slips at last stuck in the round before. Use more modes and see whether "
                 "the result stays, or take reference = 'self'."
             )
@@ -158,8 +159,9 @@ def static_basis(
     modes : int
         Joint modes; fewer if the path makes no more.
     interface : "auto" or int
-        Number of fixed-interface modes, those with the largest shares in the response; "auto":
-        those that count beyond what the others follow, at most one for six modes, or two.
+        Number of fixed-interface modes, those with the largest shares in the response. "auto":
+        the max(2, modes // 6) with the largest shares, without those whose motion the other
+        vectors follow already (`skfem_joint.reduction.interface_modes.beside`).
     """
     proper = proper_decomposition(path.snapshots, shifted(system.K, system.M))
     counting = proper.singular_values > _LEAST_SINGULAR * proper.singular_values[0]

@@ -332,7 +332,7 @@ class ReductionTable(SceneTable):
         Auto | Annotated[CountOrZero, Tag(Form.NUMBER)], by_form(Form.WORD)
     ] = key(
         "number of fixed-interface modes beside them; 'auto' chooses by their share in the "
-        "response",
+        "response, and takes none with reference = 'self'",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )

@@ -194,7 +194,7 @@ class QuasiStatic:
         if self.whole is None or self.to.maps:
             return None
         schur = self.whole.schur
-        if not np.array_equal(F.indices, schur.rest):
+        if not np.array_equal(F.indices, schur.interior):
             return None
         return cast("Callable[[FloatArray], FloatArray]", schur.solve_interior)
 
@@ -266,7 +266,7 @@ class QuasiStatic:
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be.
 
-        ``rate`` is the law's scaling constant for increments, 1/m, of each point.
+        ``rate`` is the law's steepness for increments of displacement, 1/m, of each point.
         """
         increment = self._minimise(f - self.stiffness @ u, rate)
         if np.isfinite(held) and self._carried(increment, f) > SETTINGS.carried:

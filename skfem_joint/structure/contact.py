@@ -1,4 +1,10 @@
-"""Slip rows of contact: for structures, and for matrices assembled on any basis of scikit-fem."""
+"""Slip rows of contact, and friction limits from normal forces.
+
+A contact point's friction limit is ``w += friction * normal_force``, summed over the joints that
+share the point; `skfem_joint.structure.patch` integrates the pressure to normal forces. The rows
+are made for structures (`contact_rows`), for matrices assembled on any basis of scikit-fem
+(`contact`), and for slips that users give (`point_friction`).
+"""
 
 from __future__ import annotations
 
@@ -168,7 +174,7 @@ def point_friction(
     limit : float
         Friction limit, N.
     beta : float
-        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+        Steepness of the arctan law, s/m; ``inf`` is Coulomb.
     name : str
         Joint under which results state its friction energy. In a sum of contacts each name is a
         joint of its own.
