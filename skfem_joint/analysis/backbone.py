@@ -294,7 +294,7 @@ def _curve(
     system = to.system
     slips_at = _check_levels(path, mode, shares, slips_at)
     level = shares * slips_at
-    states = path.follow(np.outer(level, mode.force), held=np.inf)
+    states = path.follow(np.outer(level, mode.force), limit_share=np.inf)
     work, loops, masing_error = _friction_work(path, level, mode.force, states)
     q = states @ mode.force
     omega = np.sqrt(level / q)
@@ -397,7 +397,7 @@ def _spread(levels: int) -> IntArray:
 def _half_cycle(path: SavedPath, force: FloatArray, state: FloatArray) -> FloatArray:
     """Increments of displacement (increments, n), m, from a state to its mirror image."""
     turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
-    states = path.follow(np.outer(turn, force), held=np.inf, start=(state, force))
+    states = path.follow(np.outer(turn, force), limit_share=np.inf, start=(state, force))
     return np.diff(np.vstack([state, states]), axis=0)
 
 

@@ -42,34 +42,36 @@ class SavedPath(QuasiStatic):
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = QUASI_STATIC.held,
+        limit_share: float = QUASI_STATIC.limit_share,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
         """As `QuasiStatic.follow`; levels at given times are no rows."""
         if times is not None:
             self.forget()
-            states = super().follow(forces, times, held, start)
+            states = super().follow(forces, times, limit_share, start)
             self.forget()
             return states
         levels = []
         u, before = np.zeros((2, forces.shape[1])) if start is None else start
         for force in forces:
-            u = self._level(force, held, u, before)
+            u = self._level(force, limit_share, u, before)
             levels.append(u)
             before = force
         return np.array(levels)
 
     def _level(
-        self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
+        self, force: FloatArray, limit_share: float, u: FloatArray, before: FloatArray
     ) -> FloatArray:
         """Displacement (n,), m, under a force from ``u``, which the force ``before`` made, N."""
-        mark = self.rows.mark(self.origin, force, held, u, before, self.last)
+        mark = self.rows.mark(self.origin, force, limit_share, u, before, self.last)
         counted = self.tally.done
 
         def compute() -> tuple[FloatArray, FloatArray]:
             self.forget(self.last)
             follow = super(SavedPath, self).follow
-            return follow(force[np.newaxis], held=held, start=(u, before))[0], self.last
+            return follow(force[np.newaxis], limit_share=limit_share, start=(u, before))[
+                0
+            ], self.last
 
         state, self.last = self.rows.row(mark, compute)
         if self.tally.done == counted:  # taken up, so that nobody has counted it

@@ -1,9 +1,10 @@
-"""From a scene to its results: passes in a row, each of which has a frozen result of its own.
+"""From a scene to its results, by functions that `run_scene` calls one after the other.
 
-`run_scene` calls them. Structure and system follow from the scene; `describe` says what they are
-and do at rest; `choose` finds time steps and a reduced model for an accuracy that is asked for.
-Each model of the scene is then run and compared with the full one, its errors are estimated, and
-warnings about it are collected. No pass changes what another one has returned.
+Structure and system follow from the scene. `describe` states what they are and how they respond to
+static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
+one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
+the full model, `estimate_errors` estimates its errors, and `with_model` adds it to the study with
+the warnings about it. Each function returns a frozen object; none changes another one's result.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ _Integrate = Callable[..., Run]
 
 @dataclass(frozen=True)
 class ModelResult:
-    """Result of the passes over one model.
+    """One model with its notes, or why there is none; passed from one function to the next.
 
     Attributes
     ----------

@@ -28,7 +28,8 @@ and must be looked at then:
 
 - `graph`: the comparison law z / (z + 1) must rise to 1 in a width of the same order;
 - `skfem_joint.reduction.active_length.slips`: a point creeps by period / beta in a period, the slip
-  at half of its friction limit, where z = 1; `gross_slip` there allows ten times as much;
+  at half of its friction limit, where z = 1; `gross_slip` there and the warnings of
+  `skfem_joint.analysis.summary` use the same creep;
 - `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1.
 

@@ -134,7 +134,7 @@ def envelope(
 
 
 def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
-    """Points that move, each otherwise than those before it."""
+    """Points that move, without those that move as an earlier point does."""
     if not runs or not points or min(run.times.size for run in runs.values()) == 0:
         raise InputError("histories: found no runs, no points, or a run that stored no points")
     moves = [np.concatenate([run.point(point) for run in runs.values()]) for point in points]
@@ -148,9 +148,10 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
 
 
 def hysteresis_figure(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> Figure:
-    """Force of a load, counted from 0, over the displacement of a point, in the last cycle.
+    """Force of a load over the displacement of a point, in the last cycle.
 
-    ``cycle_rows`` are the stored rows a cycle. The title says where the cycle is not steady.
+    ``load`` is the number of the load, from 0; ``cycle_rows`` the number of stored rows in a cycle.
+    The title says so if the cycle is not steady.
     """
     _moving(runs, [point])  # refuses what is not there
     loops = [hysteresis_loop(run, point, load, cycle_rows) for run in runs.values()]

@@ -51,7 +51,7 @@ class QuasiStaticSettings:
 
     Attributes
     ----------
-    held : float
+    limit_share : float
         Share of the friction limit that loads are scaled back to where nothing else holds.
     halvings : int
         A level that does not converge at once is reached in parts, halved at most this often.
@@ -68,7 +68,7 @@ class QuasiStaticSettings:
         Share of a rigid motion's displacement that is no slip.
     """
 
-    held: float = 0.98
+    limit_share: float = 0.98
     halvings: int = 6
     carried: float = 1e-3
     limit_iterations: int = 20
@@ -207,7 +207,7 @@ class QuasiStatic:
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = SETTINGS.held,
+        limit_share: float = SETTINGS.limit_share,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
         """Displacements (levels, n), m, under forces (levels, n), N, one after another.
@@ -218,7 +218,7 @@ class QuasiStatic:
         times : ndarray, shape (levels,), optional
             When each level is reached, s, from 0: the system's own law acts, which creeps.
             Coulomb's, which time does not matter to, if not given.
-        held : float
+        limit_share : float
             Forces that make everything slip where nothing else holds are scaled to this share of
             what friction can hold; ``inf`` leaves them as they are.
         start : tuple of ndarray, shape (n,), optional
@@ -242,7 +242,7 @@ class QuasiStatic:
         for level, force in enumerate(right.T):
             before, f = f, np.ascontiguousarray(force)
             rate = np.full(self.beta.size, np.inf) if times is None else self.beta / lasting[level]
-            u = path[level] = self._state(u, before, f, held, rate)
+            u = path[level] = self._state(u, before, f, limit_share, rate)
             self.tally.add()
         return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
 
@@ -260,7 +260,7 @@ class QuasiStatic:
         u: FloatArray,
         before: FloatArray,
         f: FloatArray,
-        held: float,
+        limit_share: float,
         rate: FloatArray,
         halvings: int = 0,
     ) -> FloatArray:
@@ -269,13 +269,13 @@ class QuasiStatic:
         ``rate`` is the law's steepness for increments of displacement, 1/m, of each point.
         """
         increment = self._minimise(f - self.stiffness @ u, rate)
-        if np.isfinite(held) and self._carried(increment, f) > SETTINGS.carried:
+        if np.isfinite(limit_share) and self._carried(increment, f) > SETTINGS.carried:
             self.held_back += 1
-            right = min(1.0, held * self._limit(f, rate)) * f - self.stiffness @ u
+            right = min(1.0, limit_share * self._limit(f, rate)) * f - self.stiffness @ u
             increment = self._minimise(right, rate)
         elif not increment.converged and halvings < SETTINGS.halvings:
             middle = 0.5 * (before + f)
-            rest = (held, 2.0 * rate, halvings + 1)
+            rest = (limit_share, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
         elif not increment.converged:
             where = (

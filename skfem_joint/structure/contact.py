@@ -74,7 +74,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         w=w,
         beta=beta,
         directions=slips.astype(np.int64),
-        held=stacked(H, dim * count),
+        closed=stacked(H, dim * count),
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
     )
@@ -148,9 +148,9 @@ def contact(
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    held_rows = rows.held @ order
+    closed_rows = rows.closed @ order
     return SlipRows(
-        rows.B @ order, rows.w, rows.beta, rows.directions, held_rows, pivots, names=names
+        rows.B @ order, rows.w, rows.beta, rows.directions, closed_rows, pivots, names=names
     )
 
 
