@@ -1,9 +1,10 @@
-"""What a scene's structure is, and what it does under its loads at rest and with stuck joints.
+"""Facts about a scene's structure, and its response to its loads, statically and with stuck joints.
 
-The stuck structure vibrates in its lowest modes, each of which follows the loads exactly where they
-are straight between steps; what the modes leave out follows at once. At the time of its largest
-strain energy, loads and inertia together are what the joints have to hold. How much of that makes
-the first joint slip as a whole is computed by limit analysis, so that moments count.
+The vibration of the structure with stuck joints is the sum of its lowest modes, integrated exactly
+for loads that are linear between the time steps, and of the static response of all other modes. At
+the time of its largest strain energy the loads and the inertia together are the forces that the
+joints have to carry. Limit analysis gives the multiple of them at which the first joint slips as a
+whole, which takes account of moments.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class DescriptionSettings:
     shown : int
         Frequencies that are shown.
     most_steps : int
-        Most steps over which the stuck structure is followed.
+        Most steps for which the vibration of the stuck structure is computed.
     alike : float
         Share of kinetic energy from which on a mode with stuck joints resembles a mode with loose
         ones.
@@ -64,7 +65,7 @@ SETTINGS = DescriptionSettings()
 
 @dataclass(frozen=True)
 class Description:
-    """What a structure is and does at rest, in whole sentences and in numbers.
+    """What a structure is, and its response to static loads, in whole sentences and in numbers.
 
     Attributes
     ----------
@@ -89,7 +90,7 @@ class _Draft:
 
 
 def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
-    """Describe a scene's structure, and what it does under the peaks of its loads.
+    """Describe a scene's structure, and its response to the peaks of its loads.
 
     It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
     cannot be computed is among the doubts.

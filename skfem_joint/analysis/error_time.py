@@ -1,4 +1,8 @@
-"""Error against run time: a scene's models over ranges of steps and modes, with a reference."""
+"""Error against run time of a scene's models, for many time steps, laws and numbers of modes.
+
+All runs are compared with a reference solution (`skfem_joint.analysis.certificate`) at the ends of
+equal intervals of the run; a "part" is a step within an interval.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +36,12 @@ class ErrorTimeSettings:
     Attributes
     ----------
     own : int
-        Steps of an interval of a model's own reference, which its time-step error is measured from.
+        Steps in an interval of the finest run of each model, against which the error of its time
+        step is measured.
     longest_repeated : float
         Longer runs are not repeated, s.
     levels : tuple of float
-        Errors of the displacement history that the report advises on.
+        Errors of the displacement history for which the report recommends the fastest model.
     worthwhile : float
         Run times closer than this ratio are the same.
     """

@@ -1,4 +1,4 @@
-"""Backbone curves of a scene's models, as its table [backbone] asks for."""
+"""Backbone curves of a scene's models, by its table ``[backbone]``."""
 
 from __future__ import annotations
 

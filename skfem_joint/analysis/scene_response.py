@@ -1,4 +1,4 @@
-"""Responses of a scene's models over frequency, as its table [response] asks for."""
+"""Responses of a scene's models over frequency, by its table ``[response]``."""
 
 from __future__ import annotations
 

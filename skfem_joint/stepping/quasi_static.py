@@ -6,9 +6,10 @@ From the state before, each increment d of the displacement solves
 
 the step problem with the stiffness for its matrix and the increment for its unknown
 (:mod:`skfem_joint.minimise.problem`). Points that stick do so exactly; reversals and histories of
-loads need no special treatment. Each increment goes straight: slips that turn within one are not
-resolved. Dense systems, as reduction makes them, have more contact points than unknowns, which
-cannot all stick: there Coulomb's law is the limit of steeper and steeper ones.
+loads need no special treatment. Within an increment the direction of slip is constant: increments
+must be short enough to resolve how it turns. Dense systems, which come from reduction, have more
+contact points than unknowns, so that not all points can stick: there Coulomb's law is approached by
+ever steeper laws.
 
 Bodies that friction alone holds have a singular stiffness. A little of the mass is added to it, and
 forces that would make everything slip are scaled back to just below what friction holds. That limit
@@ -52,7 +53,7 @@ class QuasiStaticSettings:
     Attributes
     ----------
     limit_share : float
-        Share of the friction limit that loads are scaled back to where nothing else holds.
+        Share of the friction limit to which loads are scaled back where friction alone holds.
     halvings : int
         A level that does not converge at once is reached in parts, halved at most this often.
     carried : float
@@ -219,8 +220,8 @@ class QuasiStatic:
             When each level is reached, s, from 0: the system's own law acts, which creeps.
             Coulomb's, which time does not matter to, if not given.
         limit_share : float
-            Forces that make everything slip where nothing else holds are scaled to this share of
-            what friction can hold; ``inf`` leaves them as they are.
+            Where friction alone holds, forces that would make everything slip are scaled to this
+            share of what friction can hold; ``inf`` leaves them as they are.
         start : tuple of ndarray, shape (n,), optional
             Displacement, m, and the force that it was reached under, N; at rest if not given.
 
