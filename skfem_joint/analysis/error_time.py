@@ -59,12 +59,13 @@ REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
 FINISHED = "finished"
 #: Columns of errors beside those of the certificate.
 RMS, TIME_ERROR, TO_FINE_MESH = QUANTITIES[0], "time-step error", "to fine mesh"
-#: What a report is written to.
+#: Files of a report.
 FILES = ("error-time.md", "error-time.csv", "error-time.png", "total-time.png")
 #: Variables that set the threads of the usual BLAS libraries.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What is run: steps of an interval of full and of reduced models (none beyond a quarter of the
-#: reference's), other steepnesses over the scene's beta, modes; and the same of a quick report.
+#: Runs of a report: steps in an interval for full and for reduced models (at most a quarter of the
+#: reference's), other values of beta over the scene's, and numbers of modes. `QUICK` is the same
+#: for a quick report.
 RANGE: dict[str, tuple[Any, ...]] = {
     "parts": (1, 2, 4, 8, 16, 32, 64),
     "reduced_parts": (1, 2, 4, 8),
@@ -88,13 +89,13 @@ class Outcome:
     Attributes
     ----------
     results : Results, optional
-        None where it did not end.
+        None if the run did not reach its end.
     wall_s, offline_s : float
         Run time, and time before its first step, s.
     work : mapping of str to int
         Counters of its work.
     status : str
-        `FINISHED`, or why it did not end.
+        `FINISHED`, or why it did not reach its end.
     """
 
     results: Results | None
@@ -113,9 +114,9 @@ class Job:
     family : str
         Name of its curve.
     what : mapping of str
-        What is run, by name: modes, friction points, step (s) and so on.
+        Description of the run, by name: modes, friction points, step (s) and so on.
     run : callable
-        Does it once.
+        Executes the run once.
     offline_s : float
         Preparation before the run, s.
     own : Results, optional

@@ -119,7 +119,7 @@ def envelope(
     """Band of a history with very many cycles: ends of parts, least and largest values in them.
 
     There are at most 400 parts, of two cycles or more. None for a history that crosses its mean at
-    most 300 times, values near the mean left out: its cycles can be told apart as a curve.
+    most 300 times (values near the mean do not count): a curve shows each of its cycles.
     """
     away = values - 0.5 * (values.max(initial=-np.inf) + values.min(initial=np.inf))
     far = away[np.abs(away) > 0.01 * np.abs(away).max(initial=0.0)]
@@ -201,7 +201,7 @@ def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
 
 
 def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
-    """Proper values (percent, logarithmic) beside their cumulative sum and the 99 % line."""
+    """Proper values (percent, logarithmic) and their cumulative sum, with a line at 99 %."""
     values, sums = proper.proper_values, proper.cumulative
     count = min(20, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
