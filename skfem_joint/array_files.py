@@ -233,14 +233,15 @@ def _npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
         shape, by_columns, dtype = headers[version](file)
         if dtype.hasobject:
             raise ValueError(f"{name} holds Python objects, which are not loaded, must be numbers")
-        wanted, held = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
-        if wanted != held or min(shape, default=0) < 0:
+        wanted, present = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
+        if wanted != present or min(shape, default=0) < 0:
             raise ValueError(
-                f"{name} says that its shape is {shape} of {dtype}, {wanted} bytes, and has {held}"
+                f"{name} says that its shape is {shape} of {dtype}, {wanted} bytes, and has "
+                f"{present}"
             )
-        data = file.read(held)
+        data = file.read(present)
         # The checksum is compared where the last byte is read.
-        if len(data) != held or file.read(1):
+        if len(data) != present or file.read(1):
             raise ValueError(f"{name} is cut")
     return np.ndarray(shape, dtype, data, order="F" if by_columns else "C").copy(order="K")
 

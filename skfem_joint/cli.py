@@ -246,8 +246,8 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
     from skfem_joint.analysis import memory
-    from skfem_joint.analysis.asked import plan_of
     from skfem_joint.analysis.description import describe
+    from skfem_joint.analysis.scene_plan import plan_of
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
@@ -255,7 +255,7 @@ def _check(options: argparse.Namespace) -> int:
     # Everything is checked before the scene is called valid.
     scene, swept, sweep_notes = load_with_sweep(options.scene)
     system = scene.system()
-    if not scene.accuracy.asked:  # the accuracy would choose the step
+    if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
     description = describe(scene)
@@ -456,7 +456,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
     except BaseException as error:
         if kept := Rows(rows.path).known:  # the last row may have been written at that moment
             print(
-                f"{kept} of {max(rows.asked, kept)} rows, as far as they are known, are finished "
+                f"{kept} of {max(rows.total, kept)} rows, as far as they are known, are finished "
                 f"and kept in {rows.path}."
             )
         if isinstance(error, KeyboardInterrupt):

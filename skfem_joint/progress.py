@@ -32,25 +32,25 @@ class Tally:
     ----------
     report : callable
         Called with both numbers, and with a note if there is one, whenever they change.
-    asked : int
+    total : int
         Number of all items, as far as it is known.
     done : int
         Number of items that are done.
     """
 
     report: Progress = silent
-    asked: int = 0
+    total: int = 0
     done: int = 0
 
     def add(self, count: int = 1) -> None:
         """Count ``count`` more items as done."""
         self.done += count
-        self.asked = max(self.asked, self.done)
-        self.report(self.done, self.asked)
+        self.total = max(self.total, self.done)
+        self.report(self.done, self.total)
 
     def within(self, *progress: Any) -> None:
         """Forward the status note, the last argument, of an item that is not done yet."""
-        self.report(self.done, self.asked, progress[-1])
+        self.report(self.done, self.total, progress[-1])
 
 
 @contextmanager

@@ -32,16 +32,16 @@ class SlipRows:
     w : ndarray, shape (m,)
         Friction limit of each contact point, N.
     beta : ndarray, shape (m,)
-        Scaling constant of Eq. (2) of each point, s/m; ``inf`` is Coulomb.
+        Steepness of the law of friction of each point, s/m; ``inf`` is Coulomb.
     directions : ndarray of int, shape (m,)
         Rows of each point, 1 or 2.
-    held : sparse array, shape (h, N)
+    closed : sparse array, shape (h, N)
         Rows that vanish: motion across a contact that stays closed.
     pivots : ndarray of int, shape (h + rows,), optional
-        Degree of freedom that each row determines, those of ``held`` first. If not given, a
+        Degree of freedom that each row determines, those of ``closed`` first. If not given, a
         matching of large coefficients chooses them.
     clamped : ndarray, shape (h,), optional
-        Normal force on each row of ``held``, N, if known.
+        Normal force on each row of ``closed``, N, if known.
     names : tuple of str, length m or 0
         Joint that each contact point belongs to; empty if none has a name.
     """
@@ -50,15 +50,15 @@ class SlipRows:
     w: FloatArray
     beta: FloatArray
     directions: NDArray[np.int64]
-    held: Matrix
+    closed: Matrix
     pivots: IntArray | None = None
     clamped: FloatArray | None = None
     names: tuple[str, ...] = ()
 
     @property
     def normal_force(self) -> FloatArray:
-        """Normal force on each row of ``held``, (h,), N; zeros where it is not known."""
-        return np.zeros(self.held.shape[0]) if self.clamped is None else self.clamped
+        """Normal force on each row of ``closed``, (h,), N; zeros where it is not known."""
+        return np.zeros(self.closed.shape[0]) if self.clamped is None else self.clamped
 
     @property
     def joint_of_point(self) -> tuple[str, ...]:
@@ -80,7 +80,7 @@ class SlipRows:
             raise InputError(f"contact: found rows for {n} and for {other.B.shape[1]} unknowns")
         pivots = None
         if self.pivots is not None and other.pivots is not None:
-            h, k = self.held.shape[0], other.held.shape[0]
+            h, k = self.closed.shape[0], other.closed.shape[0]
             pivots = np.concatenate(
                 [self.pivots[:h], other.pivots[:k], self.pivots[h:], other.pivots[k:]]
             )
@@ -89,7 +89,7 @@ class SlipRows:
             w=np.concatenate([self.w, other.w]),
             beta=np.concatenate([self.beta, other.beta]),
             directions=np.concatenate([self.directions, other.directions]),
-            held=stacked([self.held, other.held], n),
+            closed=stacked([self.closed, other.closed], n),
             pivots=pivots,
             clamped=np.concatenate([self.normal_force, other.normal_force]),
             names=(*self.joint_of_point, *other.joint_of_point),
@@ -111,25 +111,25 @@ class SlipRows:
         n = self.B.shape[1]
         free = np.ones(n)
         free[fixed] = 0.0
-        touched, cut = (np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.held))
+        touched, cut = (np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed))
         if not touched.any() and not cut.any():
             return self
-        B, held = (sparse.csr_array(A @ sparse.diags_array(free)) for A in (self.B, self.held))
-        held.eliminate_zeros()
-        held = held[np.diff(held.indptr) > 0]
+        B, closed = (sparse.csr_array(A @ sparse.diags_array(free)) for A in (self.B, self.closed))
+        closed.eliminate_zeros()
+        closed = closed[np.diff(closed.indptr) > 0]
         rows = []
         for own in np.split(np.arange(B.shape[0]), np.cumsum(self.directions))[:-1]:
             rows.append(B[own])
             if touched[own].any():
                 moved = np.unique(rows[-1].nonzero()[1])
-                beside = held[:, moved].toarray()
+                beside = closed[:, moved].toarray()
                 left = _independent(rows[-1][:, moved].toarray(), beside[beside.any(axis=1)])
                 rows[-1] = sparse.csr_array(left @ selection(moved, n))
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
         names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
         return SlipRows(
-            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], held, names=names
+            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names
         )
 
 

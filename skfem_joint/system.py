@@ -74,7 +74,7 @@ class System:
     w : ndarray, shape (m,)
         Friction limit of each contact point, N.
     beta : ndarray, shape (m,)
-        Scaling constant of Eq. (2) of each point, s/m; ``inf`` is Coulomb.
+        Steepness of the law of friction of each point, s/m; ``inf`` is Coulomb.
     loads : tuple of AppliedLoad
     P : ndarray or sparse array, shape (p, n)
         Displacement of the named points from the unknowns.
@@ -369,7 +369,7 @@ class System:
         n = square["M"].shape[0]
         fixed = dof_numbers(fixed, n)
         joined = _joined(SlipRows.none(n) if contact is None else contact, n)
-        _check_enough_mass(square["M"], n - fixed.size - joined.held.shape[0])
+        _check_enough_mass(square["M"], n - fixed.size - joined.closed.shape[0])
         joined = joined.without(fixed)
         M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
         applied = tuple(
@@ -393,7 +393,7 @@ class System:
             J=J,
             joints=joints,
         )
-        new = change_of_unknowns(n, fixed, joined.held, joined.B, joined.pivots)
+        new = change_of_unknowns(n, fixed, joined.closed, joined.B, joined.pivots)
         system = outer.in_unknowns(new)
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
@@ -423,7 +423,7 @@ class System:
         return u if self.T is None else expanded(self.T, u)
 
     def with_beta(self, beta: float) -> System:
-        """System whose contact points all have the scaling constant ``beta`` (s/m)."""
+        """System whose contact points all have the steepness ``beta`` (s/m)."""
         check("beta", beta, BETA)
         return replace(self, beta=np.full(self.w.shape, float(beta)))
 
@@ -488,7 +488,7 @@ def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
 
 def _joined(contact: SlipRows, n: int) -> SlipRows:
     """Slip rows with real entries; InputError if they do not act on ``n`` unknowns."""
-    rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "held")}
+    rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "closed")}
     refuse(
         f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
         for name, A in rows.items()

@@ -94,7 +94,7 @@ def selection(columns: IntArray, n: int) -> sparse.csr_array:
 def change_of_unknowns(
     n: int,
     fixed: IntArray,
-    held: Matrix,
+    closed: Matrix,
     slip: Matrix,
     pivots: IntArray | None = None,
 ) -> ChangeOfUnknowns:
@@ -108,12 +108,12 @@ def change_of_unknowns(
         Number of outer unknowns.
     fixed : ndarray of int
         Outer unknowns that are zero.
-    held : sparse array, shape (h, n)
-        Rows that vanish.
+    closed : sparse array, shape (h, n)
+        Rows that vanish: motion across a contact that stays closed.
     slip : sparse array, shape (r, n)
         Rows whose values are slips.
     pivots : ndarray of int, shape (h + r,), optional
-        Outer unknown that each row determines, those of ``held`` first. If not given, a matching
+        Outer unknown that each row determines, those of ``closed`` first. If not given, a matching
         of large coefficients chooses them.
 
     Raises
@@ -123,14 +123,14 @@ def change_of_unknowns(
     """
     free = np.ones(n, dtype=bool)
     free[fixed] = False
-    rows = sparse.csr_array(sparse.vstack([sparse.csr_array(held), sparse.csr_array(slip)]))
+    rows = sparse.csr_array(sparse.vstack([sparse.csr_array(closed), sparse.csr_array(slip)]))
     rows = sparse.csr_array(rows @ sparse.diags_array(free.astype(float)))
     rows.eliminate_zeros()
     if pivots is None:
         pivots = _matched(rows)
     free[pivots] = False
     rest = np.flatnonzero(free)
-    h = sparse.csr_array(held).shape[0]
+    h = sparse.csr_array(closed).shape[0]
     inner = np.sort(np.concatenate([pivots[h:], rest]))
     of_slip, of_rest = np.searchsorted(inner, pivots[h:]), np.searchsorted(inner, rest)
     forward = sparse.csr_array(selection(rest, n).T @ selection(of_rest, inner.size))

@@ -100,10 +100,10 @@ def test_the_paper_s_scaled_modes_are_reached_by_one_lazy_import():
     scaled = {name for name in MODULES if name.startswith("reduction.scaled")}
     outside = {name: imported(name, tree_of(name)) & scaled for name in set(MODULES) - scaled}
     reach = {name: found for name, found in outside.items() if found}
-    assert reach == {"analysis.reduced_models": {"reduction.scaled.basis"}}
-    top = ast.Module(body=tree_of("analysis.reduced_models").body, type_ignores=[])
+    assert reach == {"analysis.scene_plan": {"reduction.scaled.basis"}}
+    top = ast.Module(body=tree_of("analysis.scene_plan").body, type_ignores=[])
     top.body = [node for node in top.body if not isinstance(node, ast.FunctionDef)]
-    assert not imported("analysis.reduced_models", top) & scaled
+    assert not imported("analysis.scene_plan", top) & scaled
 
 
 @pytest.mark.parametrize("module", MODULES)

@@ -20,9 +20,9 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import numpy as np
 
 from skfem_joint import build_bar, build_plate, run_scene
-from skfem_joint.analysis.asked import plan_of
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.errors import JointError
 from skfem_joint.modes import straining_modes
 from skfem_joint.scene import scene_from, tables

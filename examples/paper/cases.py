@@ -9,11 +9,10 @@ from paper import pseudo_static
 from paper.page import printed
 
 import skfem_joint as sj
-from skfem_joint.analysis.asked import options_of
 from skfem_joint.analysis.contact_history import displacements
 from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.models import Model
-from skfem_joint.analysis.reduced_models import make_reduced
+from skfem_joint.analysis.scene_plan import make_reduced, options_of
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix

@@ -1,9 +1,9 @@
 """Running the models of a scene, what their runs say, how accurate they are and what they cost.
 
-A scene: `study` puts the passes in a row; `models` has their results; `asked` turns the scene into
-a plan and a basis; `description` says what its structure is before it is run; `accuracy` chooses
-steps and a reduced model for an accuracy; `reduced_models` makes the basis; `summary` collects
-numbers and warnings; `memory` estimates what the results take.
+A scene: `study` calls one step of the analysis after the other; `models` has their results;
+`scene_plan` turns the scene into a plan and a basis; `description` says what its structure is
+before it is run; `accuracy` chooses time steps and a reduced model for an accuracy; `summary`
+collects numbers and warnings; `memory` estimates the memory that the results take.
 
 A run: `history` (loops, stick and slip, distances between runs), `contact_history`, `stress`,
 `active_region`.

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import basis_of, options_of, plan_of
 from skfem_joint.analysis.estimate import Estimate
+from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, reduced_system
@@ -57,7 +57,7 @@ SETTINGS = AccuracySettings()
 
 
 @dataclass(frozen=True)
-class Met:
+class AccurateModel:
     """A reduced model that meets an accuracy.
 
     Attributes
@@ -85,7 +85,7 @@ class Choice:
     ----------
     scene : Scene
         Scene with the time steps that are taken at first.
-    met : Met, optional
+    accurate : AccurateModel, optional
         Reduced model that meets the accuracy; None where none is asked for.
     notes : tuple of str
         What to beware of.
@@ -94,17 +94,18 @@ class Choice:
     """
 
     scene: Scene
-    met: Met | None = None
+    accurate: AccurateModel | None = None
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     compilation_s: float = 0.0
 
 
-def choose(scene: Scene, rest: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
+def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
     """Choose time steps, and a reduced model where one is run, for the accuracy asked for.
 
     Without a reduced model the full one takes the step that a reduced one of it would need. Where
-    no accuracy is asked for, the scene is taken as it is. ``rest`` may have factors of the system.
+    no accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
+    system, whose factors are used.
 
     Raises
     ------
@@ -113,27 +114,28 @@ def choose(scene: Scene, rest: QuasiStatic | None = None, progress: Progress = s
     InputError
         If the reduction does not fit the scene.
     """
-    if not scene.accuracy.asked:
+    if not scene.accuracy.is_given:
         return Choice(scene)
     watch = Stopwatch()
     structure, system, given = scene.structure(), scene.system(), scene
     scene = resolved(scene, system)
-    basis_for = partial(basis_of, scene, structure, system, options_of(scene), rest)
+    basis_for = partial(basis_of_scene, scene, structure, system, options_of(scene), path)
     if "reduced" not in given.models.run:
         if system.contact_points and given.reduction.reference != "self":
             with suppress(InputError):  # no reduced model: the full one's own estimate decides
                 scene = with_steps_of(scene, basis_for())
         return Choice(scene)
     basis = basis_for(enriched=True)
-    met = meet(scene, basis, partial(progress, "choosing a reduced model"))
+    accurate = accurate_model(scene, basis, partial(progress, "choosing a reduced model"))
     # What a basis misses before it is enriched is of no concern.
-    notes = basis.notes if met.basis is basis else ()
+    notes = basis.notes if accurate.basis is basis else ()
     said = (
-        f"For the accuracy asked for the reduced model has {met.system.n} vectors, "
-        f"{met.system.w.size} friction points, beta = {met.system.beta.max():.3g} s/m and steps of "
-        f"{met.scene.time_step:.4g} s; it errs by an estimated {stated(met.estimate)}."
+        f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
+        f"{accurate.system.w.size} friction points, beta = {accurate.system.beta.max():.3g} s/m "
+        f"and steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
+        f"{stated(accurate.estimate)}."
     )
-    return Choice(met.scene, met, (*notes, said), *watch.read())
+    return Choice(accurate.scene, accurate, (*notes, said), *watch.read())
 
 
 def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:
@@ -182,7 +184,7 @@ def with_steps_of(scene: Scene, basis: Basis) -> Scene:
     return scene
 
 
-def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
+def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> AccurateModel:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
     It starts with ``basis``; ``report`` is called with (rounds done, most rounds).
@@ -202,7 +204,7 @@ def meet(scene: Scene, basis: Basis, report: Progress = silent) -> Met:
         step, stands = scene.time_step, estimate.of_reduced(system, basis, reduced, plan_of(scene))
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
-            return Met(scene, basis, reduced, stands)
+            return AccurateModel(scene, basis, reduced, stands)
         sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
         if min(errors[-2:]) > SETTINGS.stalled * min(errors[:-2], default=np.inf):
             break
@@ -281,7 +283,7 @@ def shortened_steps(
         If no step that is tried meets the accuracy.
     """
     run = integrate(system, plan_of(scene))
-    if not scene.accuracy.asked:
+    if not scene.accuracy.is_given:
         return scene, run, None
     for _ in range(SETTINGS.rounds):
         if run.interrupted:

@@ -44,9 +44,9 @@ class ActiveRegion:
 def active_region(structure: Structure, run: Run, period: float | None = None) -> ActiveRegion:
     """Active region of each joint of a structure in a run.
 
-    A point is active if its largest slip exceeds a thousandth of the largest in its joint, and what
-    it would creep in a period at half of its friction limit. The slip of full and condensed models
-    is that of every step. That of a reduced one is that of its stored fields.
+    A point is active if its largest slip exceeds two values: a thousandth of the largest slip in
+    its joint, and the slip by which it creeps in a period at half of its friction limit. The slip
+    of full and condensed models is known at every step, that of reduced ones from stored fields.
 
     Parameters
     ----------

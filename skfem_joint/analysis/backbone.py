@@ -294,7 +294,7 @@ def _curve(
     system = to.system
     slips_at = _check_levels(path, mode, shares, slips_at)
     level = shares * slips_at
-    states = path.follow(np.outer(level, mode.force), held=np.inf)
+    states = path.follow(np.outer(level, mode.force), limit_share=np.inf)
     work, loops, masing_error = _friction_work(path, level, mode.force, states)
     q = states @ mode.force
     omega = np.sqrt(level / q)
@@ -350,7 +350,7 @@ def _check_levels(
         slips_at = min(limit, slips_at)
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
-        path.rows.asked += path.rows.done - counted  # how many it takes is known only now
+        path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
             f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
@@ -376,8 +376,8 @@ def _friction_work(
     followed = _spread(level.size) if masing else np.arange(level.size)
     followed = followed[work[followed] > 0.0]
     more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
-    path.tally.asked += more
-    path.rows.asked += more
+    path.tally.total += more
+    path.rows.total += more
     parts = [_half_cycle(path, level[k] * force, states[k]) for k in followed]
     increments = np.reshape(parts, (-1, system.n))
     dissipated = system.slip_norm((system.B @ increments.T).T) @ system.w
@@ -397,7 +397,7 @@ def _spread(levels: int) -> IntArray:
 def _half_cycle(path: SavedPath, force: FloatArray, state: FloatArray) -> FloatArray:
     """Increments of displacement (increments, n), m, from a state to its mirror image."""
     turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
-    states = path.follow(np.outer(turn, force), held=np.inf, start=(state, force))
+    states = path.follow(np.outer(turn, force), limit_share=np.inf, start=(state, force))
     return np.diff(np.vstack([state, states]), axis=0)
 
 

@@ -1,4 +1,7 @@
-"""Errors that take other meshes and laws to estimate, beside those that every result has.
+"""Errors by the mesh, by the law of friction and against the full model; reference solutions.
+
+Every result has estimated errors (`skfem_joint.analysis.estimate`). `certify` adds those for which
+other models have to be run:
 
 mesh
     Elements halved twice, full model only. The observed order p (kept between 1/2 and 2, friction
@@ -12,9 +15,9 @@ full run
     A reduced model without the full one beside it: two cycles of both. (Where the full one was run
     beside it, every estimate has the distance of the whole runs.)
 
-A reference for other runs of a scene is its own mesh and friction law, integrated by the full model
-at small steps and extrapolated in the step. These errors, of its time step too, state how well it
-is known.
+`make_reference` computes the solution with which reports compare all other runs of a scene: the
+full model on the scene's own mesh and with its own law of friction, integrated in small steps and
+extrapolated to step zero. Its own errors by time step, mesh and law are estimated as above.
 """
 
 from __future__ import annotations
@@ -26,11 +29,11 @@ from functools import partial
 from math import log2
 from typing import Any
 
-from skfem_joint.analysis.asked import origin_of, plan_of
 from skfem_joint.analysis.estimate import Estimate, Parts, added, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.analysis.models import Model, Study
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import origin_of, plan_of
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import refined
 from skfem_joint.progress import Progress, Tally, silent
@@ -58,8 +61,8 @@ class CertificateSettings:
         Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
         cycles.
     finest, finest_quick, coarsest : int
-        Steps of an interval of a reference's finest run: at most, at most in a quick report, and at
-        least.
+        Steps in an interval of a reference's finest run: the most, the most in a quick report, and
+        the fewest.
     """
 
     orders: tuple[float, float] = (0.5, 2.0)
@@ -87,8 +90,8 @@ class Source:
         Errors by quantity.
     order : float, optional
         Observed order of convergence of the displacement history; None where nothing was halved
-        twice. Beyond `CertificateSettings.orders` the extrapolation is not to be trusted but in its
-        size.
+        twice. Outside `CertificateSettings.orders` only the size of the extrapolated error can be
+        trusted.
     """
 
     source: str
@@ -262,7 +265,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Reference:
-    """The discrete truth of a scene's full model, and its certificate.
+    """Solution of a scene's full model extrapolated to step zero, and its estimated errors.
 
     Attributes
     ----------
@@ -271,12 +274,12 @@ class Reference:
     parts : int
         Steps an interval of the finest run.
     order : float
-        Order of convergence that the results are extrapolated with.
+        Order of convergence with which the results are extrapolated.
     results : Results
     fine_mesh : Results
         Results on the finest mesh of the certificate.
     estimates : list of Source
-        Errors of a run of a quarter of the steps.
+        Errors by time step, mesh and law, of a run with a quarter of the steps.
     """
 
     system: System

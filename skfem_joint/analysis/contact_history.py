@@ -1,9 +1,10 @@
 """Slip, friction and work of a run at all contact points of its structure, at its stored times.
 
-Full, condensed and reduced models keep different things: a full one has every contact point, a
-condensed one those that carry friction, a reduced one a few that stand for all of them. The
-displacement of every model leads to all nodes by its matrix ``T``, and from there to the slip of
-every contact point. What its own contact points stand for is in the ``shares`` of its system.
+Models have different contact points: a full model has all of them, a condensed one those that carry
+friction, and each point of a reduced one stands for several. In each model the displacement of all
+nodes is ``T`` times the unknowns, and the slip of every contact point follows from that. The matrix
+``shares`` of a model's system says for which contact points of the structure each of its own
+stands.
 """
 
 from __future__ import annotations
@@ -53,10 +54,10 @@ class ContactHistory:
 def contact_history(structure: Structure, run: Run) -> ContactHistory:
     """Contact of a run with stored fields on all contact points of its structure.
 
-    A full and a condensed model have friction and work of each point. A reduced model evaluates
-    friction at points of its own, under a law of finite steepness. There the law is evaluated at
-    the velocities of all contact points, and the work in each joint is spread over them as friction
-    and slip at the stored times say.
+    Runs of full and condensed models hold the friction and the work of each point. Those of a
+    reduced model hold them for merged points only. For such a run the law, of finite steepness, is
+    evaluated at the velocities of all contact points, and the work of each joint is distributed
+    among its points in proportion to friction times slip between the stored times.
 
     Raises
     ------
@@ -88,8 +89,8 @@ def check_fields(run: Run) -> None:
 def contact_system(structure: Structure, run: Run) -> System:
     """System of a structure without loads, with friction limits and law of a run.
 
-    Where the points of the run stand for several of the structure, these have their own limits, and
-    a law no steeper than the run's.
+    If points of the run stand for several points of the structure, these have their own friction
+    limits, and their own law, but no steeper than that of the run.
 
     Raises
     ------
@@ -120,8 +121,8 @@ def contact_system(structure: Structure, run: Run) -> System:
 def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
     """Largest slip of each contact point of a structure in a run, (m,), m.
 
-    Every step counts where each contact point of the run is a point of the structure. Of a reduced
-    model, whose points stand for several, the stored fields count.
+    It is the largest of all steps if each contact point of the run is a point of the structure. For
+    a reduced model, whose points stand for several, it is the largest of the stored fields.
 
     Raises
     ------
@@ -184,7 +185,7 @@ def _own_points(system: System) -> IntArray | None:
 
 
 def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Friction over its limit, and work (J), of points that the run has by itself."""
+    """Friction over its limit, and work (J), if each point of the run is a single one."""
     count = system.directions[points]
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     rows = np.repeat(system.first_row[points], count) + within

@@ -1,9 +1,10 @@
-"""What a scene's structure is, and what it does under its loads at rest and with stuck joints.
+"""Facts about a scene's structure, and its response to its loads, statically and with stuck joints.
 
-The stuck structure vibrates in its lowest modes, each of which follows the loads exactly where they
-are straight between steps; what the modes leave out follows at once. At the time of its largest
-strain energy, loads and inertia together are what the joints have to hold. How much of that makes
-the first joint slip as a whole is computed by limit analysis, so that moments count.
+The vibration of the structure with stuck joints is the sum of its lowest modes, integrated exactly
+for loads that are linear between the time steps, and of the static response of all other modes. At
+the time of its largest strain energy the loads and the inertia together are the forces that the
+joints have to carry. Limit analysis gives the multiple of them at which the first joint slips as a
+whole, which takes account of moments.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import modes
-from skfem_joint.analysis.asked import TO_STEADY
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
+from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
@@ -41,7 +42,7 @@ class DescriptionSettings:
     shown : int
         Frequencies that are shown.
     most_steps : int
-        Most steps over which the stuck structure is followed.
+        Most steps for which the vibration of the stuck structure is computed.
     alike : float
         Share of kinetic energy from which on a mode with stuck joints resembles a mode with loose
         ones.
@@ -64,7 +65,7 @@ SETTINGS = DescriptionSettings()
 
 @dataclass(frozen=True)
 class Description:
-    """What a structure is and does at rest, in whole sentences and in numbers.
+    """What a structure is, and its response to static loads, in whole sentences and in numbers.
 
     Attributes
     ----------
@@ -88,8 +89,8 @@ class _Draft:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
-    """Describe a scene's structure, and what it does under the peaks of its loads.
+def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
+    """Describe a scene's structure, and its response to the peaks of its loads.
 
     It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
     cannot be computed is among the doubts.
@@ -97,8 +98,8 @@ def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
     Parameters
     ----------
     scene : Scene
-    rest : QuasiStatic, optional
-        Quasi-static response of the scene's system, whose factors are used; made here if it is
+    path : QuasiStatic, optional
+        Quasi-static path of the scene's system, whose factors are used; created here if it is
         needed and not given.
     """
     structure, system = scene.structure(), scene.system()
@@ -109,7 +110,7 @@ def describe(scene: Scene, rest: QuasiStatic | None = None) -> Description:
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
         draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     try:
-        _moves(scene, structure, system, rest, draft)
+        _moves(scene, structure, system, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
         draft.doubts.append(
             f"What the structure does under its loads at rest is not known: {error}"
@@ -142,7 +143,7 @@ def _moves(
     scene: Scene,
     structure: AnyStructure,
     system: System,
-    rest: QuasiStatic | None,
+    path: QuasiStatic | None,
     draft: _Draft,
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
@@ -188,9 +189,9 @@ def _moves(
         _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
     _normal(scene, structure, vibration, draft)
-    rest = rest or QuasiStatic(system)
-    to = rest.to
-    path = rest.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
+    path = path or QuasiStatic(system)
+    to = path.to
+    path = path.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), draft)
     force = to.force(dynamic)
     level = path.limit(force)

@@ -1,4 +1,8 @@
-"""Error against run time: a scene's models over ranges of steps and modes, with a reference."""
+"""Error against run time of a scene's models, for many time steps, laws and numbers of modes.
+
+All runs are compared with a reference solution (`skfem_joint.analysis.certificate`) at the ends of
+equal intervals of the run; a "part" is a step within an interval.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.asked import basis_of, options_of, origin_of
 from skfem_joint.analysis.certificate import Reference, check_slips, make_reference
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of
 from skfem_joint.errors import InputError, JointError, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import reduced_system
@@ -32,11 +36,12 @@ class ErrorTimeSettings:
     Attributes
     ----------
     own : int
-        Steps of an interval of a model's own reference, which its time-step error is measured from.
+        Steps in an interval of the finest run of each model, against which the error of its time
+        step is measured.
     longest_repeated : float
         Longer runs are not repeated, s.
     levels : tuple of float
-        Errors of the displacement history that the report advises on.
+        Errors of the displacement history for which the report recommends the fastest model.
     worthwhile : float
         Run times closer than this ratio are the same.
     """
@@ -54,12 +59,13 @@ REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
 FINISHED = "finished"
 #: Columns of errors beside those of the certificate.
 RMS, TIME_ERROR, TO_FINE_MESH = QUANTITIES[0], "time-step error", "to fine mesh"
-#: What a report is written to.
+#: Files of a report.
 FILES = ("error-time.md", "error-time.csv", "error-time.png", "total-time.png")
 #: Variables that set the threads of the usual BLAS libraries.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What is run: steps of an interval of full and of reduced models (none beyond a quarter of the
-#: reference's), other steepnesses over the scene's beta, modes; and the same of a quick report.
+#: Runs of a report: steps in an interval for full and for reduced models (at most a quarter of the
+#: reference's), other values of beta over the scene's, and numbers of modes. `QUICK` is the same
+#: for a quick report.
 RANGE: dict[str, tuple[Any, ...]] = {
     "parts": (1, 2, 4, 8, 16, 32, 64),
     "reduced_parts": (1, 2, 4, 8),
@@ -83,13 +89,13 @@ class Outcome:
     Attributes
     ----------
     results : Results, optional
-        None where it did not end.
+        None if the run did not reach its end.
     wall_s, offline_s : float
         Run time, and time before its first step, s.
     work : mapping of str to int
         Counters of its work.
     status : str
-        `FINISHED`, or why it did not end.
+        `FINISHED`, or why it did not reach its end.
     """
 
     results: Results | None
@@ -108,9 +114,9 @@ class Job:
     family : str
         Name of its curve.
     what : mapping of str
-        What is run, by name: modes, friction points, step (s) and so on.
+        Description of the run, by name: modes, friction points, step (s) and so on.
     run : callable
-        Does it once.
+        Executes the run once.
     offline_s : float
         Preparation before the run, s.
     own : Results, optional
@@ -184,7 +190,7 @@ def measure(
     """
     jobs, points, rows = list(jobs), [], rows or Rows()
     marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
-    rows.asked = rows.done + len(jobs)
+    rows.total = rows.done + len(jobs)
     for k, job in enumerate(jobs):
         progress("first runs", k, len(jobs))
         first = rows.row(marks[k], partial(_first, job))
@@ -197,7 +203,7 @@ def measure(
         points.append(Point(job, first, errors, first.wall_s))
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= SETTINGS.longest_repeated]
     walls: dict[int, list[float]] = {k: [] for k in short}
-    rows.asked += repeats * len(short)
+    rows.total += repeats * len(short)
     for done in range(repeats):
         progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
@@ -261,7 +267,7 @@ class _Reduction:
         """By family: the model, and how long it took to make, s."""
         begin, made, scene = time.perf_counter(), {}, self.scene
         options = replace(options_of(scene), modes=self.modes)
-        basis = basis_of(scene, scene.structure(), self.system, options)
+        basis = basis_of_scene(scene, scene.structure(), self.system, options)
         offline = time.perf_counter() - begin
         for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
             begin, chosen = time.perf_counter(), replace(options, friction_points=points)
@@ -522,7 +528,7 @@ def error_time(
     check_options(scene, repeats, bound)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     rows = rows or Rows()
-    rows.asked += _most_rows(scene, what)
+    rows.total += _most_rows(scene, what)
     reference = make_reference(scene, quick, bound, progress, rows)
     full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
     jobs = [*full, *reduced, *more(reference)]

@@ -1,39 +1,39 @@
 """Estimated errors of results, by the source of error.
 
 The errors of a reduced or condensed model are estimated by verification runs of better models, each
-better in one respect. No step of the full model is done. (On short bars, where that would be
-cheaper, verification runs take tenths of a second, and tell which source errs.)
+better in one respect. No step of the full model is taken. (On short bars a run of the full model
+would be cheaper, but verification runs take tenths of a second, and show which source errs.)
 
 basis
     The residual of its run in the full equation shows which modes the basis misses
-    (:mod:`skfem_joint.reduction.missing_modes`). With the first modes of that, and the next ones of
-    what its own modes come from, the model is run again, and once more with the modes that that run
-    misses, unless they hardly changed anything. The ratio of the second change to the first tells
-    what is still missing.
+    (:mod:`skfem_joint.reduction.missing_modes`). The model is run again with the first of these
+    modes and with the next proper modes of its own snapshots. If that changes the results, it is
+    run once more with the modes that this run misses. The ratio of the second change to the first
+    is extrapolated to what is still missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
     the missing modes; further verification runs of the basis keep it.
 points
     All contact points in place of its few friction points.
 time step
-    Half of it, with the first of the missing modes: a poor basis is smoother than the truth. (Twice
-    the step, which full models are run with, gave a fifth of an error in energy of 2.7 % with 60
-    steps a period.)
+    Half of it, with the first of the missing modes: on a poor basis the motion is too smooth, and
+    the error of the step too small. (Twice the step, as for full models, showed only a fifth of an
+    error in energy of 2.7 % with 60 steps a period.)
 
-A condensed model has law and points of the full one: its basis and time step alone err.
-Verification runs end with the cycle in which the reduced run has settled; where it does not settle
-they are whole runs. Where contact points are very many they are merged in verification runs. What
-that leaves out is evaluated at all points with the velocities of such a run, and acts as a load
-when the run is made again (or the run is made with all points, where it is much).
+A condensed model has the law and the points of the full one: only its basis and its time step err.
+Verification runs end with the cycle in which the reduced run has become steady; if it does not they
+are whole runs. If there are very many contact points, verification runs merge them. The friction
+that merging leaves out is evaluated at all points, with the velocities of such a run, and acts as a
+load when the run is repeated; if its effect is large, a run with all points replaces this.
 
 The verification runs lead step by step from the model asked for to the best one. Energies may rise
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
 plus what the last run of each kind still leaves.
 
-A full model is run with twice the step. It is run with half the step where twice the step is too
-long for the load, or gives large errors, which it only guesses (friction energy of a resonant
-structure with 50 steps a period: 4.3 % off; 2.0 % by twice the step, 4.3 % by half), and with a
-quarter of the step where the step is too long itself.
+A full model is run again with twice the step. If that is too long for the load, or shows large
+errors, it is run with half the step: the estimate by twice the step is then poor (the friction
+energy of a resonant structure with 50 steps a period was 4.3 % off; twice the step estimated 2.0 %,
+half the step 4.3 %). If the step itself is too long, a quarter of it is used.
 """
 
 from __future__ import annotations
@@ -324,15 +324,15 @@ class _Points:
         return _Points(carrying(system), basis, condensed=True, projected=known)
 
     @property
-    def few(self) -> bool:
-        """Whether verification runs have all points."""
+    def all_are_kept(self) -> bool:
+        """Whether verification runs have all contact points, because they are not too many."""
         return self.condensed or self.system.contact_points <= SETTINGS.many
 
     @cached_property
     def merged(self) -> System:
         """Reduced model with merged points."""
-        every, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
-        return merged_points(every, self.basis.history.velocities, points, SETTINGS.merged)
+        unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
+        return merged_points(unmerged, self.basis.history.velocities, points, SETTINGS.merged)
 
     def projection(self, V: FloatArray) -> System:
         """Projection on V, which begins with the basis and with all V before; made once."""
@@ -353,7 +353,7 @@ class _Points:
         if self.condensed:
             return slips_first(self.projection(V))
         small = self.everywhere(V, beta)
-        if self.few:
+        if self.all_are_kept:
             return small
         return shared_points(small, self.merged.shares, self.merged.w)
 
@@ -366,35 +366,35 @@ def _merged(
     The error is zero if no points are merged. A defect correction estimates it where it is small,
     else the first cycles of a run with all points.
     """
-    if points.few:
+    if points.all_are_kept:
         return None, dict.fromkeys(QUANTITIES, 0.0)
     V, cycle, most = points.basis.V, plan.cycle_steps, SETTINGS.most_steps
-    every, few = points.everywhere(V, beta), points.model(V, beta)
+    unmerged, merged = points.everywhere(V, beta), points.model(V, beta)
     some = replace(plan, until="end").first(most if cycle is None else most // cycle)
-    run = verify(few, some, fields_every=1)
-    errors = _corrected(every, run, some, verify)
+    run = verify(merged, some, fields_every=1)
+    errors = _corrected(unmerged, run, some, verify)
     if max((error for error in errors.values() if error is not None), default=0.0) > SETTINGS.sure:
         some = plan.first(plan.n_steps // 2 if cycle is None else SETTINGS.short)
         some = some.finer(0.5) if _twice(points.system, some) else some
-        errors = difference(*(results(verify(system, some)) for system in (every, few)))
+        errors = difference(*(results(verify(system, some)) for system in (unmerged, merged)))
     whole = plan.until != "steady" and run.counters.steps == plan.n_steps
     return run if whole else None, errors
 
 
-def _corrected(every: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
+def _corrected(unmerged: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
     """Error that merged points cause in the run of a model, by a defect correction.
 
     The difference between the friction of all points and that of the merged ones, both at the
     velocities of the run, acts as a load when the model is run again. That costs no iteration with
-    all points. It overestimates the error where merged points do not resolve how the model slips:
-    nothing then holds what differs within one of them.
+    all points. It overestimates the error if points are merged that do not slip alike: within a
+    merged point no friction resists the load that stands for their differences.
     """
-    few = run.system
-    missing = _friction(every, run.v) - _friction(few, run.v)
+    merged = run.system
+    missing = _friction(unmerged, run.v) - _friction(merged, run.v)
     courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
-    added = map(AppliedLoad, np.eye(few.n), courses)
-    corrected = verify(replace(few, loads=(*few.loads, *added)), replace(plan, until="end"))
-    work, own = corrected.cycles.input, len(few.loads)
+    added = map(AppliedLoad, np.eye(merged.n), courses)
+    corrected = verify(replace(merged, loads=(*merged.loads, *added)), replace(plan, until="end"))
+    work, own = corrected.cycles.input, len(merged.loads)
     work = work[-1] if len(work) else corrected.input_work
     raw = results(corrected)
     lost = raw.friction_energy - float(work[own:].sum())
@@ -413,10 +413,10 @@ def _friction(system: System, v: FloatArray) -> FloatArray:
 
 
 def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
-    """Errors of peaks and energies that do not vanish because their parts cancel by chance.
+    """Errors of peaks and energies with lower bounds, because parts may cancel by chance.
 
-    They are no less than a share of the largest part, and of the error in the history of the point
-    that moves most.
+    The bounds are a share of the largest part, and a share of the error in the displacement history
+    of the point that moves most.
     """
     errors = dict(total)
     main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
@@ -433,9 +433,9 @@ def _enriched(
 ) -> tuple[list[tuple[Results, Results]], list[FloatArray], Run]:
     """Results before and after each addition of missing modes, all bases, and the last run.
 
-    ``start`` is the first run, with the fields of all steps, if it is there. All but the first have
-    a steeper law, where the full model has one: modes that are there to hold points creep still
-    with a law that a poor basis resolves.
+    ``start`` is the first run with the fields of all steps, if it exists already. All later runs
+    have a steeper law, if the full model has one: with the law of a poor basis, points would still
+    creep although the added modes let them stick.
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
@@ -523,10 +523,11 @@ def _times(factor: float, parts: Parts) -> Parts:
 
 
 def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
-    """Difference of two runs of one model; ``every`` so many rows of the first are in the other.
+    """Difference of two runs of one model; the other has each ``every``-th row of the first.
 
-    Runs that are far apart may meet by chance in the last cycle. The root mean square of the
-    differences in the last quarter of the cycles counts too, but no more than the histories'.
+    Energies and peaks of different runs may agree by chance in the last cycle. The root mean square
+    of their differences in the last quarter of the cycles is therefore a lower bound, unless the
+    difference of the displacement histories is smaller.
     """
     errors = difference(results(fine, every), results(coarse))
     last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]

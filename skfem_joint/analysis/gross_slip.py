@@ -18,10 +18,11 @@ class GrossSlipSettings:
     Attributes
     ----------
     whole : float
-        A joint slips as a whole where this share of its friction limit does.
+        A joint slips as a whole if points with this share of its friction limit slip.
     still : float
-        Points whose slip is below this share of the largest stick. Those of dense systems, which
-        have fewer unknowns than points, cannot all stick: there it is a thousandth.
+        Points whose slip is below this share of the largest slip count as sticking. In dense
+        systems, which have fewer unknowns than points, points cannot stick exactly: there the share
+        is a thousandth.
     above : float
         The search begins this much, relative, above the load at which the forces on the stuck
         joint add up to its limit.
@@ -90,10 +91,10 @@ def gross_slip_level(
         If the response to a load does not converge.
     """
     system = path.to.system
-    held = force - system.K @ stuck
+    balanced = force - system.K @ stuck
     # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
     dense = path.to.kind == "dense"
-    rows = np.linalg.lstsq(as_dense(system.B).T, held)[0] if dense else system.B @ held
+    rows = np.linalg.lstsq(as_dense(system.B).T, balanced)[0] if dense else system.B @ balanced
     forces = system.slip_norm(np.asarray(rows, dtype=float))
     loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
     if not loaded:
@@ -105,8 +106,8 @@ def gross_slip_level(
     level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
     u = before = 0.0 * force
     for _ in range(SETTINGS.trials):
-        path.tally.asked += 1
-        u = path.follow(level * force[np.newaxis], held=np.inf, start=(u, before))[0]
+        path.tally.total += 1
+        u = path.follow(level * force[np.newaxis], limit_share=np.inf, start=(u, before))[0]
         slip = system.slip_norm(system.B @ u)
         last = sticking
         sticking = min(sticking_share(path, slip, points) for points in loaded)

@@ -27,8 +27,9 @@ class Slipping:
     share : float
         It slips while it is faster than this share of its own largest velocity.
     grey, grey_reduced : float
-        It always sticks if that is below this share of the largest velocity of all points; in a
-        reduced model, whose modes do not hold points quite still, below the second one.
+        A point always sticks if its own largest velocity is below this share of the largest
+        velocity of all points. ``grey_reduced`` is the share for reduced models, in which points
+        that should stick still move a little.
     """
 
     share: float = 0.05
@@ -60,9 +61,16 @@ def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = SLIPPI
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
     regularised law every point creeps, and its friction may stay near the limit while it does, so
-    that the velocity decides. ``slip_velocity`` (frames, m) is the norm of each contact point, m/s,
-    ``beta`` (m,) that of its law, s/m, ``grey`` the share of the largest velocity that a point must
-    reach to slip at all.
+    that the velocity decides, see `Slipping`.
+
+    Parameters
+    ----------
+    slip_velocity : ndarray, shape (frames, m)
+        Norm of the slip velocity of each contact point, m/s.
+    beta : ndarray, shape (m,)
+        Steepness of each point's law, s/m.
+    grey : float
+        See `Slipping`.
     """
     speed = np.abs(slip_velocity)
     own = speed.max(axis=0, initial=0.0)
@@ -112,13 +120,14 @@ class Errors:
     Attributes
     ----------
     displacement_rms, displacement_max : float or None
-        Root mean square and largest difference of the displacements of the named point that differs
-        most, over the root mean square and the largest displacement of the reference there.
+        Root mean square and largest difference between the displacements, divided by the root mean
+        square and the largest displacement of the reference; at the named point where each is
+        largest.
     by_point : dict of str to tuple of float
         The same two for each named point.
     peak_displacement : float or None
-        Difference of the peaks of the named point that moves most, with its sign; those of the last
-        cycle, or of the whole run without cycles.
+        Signed difference between the peaks of the named point that moves most; of the last cycle,
+        or of the whole run if it has no cycles.
     friction_energy_per_cycle, loop_energy_per_cycle : float or None
         Difference of the energies lost by friction and of the work of the loads in the last cycle,
         with its sign.
@@ -265,7 +274,7 @@ class Results:
 
 
 def results(run: Run, every: int = 1) -> Results:
-    """Results of a run, with every so many of its stored rows."""
+    """Results of a run, with each ``every``-th of its stored rows."""
     peak = float(peaks(run).max(initial=0.0))
     return Results(run.system.points, run.point_u[::every], peak, *energies(run))
 
@@ -286,9 +295,10 @@ def difference(reference: Results, other: Results) -> dict[str, float | None]:
 
 
 def extrapolation(ratio: float) -> float:
-    """Factor of Richardson's extrapolation: error of the coarser of two results, by their distance.
+    """Factor of Richardson's extrapolation, 1 / (1 - 1 / ratio).
 
-    ``ratio`` is that of their errors, 2^p for half the step and a method of order p. The error of
-    the finer result is the factor less one.
+    The difference of two results times this factor is the error of the coarser one; times the
+    factor less one it is the error of the finer one. ``ratio`` is the ratio of the two errors: 2^p
+    if the finer result has half the step and the method is of order p.
     """
     return 1.0 / (1.0 - 1.0 / ratio)

@@ -44,10 +44,10 @@ SETTINGS = LinearResponseSettings()
 
 
 def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> FloatArray:
-    """Amplitudes of a structure without friction, which it tends to under small or large loads.
+    """Amplitudes of the linear structure that is the limit of small or of large loads.
 
-    With all contact points held the structure is the limit of small loads, with all of them loose
-    that of large ones. The motion at each frequency is the sum of its harmonics,
+    Under very small loads all contact points stick; under very large ones friction is negligible,
+    and all of them are loose. The motion at each frequency is the sum of its harmonics,
     ``u = (K + i w C - w^2 M)^-1 f``.
 
     Parameters
@@ -57,7 +57,7 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     frequencies : ndarray, shape (k,)
         Of the loads' common period, Hz.
     stuck : bool
-        Whether contact points are held, or loose.
+        Whether contact points stick, or are loose.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from skfem_joint.analysis.asked import save_of
+from skfem_joint.analysis.scene_plan import save_of
 from skfem_joint.errors import InputError
 from skfem_joint.scene import Scene
 
@@ -82,6 +82,6 @@ def check(scene: Scene, limit: float) -> None:
 
 
 def size(amount: float) -> str:
-    """Bytes in a unit that reads well."""
+    """Bytes as text, in a unit that suits the size."""
     power = min(3, max(1, int(math.log(max(amount, 1.0), 1024))))
     return f"{amount / 1024**power:.3g} {' KMG'[power]}iB"

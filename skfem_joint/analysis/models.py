@@ -100,7 +100,7 @@ class Study:
     system : System
         System of the full model.
     description : Description
-        What the structure is and does at rest.
+        Facts about the structure, and its response to static loads.
     models : mapping of str to Model
         Models by their names, in the order in which they were run.
     warnings : tuple of str

@@ -50,7 +50,7 @@ def natural_modes(
 ) -> NaturalModes:
     """Lowest natural frequencies and modes of a system, without damping.
 
-    Friction makes a joint a little stiffer than a loose one, which slides freely, and a little
+    A joint with friction is a little stiffer than a loose one, which slides freely, and a little
     softer than a stuck one. These two limits are linear: ``K phi = (2 pi f)^2 M phi``, in all
     motions or in those in which no point with friction slips.
 

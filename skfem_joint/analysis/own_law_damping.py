@@ -81,8 +81,8 @@ def own_law_damping(
     if np.isinf(system.beta[system.w > 0.0]).all():
         return coulomb, []
     omega = np.sqrt(level / (states @ force))
-    path.tally.asked += 2 * SETTINGS.increments * chosen.size
-    path.rows.asked += chosen.size
+    path.tally.total += 2 * SETTINGS.increments * chosen.size
+    path.rows.total += chosen.size
     own = np.empty(chosen.size)
     try:
         for row, k in enumerate(chosen):

@@ -1,4 +1,4 @@
-"""Peaks between samples."""
+"""Height and place of a peak between samples: the vertex of a parabola through three of them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Steady vibration over frequency, a curve for each level of load.
 
 Each point of a curve is one period of steady vibration (:mod:`skfem_joint.stepping.steady`). The
-search for it starts from the state at the frequency before, so that few periods are needed.
-Amplitudes are half of peak to peak: where the joints come to rest depends on the past, and is given
-apart as an offset.
+search for it starts from the steady state at the frequency before, so that few periods are needed.
+Amplitudes are half of peak to peak. The mean of both peaks, which depends on how the vibration
+began, is a result of its own, the offset.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class ResponseSettings:
         A frequency is added between two whose amplitudes differ by more than this share of the
         largest.
     narrow : float
-        None is added where the interval is narrower than this share of the median one.
+        No frequency is added in intervals narrower than this share of the median interval.
     close : float
-        None is added at the peak where a frequency lies nearer than this share of it.
+        No frequency is added at the peak if another one is nearer than this share of the peak's.
     """
 
     harmonics: int = 5
@@ -274,8 +274,8 @@ def response(
 
     def expect_more() -> None:
         """Count the vibrations of a frequency that is added."""
-        tally.asked += at_each_frequency
-        rows.asked += at_each_frequency
+        tally.total += at_each_frequency
+        rows.total += at_each_frequency
 
     searches = [
         _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)

@@ -58,10 +58,10 @@ class Rows:
 
     Attributes
     ----------
-    taken, made : int
-        Rows taken up from the file so far, and computed so far.
-    asked : int
-        Rows in all, as far as they are known; counted by those who ask for them.
+    taken, computed : int
+        Rows read from the file so far, and computed so far.
+    total : int
+        Rows in all, as far as they are known; the callers count them.
     earlier_s : float
         Time that the rows taken up took to compute, s.
     damaged : int
@@ -81,7 +81,7 @@ class Rows:
         self._forms = {
             name: [part.name for part in fields(kind)] for name, kind in self.kinds.items()
         }
-        self.taken = self.made = self.asked = self.damaged = 0
+        self.taken = self.computed = self.total = self.damaged = 0
         self.earlier_s = 0.0
         self._places: dict[str, tuple[int, int]] = {}  # of lines in the file: start and size
         if path is not None and path.exists():
@@ -111,7 +111,7 @@ class Rows:
     @property
     def done(self) -> int:
         """Rows taken up and computed so far."""
-        return self.taken + self.made
+        return self.taken + self.computed
 
     def mark(self, *parts: Any) -> str:
         """Name of a row: a digest of what its content is computed from; empty without a file.
@@ -142,7 +142,7 @@ class Rows:
         ``seconds`` is the time that it took to compute. OSError if it cannot be written.
         """
         if self.path is None:
-            self.made += 1
+            self.computed += 1
             return content
         given = {"row": mark, "seconds": seconds, "content": _encoded(content)}
         text = json.dumps(given)[1:].encode()
@@ -156,7 +156,7 @@ class Rows:
             file.flush()
             os.fsync(file.fileno())
         self._places[mark] = place, len(line)
-        self.made += 1
+        self.computed += 1
         kept: T = self._decoded(json.loads(b"{" + text)["content"])
         return kept
 

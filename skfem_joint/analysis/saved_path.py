@@ -1,4 +1,4 @@
-"""Quasi-static response whose levels are kept as rows of finished work."""
+"""Quasi-static response that stores each load level in a file, to be resumed after an interrupt."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from skfem_joint.system import System
 
 
 class SavedPath(QuasiStatic):
-    """Quasi-static response that keeps each level as a row, from which a later command goes on.
+    """Quasi-static response that stores each level as a row of `Rows`; a later command reads it.
 
-    A level depends, to the bit, only on its force, its start and the increment before it, which
-    name its row: nothing else is remembered from one level to the next.
+    A level depends, to the bit, only on its force, on the state that it starts from and on the
+    increment before it. A digest of these is the name of its row; the solver keeps nothing else
+    from one level to the next.
 
     Parameters
     ----------
@@ -42,34 +43,35 @@ class SavedPath(QuasiStatic):
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = QUASI_STATIC.held,
+        limit_share: float = QUASI_STATIC.limit_share,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """As `QuasiStatic.follow`; levels at given times are no rows."""
+        """As `QuasiStatic.follow`; levels at given times are not stored."""
         if times is not None:
             self.forget()
-            states = super().follow(forces, times, held, start)
+            states = super().follow(forces, times, limit_share, start)
             self.forget()
             return states
         levels = []
         u, before = np.zeros((2, forces.shape[1])) if start is None else start
         for force in forces:
-            u = self._level(force, held, u, before)
+            u = self._level(force, limit_share, u, before)
             levels.append(u)
             before = force
         return np.array(levels)
 
     def _level(
-        self, force: FloatArray, held: float, u: FloatArray, before: FloatArray
+        self, force: FloatArray, limit_share: float, u: FloatArray, before: FloatArray
     ) -> FloatArray:
-        """Displacement (n,), m, under a force from ``u``, which the force ``before`` made, N."""
-        mark = self.rows.mark(self.origin, force, held, u, before, self.last)
+        """Displacement (n,), m, under a force (N), from ``u`` under the force ``before``."""
+        mark = self.rows.mark(self.origin, force, limit_share, u, before, self.last)
         counted = self.tally.done
 
         def compute() -> tuple[FloatArray, FloatArray]:
             self.forget(self.last)
             follow = super(SavedPath, self).follow
-            return follow(force[np.newaxis], held=held, start=(u, before))[0], self.last
+            levels = follow(force[np.newaxis], limit_share=limit_share, start=(u, before))
+            return levels[0], self.last
 
         state, self.last = self.rows.row(mark, compute)
         if self.tally.done == counted:  # taken up, so that nobody has counted it

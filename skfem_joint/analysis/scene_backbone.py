@@ -1,4 +1,4 @@
-"""Backbone curves of a scene's models, as its table [backbone] asks for."""
+"""Backbone curves of a scene's models, by its table ``[backbone]``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis.asked import options_of, origin_of
 from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import options_of, origin_of
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
@@ -97,7 +97,7 @@ def scene_backbone(
     table, system, rows = scene.backbone, scene.system(), rows or Rows()
     # Of each mode: its friction limit, the levels of its curve, and its ring-down.
     of_a_mode = 1 + levels_of_a_curve(table.levels) + bool(table.ring_down)
-    rows.asked += len(scene.models.run) * len(table.modes) * of_a_mode
+    rows.total += len(scene.models.run) * len(table.modes) * of_a_mode
     report = partial(progress, "full model")
     full = backbone(system, table.modes, table.levels, table.up_to, progress=report, rows=rows)
     warnings = [*doubts(scene.structure(), system)]
@@ -106,7 +106,7 @@ def scene_backbone(
     if table.ring_down and table.released == "loads":
         mark = rows.mark("loads' end", origin_of(scene))
         start = rows.row(mark, partial(_loads_end, scene, system))
-        rows.asked += 1
+        rows.total += 1
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])

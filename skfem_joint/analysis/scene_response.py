@@ -1,4 +1,4 @@
-"""Responses of a scene's models over frequency, as its table [response] asks for."""
+"""Responses of a scene's models over frequency, by its table ``[response]``."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from functools import partial
 import numpy as np
 
 from skfem_joint.analysis import estimate
-from skfem_joint.analysis.asked import TO_STEADY, options_of, origin_of
 from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
-from skfem_joint.analysis.reduced_models import make_reduced
 from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
@@ -22,6 +20,7 @@ from skfem_joint.analysis.response import (
     steady_plan,
 )
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of, origin_of
 from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
@@ -151,7 +150,7 @@ def scene_response(
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
         of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
-    rows.asked += len(scene.models.run) * len(table.levels) * of_a_curve
+    rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
     resonance = float(frequencies[stuck.max(axis=1).argmax()])
     models = []
     for name in scene.models.run:

@@ -1,4 +1,4 @@
-"""Where the time step alone makes a response doubtful, and by which cause."""
+"""Warnings about response curves whose amplitudes depend on the time step, with the cause."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def step_error_notes(
 ) -> Iterator[str]:
     """Sentences about where the time step makes a curve doubtful, by which cause, and the cure.
 
-    They say so where the error is not estimated. Two causes are told apart. Time steps lower the natural frequency, which changes the amplitude
-    most where damping is light. What that cannot explain is due to harmonics of friction, which
-    meet higher modes.
+    A sentence also says where the error is not estimated. There are two causes. Time steps lower
+    the natural frequency, which changes the amplitude most where damping is light. What that cannot
+    explain is due to harmonics of friction, which meet higher modes.
 
     Parameters
     ----------
@@ -93,8 +93,9 @@ def half_power_widths(curve: Curve, system: System) -> FloatArray:
 def _error_by_shift(curve: Curve, shift: float, width: FloatArray) -> FloatArray:
     """Largest relative error of the amplitude where the natural frequency is off by ``shift``.
 
-    For each relative change of the frequency the amplitude on the flank of a resonance changes by
-    at most 1 / width of itself, and by at most 1 / distance, both over frequency.
+    If the natural frequency changes by a relative ``shift``, the amplitude on the flank of a
+    resonance changes by at most shift / width and by at most shift / distance of itself. Half-power
+    width and distance from the resonance are relative to the frequency.
     """
     f, (known, A) = curve.column("frequency"), curve.known
     peaks = known[np.flatnonzero(np.diff(np.sign(np.diff(np.pad(A, 1)))) < 0)]

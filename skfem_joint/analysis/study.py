@@ -1,9 +1,10 @@
-"""From a scene to its results: passes in a row, each of which has a frozen result of its own.
+"""From a scene to its results, by functions that `run_scene` calls one after the other.
 
-`run_scene` calls them. Structure and system follow from the scene; `describe` says what they are
-and do at rest; `choose` finds time steps and a reduced model for an accuracy that is asked for.
-Each model of the scene is then run and compared with the full one, its errors are estimated, and
-warnings about it are collected. No pass changes what another one has returned.
+Structure and system follow from the scene. `describe` states what they are and how they respond to
+static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
+one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
+the full model, `estimate_errors` estimates its errors, and `with_model` adds it to the study with
+the warnings about it. Each function returns a frozen object; none changes another one's result.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ import numpy as np
 from skfem_joint.analysis import estimate
 from skfem_joint.analysis.accuracy import Choice, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
-from skfem_joint.analysis.asked import basis_of, options_of, origin_of, plan_of
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.history import compare, difference, results
 from skfem_joint.analysis.models import Failure, Model, Study
+from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of, plan_of
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, JointError
@@ -77,20 +78,21 @@ def run_scene(
     """
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
-    rest = factors_at_rest(system)
-    description = describe(scene, rest)
-    choice = choose(scene, rest, progress)
-    rest = rest if "reduced" in scene.models.run and choice.met is None else None  # it is large
+    path = factors_at_rest(system)
+    description = describe(scene, path)
+    choice = choose(scene, path, progress)
+    if "reduced" not in scene.models.run or choice.accurate is not None:
+        path = None  # its factors are large, and no basis needs them
     notes = (*doubts(structure, system), *description.doubts, *choice.notes)
     study = Study(choice.scene, structure, system, description, warnings=notes)
     for name in scene.models.run:
         checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
         labelled = partial(progress, f"{name} model")
         integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
-        made = make_model(name, study, choice, rest, integrate)
-        made = compare_with_full(study, made)
-        made = estimate_errors(study, made, progress)
-        study = with_model(study, made)
+        result = make_model(name, study, choice, path, integrate)
+        result = compare_with_full(study, result)
+        result = estimate_errors(study, result, progress)
+        study = with_model(study, result)
         if study.ended:
             break
     return study
@@ -101,8 +103,8 @@ _Integrate = Callable[..., Run]
 
 
 @dataclass(frozen=True)
-class Made:
-    """Result of the passes over one model.
+class ModelResult:
+    """One model with its notes, or why there is none; passed from one function to the next.
 
     Attributes
     ----------
@@ -129,51 +131,51 @@ class Made:
 
 
 def make_model(
-    name: str, study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate
-) -> Made:
+    name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> ModelResult:
     """Make a model and run it.
 
     What fails, or is interrupted, after another model of the study was run is a result too; an
     error of the first one is raised.
     """
     try:
-        made = _MAKERS[name](study, choice, rest, integrate)
+        result = _MAKERS[name](study, choice, path, integrate)
     except JointError as error:
         if not study.models:
             raise
         note = f"There is no {name} model: {error}"
-        return Made(study.scene, notes=(note,), failure=Failure(name, error))
+        return ModelResult(study.scene, notes=(note,), failure=Failure(name, error))
     except KeyboardInterrupt:
         if not study.models:
             raise
         note = f"The run was interrupted while the {name} model was made."
-        return Made(study.scene, notes=(note,), interrupted=True)
-    run = made.model.run if made.model is not None else None
+        return ModelResult(study.scene, notes=(note,), interrupted=True)
+    run = result.model.run if result.model is not None else None
     if run is None or not run.interrupted:
-        return made
+        return result
     note = (
         f"The run was interrupted in the {name} model at t = "
-        f"{run.counters.steps * made.scene.time_step:.6g} s; results are those until then."
+        f"{run.counters.steps * result.scene.time_step:.6g} s; results are those until then."
     )
-    return replace(made, notes=(*made.notes, note), interrupted=True)
+    return replace(result, notes=(*result.notes, note), interrupted=True)
 
 
-def compare_with_full(study: Study, made: Made) -> Made:
+def compare_with_full(study: Study, result: ModelResult) -> ModelResult:
     """Give a model its distance from the full one, where that was run before."""
-    model, full = made.whole, study.models.get("full")
+    model, full = result.whole, study.models.get("full")
     if model is None or full is None:
-        return made
-    return replace(made, model=replace(model, errors=compare(full.run, model.run)))
+        return result
+    return replace(result, model=replace(model, errors=compare(full.run, model.run)))
 
 
-def estimate_errors(study: Study, made: Made, progress: Progress) -> Made:
+def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
     """Give a model its estimated errors; what ends that early does not cost the results.
 
     The distance from the full model, where that was run, counts among them.
     """
-    model, scene, notes, interrupted = made.whole, made.scene, made.notes, made.interrupted
+    model, scene, notes, interrupted = result.whole, result.scene, result.notes, result.interrupted
     if model is None:
-        return made
+        return result
     if model.estimate is None and scene.accuracy.estimate:
         watch, report = Stopwatch(), partial(progress, f"errors of the {model.name} model")
         of_model = study.system, model.basis, model.run, plan_of(scene)
@@ -192,21 +194,23 @@ def estimate_errors(study: Study, made: Made, progress: Progress) -> Made:
     if model.estimate is not None and model.errors is not None:
         apart = difference(results(study.models["full"].run), results(model.run))
         model = replace(model, estimate=model.estimate.beside(apart))
-    return replace(made, model=model, notes=notes, interrupted=interrupted)
+    return replace(result, model=model, notes=notes, interrupted=interrupted)
 
 
-def with_model(study: Study, made: Made) -> Study:
+def with_model(study: Study, result: ModelResult) -> Study:
     """Study with a model, and with what to beware of in it."""
-    study = replace(study, scene=made.scene, failure=made.failure)
-    study = study.noting(*made.notes, interrupted=made.interrupted)
-    if made.model is not None:
-        study = study.holding(made.model)
-    if made.whole is not None:
-        study = study.noting(*violated(study, made.whole))
+    study = replace(study, scene=result.scene, failure=result.failure)
+    study = study.noting(*result.notes, interrupted=result.interrupted)
+    if result.model is not None:
+        study = study.holding(result.model)
+    if result.whole is not None:
+        study = study.noting(*violated(study, result.whole))
     return study
 
 
-def _full(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate) -> Made:
+def _full(
+    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> ModelResult:
     scene, run, errors = shortened_steps(
         study.scene, study.system, partial(_named_places, study, integrate)
     )
@@ -218,7 +222,7 @@ def _full(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _In
         )
     active = _active(replace(study, scene=scene), run.slip_peak)
     model = Model("full", run, run.preparation_s, *active, estimate=errors)
-    return Made(scene, replace(model, compilation_s=run.compilation_s), notes)
+    return ModelResult(scene, replace(model, compilation_s=run.compilation_s), notes)
 
 
 def _named_places(
@@ -244,14 +248,16 @@ def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _B
     return region.length, region.area_fraction, region.point_fraction
 
 
-def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate) -> Made:
-    watch, scene, met = Stopwatch(), study.scene, choice.met
+def _reduced(
+    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> ModelResult:
+    watch, scene, accurate = Stopwatch(), study.scene, choice.accurate
     notes: tuple[str, ...] = ()
-    if met is not None:
-        basis, system = met.basis, met.system
+    if accurate is not None:
+        basis, system = accurate.basis, accurate.system
     else:
         options = options_of(scene)
-        basis = basis_of(scene, study.structure, study.system, options, rest)
+        basis = basis_of_scene(scene, study.structure, study.system, options, path)
         system = reduced_system(study.system, basis, **options.friction, periodic=scene.periodic)
         notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
@@ -264,13 +270,13 @@ def _reduced(study: Study, choice: Choice, rest: QuasiStatic | None, integrate: 
     run = integrate(system, plan_of(scene))
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
     model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
-    errors = None if met is None else met.estimate
-    return Made(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
+    errors = None if accurate is None else accurate.estimate
+    return ModelResult(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
 
 
 def _condensed(
-    study: Study, choice: Choice, rest: QuasiStatic | None, integrate: _Integrate
-) -> Made:
+    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> ModelResult:
     watch, system = Stopwatch(), study.system
     notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
@@ -288,7 +294,7 @@ def _condensed(
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
     model = replace(model, compilation_s=compiled + run.compilation_s)
-    return Made(study.scene, model, notes)
+    return ModelResult(study.scene, model, notes)
 
 
 _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

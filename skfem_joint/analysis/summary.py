@@ -20,25 +20,25 @@ from skfem_joint.structure import Bolts
 
 @dataclass(frozen=True)
 class Limits:
-    """Values from which on a warning is given.
+    """Values above which there is a warning.
 
     Attributes
     ----------
     large : float
-        Displacement over a structure's size from which on it is not small.
+        Displacement over a structure's size: the equations hold for small displacements.
     open : float
-        Residual of the energy balance over the energy in play.
+        Residual of the energy balance over the energy that was converted.
     doubtful : float
-        Estimated error.
+        Estimated error of a result.
     unseen : float
         A distance from the full model up to this is never reported.
     drifts : float
         Drift in a period over the amplitude.
     creep : float
-        Displacement that half of the friction limit makes a joint creep in a period, over its slip:
-        1 / beta in a second.
+        Slip of a joint by creep in a period at half of its friction limit, period / beta, over its
+        largest slip.
     steep : float
-        The same share for a law that is recommended.
+        The same share for the steepness that the warning recommends.
     """
 
     large: float = 0.1

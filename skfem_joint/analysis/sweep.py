@@ -18,9 +18,9 @@ from threading import Thread
 from typing import Any
 
 from skfem_joint.analysis import memory
-from skfem_joint.analysis.asked import origin_of
 from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_plan import origin_of
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError

@@ -183,17 +183,19 @@ class BlockFactors:
         self.rows, self.columns = np.concatenate([first, j, i, j]), np.concatenate([first, j, j, i])
         self.band: Band | None = None
 
-    def factorised(self, blocks: FloatArray, held: BoolArray) -> Callable[[FloatArray], FloatArray]:
-        """Solver with the blocks added, restricted to unknowns that are not ``held``, (n,).
+    def factorised(
+        self, blocks: FloatArray, fixed: BoolArray
+    ) -> Callable[[FloatArray], FloatArray]:
+        """Solver with the blocks added, restricted to unknowns that are not ``fixed``, (n,).
 
         ``blocks``, shape (m, 3), has the entries (11, 12, 22) of each block. Solutions are zero at
-        unknowns that are held.
+        unknowns that are fixed.
         """
         values = np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
-        moving = np.flatnonzero(~held)
+        moving = np.flatnonzero(~fixed)
         solve: Callable[[FloatArray], FloatArray]
-        solve = self._solver(values, ~held if held.any() else None)
-        if not held.any():
+        solve = self._solver(values, ~fixed if fixed.any() else None)
+        if not fixed.any():
             return solve
 
         def factor(x: FloatArray) -> FloatArray:

@@ -82,7 +82,12 @@ def _narrow_border(A: Any, kept: IntArray) -> IntArray:
 
 
 class Uncondensed:
-    """The interface of `SchurComplement` for a matrix of which all unknowns are kept."""
+    """A matrix of which all unknowns are kept: the base class of `SchurComplement`.
+
+    Callers need not know whether a matrix is condensed: they restrict right sides to the kept
+    unknowns, solve for these, and extend the solution to all unknowns. Here restriction and
+    extension do nothing; `SchurComplement` overrides them, and `solver_of_kept`.
+    """
 
     def __init__(self, A: Any) -> None:
         self.A, self._factorise = A, Factoriser()
@@ -125,7 +130,7 @@ class SchurComplement(Uncondensed):
 
     Attributes
     ----------
-    kept, rest : ndarray of int, shape (k,) and (n - k,)
+    kept, interior : ndarray of int, shape (k,) and (n - k,)
         Kept and interior unknowns.
     solve_interior : callable
         Solver of A_rr.
@@ -135,34 +140,34 @@ class SchurComplement(Uncondensed):
 
     def __init__(self, A: Any, kept: IntArray) -> None:
         self.A, self._factorise = A, Factoriser()
-        self.kept, self.rest = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
-        self.solve_interior = factorised(A[self.rest][:, self.rest])
-        self._to_rest = as_compressed(A[self.rest][:, kept])
-        self._to_kept = as_compressed(self._to_rest.T)
+        self.kept, self.interior = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
+        self.solve_interior = factorised(A[self.interior][:, self.interior])
+        self._to_interior = as_compressed(A[self.interior][:, kept])
+        self._to_kept = as_compressed(self._to_interior.T)
         self._border = _narrow_border(A, kept)
         if self._border.size:
-            coupling = as_dense(self._to_rest[:, self._border])
+            coupling = as_dense(self._to_interior[:, self._border])
             self._response = self.solve_interior(coupling)  # of the interior, to its border
             product = sparse.csr_array(coupling.T @ self._response)
             place = sparse.eye_array(kept.size, format="csr")[:, self._border]
             product = place @ (0.5 * (product + product.T)) @ place.T
             self.complement = as_compressed(A[kept][:, kept] - product)
         else:
-            self.complement = _dense_complement(A, kept, self.rest, self.solve_interior)
+            self.complement = _dense_complement(A, kept, self.interior, self.solve_interior)
 
     def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Uncondensed`."""
-        interior = self.solve_interior(g[self.rest])
+        interior = self.solve_interior(g[self.interior])
         return np.asarray(g[self.kept] - self._to_kept @ interior), interior
 
     def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
         """See `Uncondensed`."""
-        u = np.empty((self.kept.size + self.rest.size, *x.shape[1:]))
+        u = np.empty((self.kept.size + self.interior.size, *x.shape[1:]))
         u[self.kept] = x
         if self._border.size:
-            u[self.rest] = interior - self._response @ x[self._border]
+            u[self.interior] = interior - self._response @ x[self._border]
         else:
-            u[self.rest] = interior - self.solve_interior(self._to_rest @ x)
+            u[self.interior] = interior - self.solve_interior(self._to_interior @ x)
         return u
 
     def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
@@ -175,7 +180,7 @@ class SchurComplement(Uncondensed):
         return self._factorise(self.complement)
 
 
-def _dense_complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> FloatArray:
+def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
     """Dense Schur complement.
 
     For large matrices it is the product of the last pivot blocks of a factorisation of A that has
@@ -183,16 +188,16 @@ def _dense_complement(A: Any, kept: IntArray, rest: IntArray, solve: Any) -> Flo
     """
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
-        order = np.concatenate([rest[np.argsort(lu.perm_c)], kept])
+        order = np.concatenate([interior[np.argsort(lu.perm_c)], kept])
         whole = symmetric_lu(as_compressed(A)[order][:, order], "NATURAL")
-        last = np.argsort(whole.perm_c)[rest.size :] - rest.size
+        last = np.argsort(whole.perm_c)[interior.size :] - interior.size
         # SuperLU may reorder across bodies that are apart: then kept unknowns do not come last.
         if last.size and last.min() == 0 and np.array_equal(whole.perm_r, whole.perm_c):
-            L, U = (as_dense(part[rest.size :, rest.size :]) for part in (whole.L, whole.U))
+            L, U = (as_dense(part[interior.size :, interior.size :]) for part in (whole.L, whole.U))
             S = np.empty((kept.size, kept.size))
             S[np.ix_(last, last)] = L @ U
             return np.asarray(0.5 * (S + S.T))
-    S, columns = as_dense(A[kept][:, kept]), as_compressed(A[rest][:, kept].T)
+    S, columns = as_dense(A[kept][:, kept]), as_compressed(A[interior][:, kept].T)
     for k in range(0, kept.size, SETTINGS.block):
         part = slice(k, k + SETTINGS.block)
         S[:, part] -= columns @ solve(as_dense(columns[part].T))

@@ -1,7 +1,15 @@
 """Protocol of step problems that are minimised inside the compiled loop over time steps.
 
-The loop calls two generic functions, `minimise_step` and `slips`. Each method with compiled steps
-implements both for a named tuple of its own, which holds the problem.
+`skfem_joint.stepping.time_loop` calls two generic functions of this module, `minimise_step` and
+`slips`. numba replaces each call by the implementation for the named tuple that holds the problem
+(see `skfem_joint.compiling.compiled_for`):
+
+- `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
+  slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
+- `primal_dual_newton.Dense`, for dense matrices: evaluates the law by `law.forces`.
+
+Large sparse systems are not stepped in that loop: `steppers.PythonStepper` calls
+`truncated_newton`, whose `point_loops` evaluate the law by `law.resolvent`.
 """
 
 # mypy: allow-untyped-defs

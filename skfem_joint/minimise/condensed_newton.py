@@ -56,8 +56,9 @@ class CondensedNewton:
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
         """See `StepProblem`."""
-        law = self.contact.beta if beta is None else self.contact.law_of(beta[self._points])
-        friction = self.contact.friction_potential(v[self.schur.kept], law)
+        contact = self.contact
+        ordered = contact.beta if beta is None else contact.ordered_beta(beta[self._points])
+        friction = contact.friction_potential(v[self.schur.kept], ordered)
         return float(v @ (0.5 * (self.H @ v) - g)) + friction
 
     def minimise(

@@ -1,7 +1,8 @@
 """Front elimination, for chains: H is tridiagonal, and each unknown has at most one slip row.
 
-Under set-valued Coulomb friction a point that sticks separates its neighbours, so that elimination
-can decide between stick and slip as it proceeds. It runs from both ends to a meeting point at rest.
+Under set-valued Coulomb friction the velocity of a point that sticks is zero, so that the parts of
+the chain on its two sides do not act on each other. Elimination can therefore decide between stick
+and slip as it proceeds along the chain. It runs from both ends to a meeting point at rest.
 On the way in, a point slips if it would with its inner neighbour at its previous velocity; on the
 way back each point obeys its law. Such a pass moves a slip front over any number of nodes, Newton's
 method by about one node. The first pass starts from rest: from the velocities of the last step,
@@ -116,8 +117,8 @@ class ChainWorkspace(NamedTuple):
         Parameters of the graph at the last step and at the step before.
     scale : ndarray, shape (1,)
         The kappa of these parameters, s/m.
-    wary : ndarray of int, shape (1,)
-        Remaining steps with the special start that follows a slow step.
+    special_starts : ndarray of int, shape (1,)
+        Number of steps to come that begin from the special start, because a step was slow.
     middle : ndarray of int, shape (1,)
         Node at which eliminations met last.
     velocity, force : ndarray, shape (n,)
@@ -131,7 +132,7 @@ class ChainWorkspace(NamedTuple):
     parameter: Any
     old_parameter: Any
     scale: Any
-    wary: Any
+    special_starts: Any
     middle: Any
     velocity: Any
     force: Any
@@ -149,7 +150,7 @@ def chain_workspace(n: int) -> ChainWorkspace:
         parameter=np.zeros(n),
         old_parameter=np.zeros(n),
         scale=np.zeros(1),
-        wary=np.zeros(1, dtype=np.int64),
+        special_starts=np.zeros(1, dtype=np.int64),
         middle=np.full(1, n // 2, dtype=np.int64),
         velocity=work[0],
         force=work[1],
@@ -184,7 +185,7 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
     H : Bands
         Step matrix, N s/m.
     w, beta : ndarray, shape (n,)
-        Friction limits (N; 0 where no friction acts) and scaling constants (s/m).
+        Friction limits (N; 0 where no friction acts) and steepness (s/m).
     """
     H0, H1 = H
     kappa = SETTINGS.kappa / np.abs(_solve(H0, H1, w)).max()
@@ -200,7 +201,7 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
 
 
 def with_law(chain: Chain, beta: FloatArray) -> Chain:
-    """Same chain with other scaling constants, (n,), s/m."""
+    """Same chain with other values of beta, (n,), s/m."""
     levels, n = [beta], beta.size
     for size in np.diff(chain.start)[:-1]:
         levels.append(levels[-1][(size - 1) % 2 :: 2])
@@ -277,8 +278,8 @@ def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
         x = 0.0
         outer = 0.0
         while j != end:
-            held = g[j] - outer * x - H1[j + inner] * v[j + way]
-            if sticks(held, hold[j]):
+            needed = g[j] - outer * x - H1[j + inner] * v[j + way]
+            if sticks(needed, hold[j]):
                 x = slip[j] = v[j] = 0.0
                 j += way
                 while j != end and sticks(g[j] - H1[j + inner] * v[j + way], hold[j]):
@@ -286,7 +287,7 @@ def _inwards(H0, H1, w, hold, pivot, stretch, g, v, slip, middle):
                     j += way
                 first = j
                 continue
-            sign = copysign(1.0, held)
+            sign = copysign(1.0, needed)
             while True:
                 if stretch[j] != np.int64(first):
                     stretch[j] = first
@@ -405,11 +406,11 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
     """Passes of elimination for Coulomb friction or after slow steps; then Newton on the graph."""
     chain, n = problem, right.size
     s, s_new = workspace.parameter, workspace.new_parameter
-    v_new, sigma_new, wary = workspace.velocity, workspace.force, workspace.wary[0]
+    v_new, sigma_new, remaining = workspace.velocity, workspace.force, workspace.special_starts[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
     if chain.mixed == 2:
         count, converged = eliminate_fronts(chain, workspace, right, chain.hold, tolerance)
-    elif wary > 0 and n <= SETTINGS.longest:
+    elif remaining > 0 and n <= SETTINGS.longest:
         count, near = eliminate_fronts(chain, workspace, right, chain.w, tolerance)
         if near:
             graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
@@ -420,14 +421,14 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
                 s_new[i] = 2.0 * s[i] - workspace.old_parameter[i]
         more, tier, converged, residual, unknown = newton_on_graph(
             chain, workspace.rights, workspace.parameters, workspace.work, workspace.trial,
-            tolerance, wary > 0 and not near,
+            tolerance, remaining > 0 and not near,
         )  # fmt: skip
         count += more
     if converged:
-        if wary == 0 and (tier == 1 or count > SETTINGS.slow):
-            workspace.wary[0] = SETTINGS.persistence
-        elif wary > 0:
-            workspace.wary[0] -= 1
+        if remaining == 0 and (tier == 1 or count > SETTINGS.slow):
+            workspace.special_starts[0] = SETTINGS.persistence
+        elif remaining > 0:
+            workspace.special_starts[0] -= 1
         for i in range(n):
             workspace.old_parameter[i] = s[i]
             s[i] = s_new[i]
@@ -456,7 +457,7 @@ class FrontElimination:
         Shared with problems of other matrices; made if not given.
     """
 
-    remembered = ("parameter", "old_parameter", "scale", "wary", "middle")
+    remembered = ("parameter", "old_parameter", "scale", "special_starts", "middle")
 
     def __init__(
         self, H: Any, points: ContactPoints, workspace: ChainWorkspace | None = None
@@ -560,7 +561,7 @@ class FrontElimination:
         """See `StepProblem`: the compiled loops meet at a point of the chain."""
         check_like(saved, self.saved(), "step problem")
         n = self.limits.size
-        if not 0 <= saved["middle"][0] < n or saved["wary"][0] < 0:
+        if not 0 <= saved["middle"][0] < n or saved["special_starts"][0] < 0:
             raise ValueError(f"step problem/middle is {saved['middle'][0]} of {n} unknowns")
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:

@@ -1,7 +1,7 @@
 """The law of friction: Coulomb regularised by the arctangent, and set-valued Coulomb as its limit.
 
-With the slip velocity v (m/s) and the scaling constant beta (s/m) of Eq. (2), the normalised
-friction force of a contact point is
+With the slip velocity v (m/s) and the steepness beta (s/m; the scaling constant of Eq. (2)) the
+normalised friction force of a contact point is
 
     sigma(v) = 2/pi arctan(beta v),        beta finite,
     sigma(v) in Sgn(v),                    beta = inf (set-valued Coulomb),
@@ -11,16 +11,35 @@ gradient of an even convex potential psi, which makes every implicit step a stri
 minimisation. A slip *vector* follows the law radially: the force has the direction of the slip and
 depends on its norm; its potential is psi of the norm.
 
-This is the only place of the law. Everything derives from the scalar functions of its first
-section, in terms of the normalised speed z = beta |v|: force, slope, potential, inverse, and two
-facts about the law's graph. A new law of the same kind (no memory, odd, rising to 1) replaces that
-section. The rest of the module serves the solvers:
+Friction forces, slopes and potentials are computed in this module alone. They derive from the
+scalar functions of its first section, in terms of the normalised speed z = beta |v|: force, slope,
+potential, inverse, and the number `WIDTH`. The rest of the module serves the solvers:
 
 - at a point: `sigma`, `slope`, `psi`, `sticks`, and `resolvent`, the solution of
   k v + sigma(v) = x, with which a point is relaxed while its neighbours stay;
 - along many points of a compiled loop: `forces`, and the graph of the law in a parameter s
   (Minty's): `graph` gives v(s) and sigma(s) with derivatives, `graph_parameters` is its inverse;
 - of arrays that broadcast, in Python: `force`, `force_slope`, `potential`, `force_vectors`.
+
+To replace the arctangent by another law, rewrite the first section. The law must be odd, without
+memory, increasing to 1, and concave for z >= 0: `resolvent` starts from a law that is smaller
+(`WIDTH`) and relies on the sign of the curvature. These places also hold facts of the arctangent,
+and must be looked at then:
+
+- `graph`: the comparison law z / (z + 1) must rise to 1 in a width of the same order;
+- `skfem_joint.reduction.active_length.slips`: a point creeps by period / beta in a period, the slip
+  at half of its friction limit, where z = 1; `gross_slip` there and the warnings of
+  `skfem_joint.analysis.summary` use the same creep;
+- `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
+  the slip velocity that modes resolve, for the law is steep where z < 1.
+
+To add a law beside the arctangent takes more, since a contact point carries no kind of law, only
+its beta, and the value ``inf`` stands for Coulomb's law. A kind, or a further parameter, has to
+pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `contact` and
+`point_friction` (`skfem_joint.structure`); `SlipRows` (`skfem_joint.slips`); `System` with its
+projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
+`ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
+`Chain` and `Rows`, with the arguments of `point_loops`. The scalar functions then choose by it.
 """
 
 # numba infers the types of compiled functions:
@@ -276,7 +295,7 @@ def _potentials(v, beta, result):
 
 
 def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Values at slip velocities and scaling constants that broadcast."""
+    """Values at slip velocities and values of beta that broadcast."""
     v, beta = np.asarray(v, dtype=float), np.asarray(beta, dtype=float)
     shape = v.shape
     if beta.shape != shape:
@@ -296,7 +315,7 @@ def force(v: ArrayLike, beta: ArrayLike) -> FloatArray:
     v : array_like
         Slip velocity, m/s.
     beta : array_like
-        Scaling constant, s/m; ``inf`` is Coulomb. It broadcasts against ``v``.
+        Steepness beta, s/m; ``inf`` is Coulomb. It broadcasts against ``v``.
 
     Returns
     -------
@@ -324,7 +343,7 @@ def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64
     slip : array_like, shape (..., rows)
         Slip velocity of each row, m/s; the rows of a point follow each other.
     beta : array_like
-        Scaling constant of each point, s/m, which broadcasts against (..., m).
+        Steepness beta of each point, s/m, which broadcasts against (..., m).
     directions : ndarray of int, shape (m,)
         Rows of each point, 1 or 2.
 

@@ -2,8 +2,8 @@
 
 A point slips in one or two directions: its unknowns are ``first[p]`` and, unless that is -1,
 ``second[p]``. ``stiff[p]`` is the largest eigenvalue of its block of H, ``w`` are friction limits,
-and ``beta`` scaling constants. Symmetric blocks of points are stored as (11, 12, 22), shape
-(points, 3); of a point with a single direction only the first entry counts.
+and ``beta`` is the steepness of each point. Symmetric blocks of points are stored as (11, 12, 22),
+shape (points, 3); of a point with a single direction only the first entry counts.
 """
 
 # numba infers the types of compiled functions:
@@ -68,21 +68,21 @@ def _size(first, second, p, v):
 
 
 @compiled
-def subtract_friction(first, second, w, beta, v, r, friction, held):
+def subtract_friction(first, second, w, beta, v, r, friction, sticking):
     """Subtract friction from the residual ``r`` = g - A v; returns its largest entry and where.
 
     An entry that is not a number counts as the largest. The friction of a Coulomb point at rest
-    balances the residual as far as the limit allows. ``held`` marks the unknowns of such points;
-    ``friction`` takes the normalised force by unknown.
+    balances the residual as far as the limit allows; ``sticking`` marks the unknowns of points that
+    it balances. ``friction`` takes the normalised force by unknown.
     """
-    held[:] = False
+    sticking[:] = False
     for p in range(first.size):
         speed = _size(first, second, p, v)
         holds = beta[p] == inf and speed == 0.0
         size = 1.0 / max(w[p], _size(first, second, p, r)) if holds else sigma(speed, beta[p])
         for i in (first[p], second[p]):
             if i >= 0:
-                held[i] = holds
+                sticking[i] = holds
                 # Divided by the speed, whose inverse may be infinite.
                 moving = v[i] / speed * size if speed != 0.0 else 0.0
                 friction[i] = r[i] * size if holds else moving
@@ -100,7 +100,7 @@ def subtract_friction(first, second, w, beta, v, r, friction, held):
 
 @compiled
 def tangent_blocks(first, second, stiff, w, beta, v, out):
-    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest, which are held instead."""
+    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest."""
     for p in range(first.size):
         i = first[p]
         j = second[p]

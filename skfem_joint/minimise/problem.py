@@ -73,7 +73,7 @@ class ContactPoints:
     w : ndarray, shape (m,)
         Friction limits, N; points with limit zero have no friction.
     beta : ndarray, shape (m,)
-        Scaling constants of the law, s/m; ``inf`` is Coulomb.
+        Steepness of the law, s/m; ``inf`` is Coulomb.
     """
 
     B: Matrix
@@ -152,7 +152,7 @@ class StepProblem(Protocol):
         tolerance : float
             Largest force residual relative to the largest force.
         beta : ndarray, shape (m,), optional
-            Scaling constants in place of those of the points.
+            Values of beta in place of those of the points.
         """
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:

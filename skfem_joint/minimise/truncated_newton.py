@@ -15,12 +15,20 @@ Newton's systems are solved by conjugate gradients. The preconditioner is the fa
 tangent where the law acts as it did then, and the diagonal where it does not; that factor serves
 for several iterations.
 
-Measured on a plate in contact over 40 % (half of the friction limit, 200 steps a period, beta =
-1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``), Newton steps with solves and factors for
-each time step: 6.8 with 9.2 and 7.2 without relaxation and with a factor for each, 2.9 with 4.9 and
-2.9 after four sweeps, 3.7 with 12.7 and 0.5 if factors are kept while six solves do and few
-unknowns have changed, 4.2 with 33 and 0.1 while ten do. A factor costs ten solves along a narrow
-band, thirty elsewhere.
+Measured for each time step, on a plate in contact over 40 % of its surface (half of the friction
+limit, 200 steps a period, beta = 1e5, 3,960 unknowns; ``examples/benchmarks/plates.py``):
+
+========== ====================================== ============ ====== =======
+sweeps     factor                                 Newton steps solves factors
+========== ====================================== ============ ====== =======
+none       new for each Newton step                        6.8    9.2     7.2
+four       new for each Newton step                        2.9    4.9     2.9
+four       kept up to 6 solves and few changes             3.7   12.7     0.5
+four       kept up to 10 solves                            4.2     33     0.1
+========== ====================================== ============ ====== =======
+
+The third row is used (`NewtonSettings.patience` and ``changed``): a factor costs as much as ten
+solves where the matrix is a narrow band, and as thirty elsewhere.
 """
 
 # mypy: allow-untyped-calls
@@ -68,7 +76,7 @@ class NewtonSettings(NamedTuple):
     changed : int
         If the diagonal of so many unknowns has halved or doubled the kept factor is not tried: of
         178 trials with more, 3 took no more than four solves.
-    few : int
+    small : int
         For up to so many moving unknowns of a dense system a new factor costs less than iterations.
     round_off : float
         Accepted residual in units of the forces that are added up.
@@ -85,7 +93,7 @@ class NewtonSettings(NamedTuple):
     patience: int = 6
     forcing: float = 0.05
     changed: int = 32
-    few: int = 512
+    small: int = 512
     round_off: float = 16 * float(np.finfo(np.float64).eps)
     nothing: float = 1e-140
     softer: float = 1e-2
@@ -110,7 +118,8 @@ class TruncatedNewton:
     first, second : ndarray of int, shape (points with friction,)
         Unknowns of each point with friction; ``second`` is -1 if it slips in a single direction.
     kept : tuple of ndarray, or None
-        Tangents and held unknowns of the factor that is kept, on which further solutions depend.
+        Tangents, and the unknowns that stuck, of the factor that is kept; further solutions depend
+        on them.
     """
 
     def __init__(self, H: Any, points: ContactPoints) -> None:
@@ -126,7 +135,7 @@ class TruncatedNewton:
         order = np.argsort(first, kind="stable")
         self._order = order = order[points.w[order] > 0.0]
         self.first, self.second = first[order], second[order]
-        self.w, self.beta = np.array(points.w, dtype=float)[order], self.law_of(points.beta)
+        self.w, self.beta = np.array(points.w, dtype=float)[order], self.ordered_beta(points.beta)
         self.both = self.second >= 0
         self.pairs = i, j = self.first[self.both], self.second[self.both]
         self.diagonal = diagonal = H.diagonal()
@@ -138,8 +147,8 @@ class TruncatedNewton:
         self.limited[self.first] = self.limited[j] = True
         self.factors = BlockFactors(H, self.first, self.second)
 
-    def law_of(self, beta: FloatArray) -> FloatArray:
-        """Scaling constants of the points with friction, from those of all points."""
+    def ordered_beta(self, beta: FloatArray) -> FloatArray:
+        """Steepness of the points with friction, in the order of ``first``, from that of all."""
         return np.array(beta, dtype=float)[self._order]
 
     def with_matrix(self, H: Any) -> TruncatedNewton:
@@ -179,27 +188,27 @@ class TruncatedNewton:
         force: float,
     ) -> Minimum:
         """`minimise` where the tolerance also refers to a ``force`` (N) on condensed unknowns."""
-        law = self.beta if beta is None else self.law_of(beta)
+        ordered = self.beta if beta is None else self.ordered_beta(beta)
         if start is None:
-            start = self._start(g, law, force)
-        return self._minimise(g, start, tolerance, law, force)
+            start = self._start(g, ordered, force)
+        return self._minimise(g, start, tolerance, ordered, force)
 
-    def _start(self, g: FloatArray, law: FloatArray, force: float) -> FloatArray:
+    def _start(self, g: FloatArray, beta: FloatArray, force: float) -> FloatArray:
         """Rough minimiser for a softer law; rest if that is better, or under Coulomb friction."""
         rest = np.zeros_like(g)
-        if np.isinf(law).any():
+        if np.isinf(beta).any():
             return rest
-        soft = SETTINGS.softer * law
+        soft = SETTINGS.softer * beta
         v = self._minimise(g, rest, SETTINGS.roughly, soft, force).v
-        return v if self._objective(v, g, law) < 0.0 else rest
+        return v if self._objective(v, g, beta) < 0.0 else rest
 
     def _minimise(
-        self, g: FloatArray, start: FloatArray, tolerance: float, law: FloatArray, force: float
+        self, g: FloatArray, start: FloatArray, tolerance: float, beta: FloatArray, force: float
     ) -> Minimum:
         scale = max(float(np.abs(g).max()), force)
         v = start.copy() if scale > SETTINGS.nothing else np.zeros_like(start)
         friction = np.zeros(v.size)
-        held = np.zeros(v.size, dtype=np.bool_)
+        sticking = np.zeros(v.size, dtype=np.bool_)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
         points = self.first, self.second
@@ -207,24 +216,24 @@ class TruncatedNewton:
         for iteration in range(SETTINGS.iterations):
             for sweep in range(SETTINGS.sweeps):
                 backward = bool((sweep + iteration) % 2)
-                sweep_over(self.rows, *points, self.stiff, self.w, law, r, v, backward)
+                sweep_over(self.rows, *points, self.stiff, self.w, beta, r, v, backward)
             r = g - times(self.H, v)
             left = r.copy()
-            residual, where = subtract_friction(*points, self.w, law, v, r, friction, held)
+            residual, where = subtract_friction(*points, self.w, beta, v, r, friction, sticking)
             evaluations += SETTINGS.sweeps + 1
             if not np.isfinite(residual):
                 break
             converged = residual <= max(tolerance * scale, SETTINGS.nothing) or (
-                residual <= 1e-6 * scale and residual <= self._round_off(v, g, law)
+                residual <= 1e-6 * scale and residual <= self._round_off(v, g, beta)
             )
             if converged:
                 break
-            d, along, length, more, trials = self._newton_step(v, left, r, held, law)
+            d, along, length, more, trials = self._newton_step(v, left, r, sticking, beta)
             solves, evaluations = solves + more, evaluations + trials
             if length < 1.0 and (reverses := self._reverses(v, d)).any():
-                stopped, more, trials = self._stopped(v, reverses, g, law)
+                stopped, more, trials = self._stopped(v, reverses, g, beta)
                 solves, evaluations = solves + more, evaluations + trials + 2
-                if self._objective(v + stopped, g, law) < self._objective(v + length * d, g, law):
+                if self._objective(v + stopped, g, beta) < self._objective(v + length * d, g, beta):
                     length, d, along = 1.0, stopped, times(self.H, stopped)
             v += length * d
             r = left - length * along
@@ -239,29 +248,29 @@ class TruncatedNewton:
 
     def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
         """See `StepProblem`."""
-        return self._objective(v, g, self.beta if beta is None else self.law_of(beta))
+        return self._objective(v, g, self.beta if beta is None else self.ordered_beta(beta))
 
-    def _objective(self, v: FloatArray, g: FloatArray, law: FloatArray) -> float:
-        return float(v @ (0.5 * times(self.H, v) - g)) + self.friction_potential(v, law)
+    def _objective(self, v: FloatArray, g: FloatArray, beta: FloatArray) -> float:
+        return float(v @ (0.5 * times(self.H, v) - g)) + self.friction_potential(v, beta)
 
-    def friction_potential(self, v: FloatArray, law: FloatArray) -> float:
-        """Sum w psi(|v_p|) for the scaling constants ``law`` of the points with friction."""
+    def friction_potential(self, v: FloatArray, beta: FloatArray) -> float:
+        """Sum w psi(|v_p|) with the ``beta`` of the points with friction, see `ordered_beta`."""
         slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(self.w @ potential(slip, law))
+        return float(self.w @ potential(slip, beta))
 
     def _newton_step(
-        self, v: FloatArray, left: FloatArray, r: FloatArray, held: BoolArray, law: FloatArray
+        self, v: FloatArray, left: FloatArray, r: FloatArray, sticking: BoolArray, beta: FloatArray
     ) -> tuple[FloatArray, FloatArray, float, int, int]:
         """Newton's direction d from ``v``, H d, and its length; solves and evaluations.
 
-        ``left`` is g - H v, ``r`` the same less friction; unknowns that are ``held`` rest.
+        ``left`` is g - H v, ``r`` the same less friction; unknowns marked in ``sticking`` rest.
         """
         tangents = np.zeros((self.first.size, 3))
-        tangent_blocks(self.first, self.second, self.stiff, self.w, law, v, tangents)
-        r[held] = 0.0
-        d, solves = self._newton_direction(r, tangents, held)
+        tangent_blocks(self.first, self.second, self.stiff, self.w, beta, v, tangents)
+        r[sticking] = 0.0
+        d, solves = self._newton_direction(r, tangents, sticking)
         along = times(self.H, d)
-        line = PointLine(self.first, self.second, self.w, law, v, d)
+        line = PointLine(self.first, self.second, self.w, beta, v, d)
         length, evaluations = search_along(line, -float(d @ left), float(d @ along))
         return d, along, length, solves, evaluations
 
@@ -273,7 +282,7 @@ class TruncatedNewton:
         return np.asarray(self.limited & (turning < 0.0))
 
     def _stopped(
-        self, v: FloatArray, reverses: BoolArray, g: FloatArray, law: FloatArray
+        self, v: FloatArray, reverses: BoolArray, g: FloatArray, beta: FloatArray
     ) -> tuple[FloatArray, int, int]:
         """Step that sets slips which would reverse to rest, and is Newton's for the others.
 
@@ -281,48 +290,49 @@ class TruncatedNewton:
         """
         stop = np.where(reverses, -v, 0.0)
         r = g - times(self.H, v + stop)
-        left, friction, held = r.copy(), np.zeros_like(r), np.zeros_like(reverses)
-        subtract_friction(self.first, self.second, self.w, law, v + stop, r, friction, held)
-        d, _, length, solves, trials = self._newton_step(v + stop, left, r, held | reverses, law)
+        left, friction, sticking = r.copy(), np.zeros_like(r), np.zeros_like(reverses)
+        subtract_friction(self.first, self.second, self.w, beta, v + stop, r, friction, sticking)
+        resting = sticking | reverses
+        d, _, length, solves, trials = self._newton_step(v + stop, left, r, resting, beta)
         return stop + length * d, solves, trials
 
-    def _round_off(self, v: FloatArray, g: FloatArray, law: FloatArray) -> float:
+    def _round_off(self, v: FloatArray, g: FloatArray, beta: FloatArray) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
-        size += float(friction_round_off(self.first, self.second, self.w, law, v))
+        size += float(friction_round_off(self.first, self.second, self.w, beta, v))
         return SETTINGS.round_off * size
 
     def _newton_direction(
-        self, r: FloatArray, tangents: FloatArray, held: BoolArray
+        self, r: FloatArray, tangents: FloatArray, sticking: BoolArray
     ) -> tuple[FloatArray, int]:
-        """Solve (H + tangent) d = r on the unknowns that are not held; also returns the solves.
+        """Solve (H + tangent) d = r on the unknowns that do not stick; also returns the solves.
 
         The kept factor is that of an earlier tangent: conjugate gradients correct for what has
         changed, until that takes longer than a new factor.
         """
-        if not np.any(r):  # only held points are out of balance: relaxation will release them
+        if not np.any(r):  # only sticking points are out of balance: relaxation will release them
             return np.zeros_like(r), 0
-        if self.dense and (free := np.flatnonzero(~held)).size <= SETTINGS.few:
+        if self.dense and (free := np.flatnonzero(~sticking)).size <= SETTINGS.small:
             self.factorizations += 1
             d = np.zeros_like(r)
-            d[free] = self.factors.factorised(tangents, held)(r)[free]
+            d[free] = self.factors.factorised(tangents, sticking)(r)[free]
             return d, 1
         solves = 0
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(
-                self.factor, r, tangents, held, SETTINGS.patience
+                self.factor, r, tangents, sticking, SETTINGS.patience
             )
             if solved:
                 return d, solves
-        solve = self.keep(tangents, held)
-        d, more, _ = self._conjugate_gradients(solve, r, tangents, held, SETTINGS.most_solves)
+        solve = self.keep(tangents, sticking)
+        d, more, _ = self._conjugate_gradients(solve, r, tangents, sticking, SETTINGS.most_solves)
         return d, solves + more
 
-    def keep(self, tangents: FloatArray, held: BoolArray) -> Callable[[FloatArray], FloatArray]:
-        """Factorise H + tangent on the unknowns that are not held, and keep that factor."""
+    def keep(self, tangents: FloatArray, sticking: BoolArray) -> Callable[[FloatArray], FloatArray]:
+        """Factorise H + tangent on the unknowns that do not stick, and keep that factor."""
         self.factorizations += 1
-        self.kept = tangents.copy(), held.copy()
-        self.factor = self.factors.factorised(tangents, held)
-        self.added = np.where(held, np.inf, self._diagonal(tangents))
+        self.kept = tangents.copy(), sticking.copy()
+        self.factor = self.factors.factorised(tangents, sticking)
+        self.added = np.where(sticking, np.inf, self._diagonal(tangents))
         return self.factor
 
     def _diagonal(self, tangents: FloatArray) -> FloatArray:
@@ -336,7 +346,7 @@ class TruncatedNewton:
         solve: Callable[[FloatArray], FloatArray],
         r: FloatArray,
         tangents: FloatArray,
-        held: BoolArray,
+        sticking: BoolArray,
         most: int,
     ) -> tuple[FloatArray, int, bool]:
         """Direction, solves with the kept factor ``solve``, and whether they were enough."""
@@ -346,10 +356,10 @@ class TruncatedNewton:
         share = np.minimum(1.0, then / now)
         rest = (1.0 - np.minimum(share, now / then)) / now
         share[np.isinf(then)] = 0.0
-        changed = np.where(held, np.isfinite(then), rest * now > 0.5)
+        changed = np.where(sticking, np.isfinite(then), rest * now > 0.5)
         if np.count_nonzero(changed) >= SETTINGS.changed:
             return r, 0, False
-        share[held] = rest[held] = 0.0
+        share[sticking] = rest[sticking] = 0.0
 
         d, p, before = np.zeros_like(r), np.zeros_like(r), np.inf
         left, enough = r.copy(), SETTINGS.forcing * np.linalg.norm(r)
@@ -360,7 +370,7 @@ class TruncatedNewton:
             before = product
             image = times(self.H, p)
             add_blocks(self.first, self.second, tangents, p, image)
-            image[held] = 0.0
+            image[sticking] = 0.0
             step = product / float(p @ image)
             d += step * p
             left -= step * image
@@ -370,14 +380,15 @@ class TruncatedNewton:
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """See `StepProblem`."""
-        return {} if self.kept is None else dict(zip(("tangents", "held"), self.kept, strict=True))
+        names = "tangents", "sticking"
+        return {} if self.kept is None else dict(zip(names, self.kept, strict=True))
 
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`: no tangent of friction is negative."""
         if not saved:
             return
         n, m = self.diagonal.size, self.first.size
-        planned = {"tangents": np.zeros((m, 3)), "held": np.zeros(n, dtype=np.bool_)}
+        planned = {"tangents": np.zeros((m, 3)), "sticking": np.zeros(n, dtype=np.bool_)}
         check_like(saved, planned, "step problem")
         a, b, c = saved["tangents"].T
         small = 1e-9 * np.maximum(a, c)  # round-off
@@ -387,7 +398,7 @@ class TruncatedNewton:
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`; factorises again."""
         if saved:
-            self.keep(saved["tangents"], saved["held"])
+            self.keep(saved["tangents"], saved["sticking"])
 
     def forget(self) -> None:
         """See `StepProblem`."""

@@ -1,9 +1,9 @@
 """What is written of a study: summary and table, histories, fields for ParaView, and pictures.
 
-`folder` prepares a folder and writes all into it; `record` knows which files there are this
-program's. `report` (summary, printed tables) and `tables` (CSV, JSON); `fields` and `series` (VTK);
-`plots` (curves) and `pictures` with `offscreen` (bodies); `damping` (backbones and responses) and
-`sweeps`.
+`folder` prepares a folder and writes all files into it; `record` tracks which files in it this
+program wrote. `report` (summary, printed tables) and `tables` (CSV, JSON); `fields` and `series`
+(VTK); `plots` (curves) and `pictures` with `offscreen` (bodies); `damping` (backbones and
+responses) and `sweeps`.
 """
 
 from skfem_joint.output.folder import prepare, write

@@ -116,7 +116,7 @@ class Frames:
 
     @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
-        """Of each joint, the matrix of means that takes values of the pressed body to the other."""
+        """For each joint the matrix of means from values on the pressed body to the other body."""
         n = len(self.structure.nodes)
         return [_reaction(p.other, p.nodes, p.area, n) for p in self.structure.patches]
 
@@ -189,7 +189,7 @@ def _reaction(
 
 
 def _mean_state(means: sparse.csr_array, state: States) -> States:
-    """State of a mean: in contact if half of it is, and slipping if half of that slips."""
+    """Contact state from means: in contact if half of it is, slipping if half of that slips."""
     contact, slip = means @ (state >= 0).astype(float), means @ (state == 1).astype(float)
     slips = np.where(2.0 * slip >= contact * (1.0 - 1e-12), 1, 0)
     return np.where(contact >= 0.5 * (1.0 - 1e-12), slips, -1).astype(np.int8)

@@ -42,15 +42,15 @@ _WHOSE = {
     "self": "the full model's own run with",
     "paper": "the paper's reference joint, scaled to",
 }
-# What an unfinished command goes on from, and hidden files.
+# Checkpoints and rows, from which an interrupted command is resumed, and hidden files.
 _PASSED = re.compile(r"checkpoint_.*\.npz|(sweep|response|backbone|error-time)_rows\.jsonl|\..*")
 
 
 @contextmanager
 def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
-    """See that a scene's output can be made before anything is computed, and keep its folder.
+    """Check before a run that a scene's output can be written, and reserve its folder.
 
-    InputError if a library is missing or nothing can be drawn, and as `kept`.
+    InputError if a library is missing or nothing can be drawn, and for the reasons of `kept`.
     """
     if scene.output.plots or scene.output.vtk:
         needed("pyvista", "vtk")
@@ -66,13 +66,25 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
 def kept(
     folder: Path, drawn: bool = True, used: re.Pattern[str] = USED_NAMES
 ) -> Iterator[list[str]]:
-    """Keep a folder for the results of one command, with pictures of curves if they are ``drawn``.
+    """Reserve a folder for the results of one command, and remove an earlier command's results.
 
-    What an earlier command wrote into it, as its summary lists it, is removed, so that no old
-    results are taken for new ones if this command fails. All other files are left alone; yields
-    notes that name them. InputError if the folder cannot be written to, another command is writing
-    to it, matplotlib is missing, or the folder has files of other origin under names that are
-    ``used``, another program's summary, or results that were changed: then nothing is removed.
+    The files that the earlier command's summary lists are removed, so that nobody takes old results
+    for new ones if this command fails. All other files stay; the notes that are yielded name them.
+
+    Parameters
+    ----------
+    folder : Path
+    drawn : bool
+        Whether the command draws curves, which needs matplotlib.
+    used : re.Pattern
+        Names that the command may give to its files.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written to, another command is writing to it, matplotlib is missing,
+        or the folder holds another program's summary, results that were changed, or files of other
+        origin under names that are ``used``: then nothing is removed.
     """
     if drawn:
         needed("matplotlib", "plot")

@@ -70,8 +70,8 @@ def warp_factor(frames: Frames) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
 
 
-def telling_frame(frames: Frames) -> tuple[int, str]:
-    """Frame with most slip, otherwise with the largest displacement, and which of them it is.
+def frame_to_show(frames: Frames) -> tuple[int, str]:
+    """Number of the frame with most slip, or else with the largest displacement, and why.
 
     It is a frame of the second half of the run, which has settled, unless less than half as many
     points slip there as in the first half.
@@ -86,12 +86,12 @@ def telling_frame(frames: Frames) -> tuple[int, str]:
 
 
 def still(path: str | Path, frames: Frames) -> None:
-    """Draw the `telling_frame` as a PNG.
+    """Draw the `frame_to_show` as a PNG.
 
     InputError without pyvista or a GL library, and for a path that cannot be written.
     """
     with _picture(path, frames) as (temporary, picture):
-        picture.show(*telling_frame(frames))
+        picture.show(*frame_to_show(frames))
         picture.plotter.screenshot(temporary)
 
 
@@ -112,7 +112,7 @@ def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
 
 @contextmanager
 def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, Picture]]:
-    """Temporary file that takes its place when it is written, and the picture to write to it."""
+    """Temporary file, which replaces the target once it is complete, and the picture for it."""
     needed("pyvista", "vtk")  # a library that is missing is reported before a window is tried
     with offscreen():
         picture = Picture(frames)
@@ -141,7 +141,7 @@ def outline(surface: Any) -> Any:
 
 @dataclass(frozen=True)
 class View:
-    """What a panel of a model shows, and from where.
+    """Content of a panel of a model, and the direction of view.
 
     Attributes
     ----------
@@ -281,7 +281,7 @@ class Picture:
         return _LAYOUT.label + _LAYOUT.space + int(np.ceil(body))
 
     def _add_view(self, field: Field, view: View) -> None:
-        """Add the blocks of a view to the present panel, with its name, and aim the camera."""
+        """Add the blocks of a view to the current panel, with its name, and aim the camera."""
         size = np.array([_LAYOUT.width / self.columns, self._height(view)])
         left = 0.5 * (size[0] - (view.high[0] - view.low[0]) / self.pixel)  # it is in the middle
         corner = view.low - self.pixel * np.array([left, 0.5 * _LAYOUT.space])
@@ -314,7 +314,7 @@ class Picture:
         return _Drawn(field, block, surface, edges)
 
     def _add_legend(self) -> None:
-        """Name the colours of contact at the right of the present panel."""
+        """Add a legend of the colours of contact at the right of the current panel."""
         left, bottom, wide = 0.74 * _LAYOUT.width, 0.5 * self.panel - 40.0, 0.08 * _LAYOUT.width
         self.plotter.add_scalar_bar(
             title="", mapper=self.mapper, color="black", n_labels=0, vertical=False, width=0.24,
@@ -356,7 +356,7 @@ class Picture:
         return marks
 
     def _write(self, text: str, place: tuple[float, float], size: int) -> Any:
-        """Write a text at pixels from the left lower corner of the present panel.
+        """Write a text at a position in pixels from the lower left corner of the current panel.
 
         It takes the place of an earlier text there.
         """

@@ -119,7 +119,7 @@ def envelope(
     """Band of a history with very many cycles: ends of parts, least and largest values in them.
 
     There are at most 400 parts, of two cycles or more. None for a history that crosses its mean at
-    most 300 times, values near the mean left out: its cycles can be told apart as a curve.
+    most 300 times (values near the mean do not count): a curve shows each of its cycles.
     """
     away = values - 0.5 * (values.max(initial=-np.inf) + values.min(initial=np.inf))
     far = away[np.abs(away) > 0.01 * np.abs(away).max(initial=0.0)]
@@ -134,7 +134,7 @@ def envelope(
 
 
 def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
-    """Points that move, each otherwise than those before it."""
+    """Points that move, without those that move as an earlier point does."""
     if not runs or not points or min(run.times.size for run in runs.values()) == 0:
         raise InputError("histories: found no runs, no points, or a run that stored no points")
     moves = [np.concatenate([run.point(point) for run in runs.values()]) for point in points]
@@ -148,9 +148,10 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
 
 
 def hysteresis_figure(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> Figure:
-    """Force of a load, counted from 0, over the displacement of a point, in the last cycle.
+    """Force of a load over the displacement of a point, in the last cycle.
 
-    ``cycle_rows`` are the stored rows a cycle. The title says where the cycle is not steady.
+    ``load`` is the number of the load, from 0; ``cycle_rows`` the number of stored rows in a cycle.
+    The title says so if the cycle is not steady.
     """
     _moving(runs, [point])  # refuses what is not there
     loops = [hysteresis_loop(run, point, load, cycle_rows) for run in runs.values()]
@@ -200,7 +201,7 @@ def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
 
 
 def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
-    """Proper values (percent, logarithmic) beside their cumulative sum and the 99 % line."""
+    """Proper values (percent, logarithmic) and their cumulative sum, with a line at 99 %."""
     values, sums = proper.proper_values, proper.cumulative
     count = min(20, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)

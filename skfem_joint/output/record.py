@@ -1,4 +1,4 @@
-"""Which files in a folder this program wrote: the mark in ``summary.json``, digests of the files.
+"""Which files in a folder this program wrote: a mark in ``summary.json``, and digests of files.
 
 A summary carries under ``written_by`` the program, its version and a digest of the summary itself,
 and under ``files`` the SHA-256 digest of every file that was written with it. Only files that still

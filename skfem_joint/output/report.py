@@ -157,7 +157,7 @@ def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[Any], float]]:
-    """Label, form, values of all models and scale of what is shown of each joint."""
+    """For each value of a joint that is shown: label, format, values of all models, and scale."""
     names = _names(at("joints"))
     for name in names:
         if len(names) > 1:

@@ -123,7 +123,7 @@ def faces_of(structure: Structure) -> list[Block]:
 
 
 def _touching(structure: Structure) -> dict[str, IntArray]:
-    """Corners of the faces that touch; none but of solids: an edge shows in its plate's block."""
+    """Corners of the faces that touch, for solids alone: a plate's block itself shows its edges."""
     bounds = structure.mesh.boundaries if structure.dim == 3 else {}
     pairs = [(patch.joint.on, patch.joint.against) for patch in structure.patches]
     names = dict.fromkeys(name for pair in pairs for name in pair if name in bounds)
@@ -195,7 +195,7 @@ def _directions(structure: Structure) -> FloatArray:
 
 
 def _section(structure: Structure) -> FloatArray:
-    """Sizes of each element in the directions it is swept along, (n_elements, 3 - dim), m."""
+    """Width and thickness of each element, to which it is swept, (n_elements, 3 - dim), m."""
     names = ("width", "thickness")[structure.dim - 1 :]
     sizes = [structure.body.properties[name] for name in names]
     return np.reshape(np.transpose(sizes), (structure.mesh.n_elements, 3 - structure.dim))
@@ -340,7 +340,7 @@ def _names(frames: Frames) -> list[str]:
 
 
 def series_files(index: Path, frames: Frames) -> list[list[Path]]:
-    """Files of a series but for its index: of each frame its list of blocks, then the blocks."""
+    """Files of a series without its index: for each frame a list of blocks, then the blocks."""
     names, count = [f"{safe_name(name)}_{{}}.vtu" for name in _names(frames)], len(frames.times)
     digits, folder = max(4, len(str(count - 1))), index.with_suffix("")
     numbers = [f"{k:0{digits}d}" for k in range(count)]
@@ -364,7 +364,7 @@ def _write_grid(file: Path, grid: Any) -> None:
 def _write_index(
     path: Path, kind: str, files: Sequence[Path], name: str, values: Sequence[str]
 ) -> None:
-    """Write an index of VTK's: files, each with the value of an attribute."""
+    """Write an index in VTK's format: names of files, each with the value of an attribute."""
     root = ET.Element("VTKFile", type=kind, version="1.0")
     listed = ET.SubElement(root, kind)
     for number, (file, value) in enumerate(zip(files, values, strict=True)):

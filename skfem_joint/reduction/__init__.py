@@ -6,6 +6,13 @@ without a run of the full model), `pod` (proper orthogonal decomposition of snap
 the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
 reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
 rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
+
+From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
+`analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and
+`analysis.scene_plan.make_reduced` hands the options to `sources.make_basis` (references "static"
+and "self") or to `scaled.basis.paper_basis` ("paper"). There the key ``interface_modes`` ends in
+`interface_modes`: `driven` and `beside` for "static", the lowest modes for "self" (none if
+"auto"), `participating` for "paper". `reduce` below goes the same way without a scene.
 """
 
 from __future__ import annotations
@@ -45,7 +52,8 @@ def reduce(
     modes : int
         Joint modes; static responses to the loads stand beside them.
     interface_modes : "auto" or int
-        Fixed-interface modes beside them; "auto": those with a share in the response.
+        Fixed-interface modes beside them. "auto": those with a share in the response on the
+        static path, none with ``run``.
     duration : float, optional
         Of the run to come, s; needed for loads that do not repeat.
     run : Run, optional
@@ -53,7 +61,8 @@ def reduce(
     friction_points : "auto", "all" or int
         Most friction points; "auto" is as many as it takes. Points that slip alike are merged.
     beta : "auto" or float
-        Scaling constant of Eq. (2), s/m; no steeper than the modes resolve.
+        Steepness of the law of friction, s/m. "auto" is that of the system, but no steeper than
+        the modes resolve.
 
     Returns
     -------

@@ -74,7 +74,8 @@ class Options:
     modes : "auto" or int
         Number of joint modes; with "paper" of each active zone.
     interface_modes : "auto" or int
-        Number of fixed-interface modes.
+        Number of fixed-interface modes; "auto" chooses by their share in the response with
+        "static" and "paper", and takes none with "self".
     snapshots, inner_product : str
         As in `skfem_joint.reduction.pod`; without effect with "static".
     active_length : "auto", "estimate", float or mapping
@@ -184,25 +185,27 @@ class Basis:
         """Positions (k,) on a unit active length and modes there, if these were scaled."""
         return None
 
-    def fewer_points(self, every: System, count: int | None) -> System:
+    def fewer_points(self, unmerged: System, count: int | None) -> System:
         """Reduced system with as few friction points as lose little, or at most ``count``.
 
-        ``every`` is the projection on V with all contact points. If no more points than the result
-        has slip apart from each other its ``notes`` say so.
+        ``unmerged`` is the projection on V with all contact points. Its ``notes`` say so if fewer
+        than ``count`` points are left, because no more of them slip apart from each other.
         """
         velocities, active = self.history.velocities, self.history.active
         if count is not None:
-            few = merged_points(every, velocities, active, count)
+            merged = merged_points(unmerged, velocities, active, count)
             note = (
-                f"The reduced model has {few.w.size} friction points instead of {count}: no more "
-                "of the joints' points slip apart from each other."
+                f"The reduced model has {merged.w.size} friction points instead of {count}: no "
+                "more of the joints' points slip apart from each other."
             )
-            return few if few.w.size >= count else replace(few, notes=(*few.notes, note))
+            if merged.w.size >= count:
+                return merged
+            return replace(merged, notes=(*merged.notes, note))
         for each in SETTINGS.merged_per_mode:
-            few = merged_points(every, velocities, active, each * every.n)
-            if friction_lost(every, few, velocities) <= SETTINGS.most_lost:
+            merged = merged_points(unmerged, velocities, active, each * unmerged.n)
+            if friction_lost(unmerged, merged, velocities) <= SETTINGS.most_lost:
                 break
-        return few
+        return merged
 
     def enriched(self, system: System, V: FloatArray, velocities: FloatArray) -> Basis:
         """Basis of more vectors V (n, k), with the velocities (times, k) of a run on them.

@@ -1,8 +1,8 @@
 """Condensed models: the contact unknowns are kept, all else is reduced as by Craig and Bampton.
 
 The basis has constraint modes, in each of which one slip that carries friction is moved by one and
-all else follows statically, and fixed-interface modes, natural modes with all these slips held: R.
-R. Craig and M. C. C. Bampton, AIAA J. 6 (1968). Static responses to the loads with the slips held
+all else follows statically, and fixed-interface modes, natural modes with all these slips zero: R.
+R. Craig and M. C. C. Bampton, AIAA J. 6 (1968). Static responses to the loads with the slips zero
 stand beside them.
 
 Friction acts as in the full model, point by point and with its law, Coulomb's too. The static
@@ -22,7 +22,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.basis import Basis, SlipHistory
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
-from skfem_joint.reduction.interface_modes import Held, up_to
+from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system import System
@@ -89,7 +89,7 @@ def condensed_basis(
             V[rest, k : k + block] = -solve(coupling[:, k : k + block].toarray())
         F = sparse.eye_array(inner.n, format="csc")[:, rest]
         highest = _highest(system) if highest is None else highest
-        shapes = _fixed_interface(Held(F, K_rest, M_rest), interface_modes, highest)
+        shapes = _fixed_interface(RestrictedMotion(F, K_rest, M_rest), interface_modes, highest)
         forces = inner.load_vectors()[rest]
         forces = forces[:, forces.any(axis=0)]
         if forces.size:
@@ -113,16 +113,18 @@ def _highest(system: System) -> float | None:
     return max((f for f in known if f is not None), default=0.0) if None not in known else None
 
 
-def _fixed_interface(held: Held, asked: str | int, highest: float | None) -> FloatArray:
+def _fixed_interface(
+    restricted: RestrictedMotion, count: str | int, highest: float | None
+) -> FloatArray:
     """Fixed-interface modes, as many as are asked for or as a frequency (Hz) needs, (rest, k)."""
-    if not isinstance(asked, str):
-        return held.lowest(asked)[1] if asked else np.zeros((held.K.shape[0], 0))
+    if not isinstance(count, str):
+        return restricted.lowest(count)[1] if count else np.zeros((restricted.K.shape[0], 0))
     if highest is None:
         raise InputError(
             "condense: the highest frequency of the loads is not known; say how many "
             "interface_modes the condensed model is to have"
         )
-    return up_to(held, highest)
+    return up_to(restricted, highest)
 
 
 def condensed_system(system: System, V: FloatArray) -> System:

@@ -59,20 +59,20 @@ class MergingSettings:
 SETTINGS = MergingSettings()
 
 
-def friction_lost(every: System, few: System, velocities: FloatArray) -> float:
-    """Share of the friction power that few points lose at the velocities of every point.
+def friction_lost(unmerged: System, merged: System, velocities: FloatArray) -> float:
+    """Share of the friction power that merging loses, both systems at the same velocities.
 
     Parameters
     ----------
-    every, few : System
-        The same reduced system with all contact points and with few.
+    unmerged, merged : System
+        The same reduced system with all contact points and with merged ones.
     velocities : ndarray, shape (times, n)
         Velocities of the unknowns.
     """
     rates = thinned(velocities, SETTINGS.times)
     all_of_it, rest = (
         float((system.slip_norm(rates @ np.asarray(system.B).T) @ system.w).sum())
-        for system in (every, few)
+        for system in (unmerged, merged)
     )
     return 1.0 - rest / all_of_it if all_of_it > 0.0 else 0.0
 

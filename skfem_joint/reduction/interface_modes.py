@@ -53,7 +53,8 @@ class InterfaceSettings:
     least_beside : float
         Share in the response, relative to the static one, beyond what other modes follow.
     few_beside, modes_for_one : int
-        Most modes beside those of the static path: one for so many of these, or a few.
+        With "auto" at most max(few_beside, joint modes // modes_for_one) modes stand beside the
+        joint modes of the static path.
     candidates : int
         Lowest modes of which `participating` chooses.
     least_participating : float
@@ -97,7 +98,7 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
     ----------
     system : System
     carrying : bool
-        Whether only points that carry friction are held.
+        Whether only points that carry friction may not slip; the others then move freely.
     """
     B = sparse.csr_array(system.B)
     if carrying:
@@ -109,8 +110,8 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
 
 
 @dataclass(frozen=True)
-class Held:
-    """A structure whose motion is held to the columns of a matrix F.
+class RestrictedMotion:
+    """A structure whose motion is restricted to the columns of a matrix F.
 
     Attributes
     ----------
@@ -125,11 +126,11 @@ class Held:
     M: Matrix
 
     @staticmethod
-    def of(system: System, F: Matrix | None = None) -> Held:
-        """System held to the columns of F; without F to motions in which no point slips."""
+    def of(system: System, F: Matrix | None = None) -> RestrictedMotion:
+        """System restricted to the columns of F; without F to motions in which no point slips."""
         F = motions_without_slip(system) if F is None else F
         K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
-        return Held(F, K, M)
+        return RestrictedMotion(F, K, M)
 
     def lowest(
         self,
@@ -177,22 +178,24 @@ def driven(
     F = motions_without_slip(system)
     if F.shape[1] == 0 or most == 0:
         return np.zeros((system.n, 0)), np.zeros(0)
-    held, C = Held.of(system, F), sparse.csc_array(congruent(system.C, F))
+    restricted, C = RestrictedMotion.of(system, F), sparse.csc_array(congruent(system.C, F))
     solve = None if path is None else path.stuck(F)
     inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
     for count in (max(1, most // 2), most, 2 * most):
-        frequency, shapes = held.lowest(count, solve, SETTINGS.tolerance)
+        frequency, shapes = restricted.lowest(count, solve, SETTINGS.tolerance)
         omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
         participation = shapes.T @ (F.T @ inertia)
         left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
-        # Modes beyond the last follow their drive but for its acceleration over omega squared.
+        # Modes above the last one move by about the acceleration of their drive over omega^2. That
+        # has to be negligible; the factor 2 is a margin.
         if 2.0 * left * loads.fastest**2 <= SETTINGS.least_driven * strain * omega[-1]:
             break
     stop = loads.plan.duration
     stop = stop if loads.period is None else min(stop, SHORT_RUNS.cycles * loads.period)
     drive = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
-    # What each lags behind its support is its acceleration over the square of its frequency.
+    # What a mode moves beside the static response is minus the acceleration of an oscillator under
+    # the force `drive`; times omega that is the square root of twice its strain energy.
     acceleration = modal_response(omega, damping, drive, loads.plan.step, "acceleration")
     share = omega * np.abs(acceleration).max(axis=1)
     order = np.argsort(-share, kind="stable")[:most]
@@ -212,14 +215,18 @@ def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray)
 
 
 def participating(
-    system: System, held: Held, V: FloatArray, forces: FloatArray, count: str | int
+    system: System,
+    restricted: RestrictedMotion,
+    V: FloatArray,
+    forces: FloatArray,
+    count: str | int,
 ) -> FloatArray:
     """Fixed-interface modes (n, k) that take part in the response, the lowest ones.
 
     Parameters
     ----------
     system : System
-    held : Held
+    restricted : RestrictedMotion
     V : ndarray, shape (n, j)
         Prescribed motions, whose inertia drives the modes.
     forces : ndarray, shape (columns of F, loads)
@@ -231,9 +238,9 @@ def participating(
     if count == 0:
         return np.zeros((system.n, 0))
     most = max(SETTINGS.candidates, 0 if isinstance(count, str) else count)
-    frequency, shapes = held.lowest(most)
+    frequency, shapes = restricted.lowest(most)
     size = np.sqrt(np.einsum("ij,ij->j", V, system.M @ V))
-    inertia = shapes.T @ (held.F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
+    inertia = shapes.T @ (restricted.F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
     static = (shapes.T @ forces / frequency[:, np.newaxis]) ** 2
     share = (inertia**2).sum(axis=1) + (static / static.sum(axis=0)).sum(axis=1)
     counting = np.flatnonzero(share > SETTINGS.least_participating * share.max())
@@ -242,14 +249,14 @@ def participating(
         below = frequency[counting] <= SETTINGS.times_fastest * max(fastest, default=0.0)
         count = max(SETTINGS.least_count, int(np.count_nonzero(below)))
         count = count if fastest else SETTINGS.unknown_count
-    return np.asarray(held.F @ shapes[:, counting[:count]])
+    return np.asarray(restricted.F @ shapes[:, counting[:count]])
 
 
-def up_to(held: Held, highest: float) -> FloatArray:
+def up_to(restricted: RestrictedMotion, highest: float) -> FloatArray:
     """Fixed-interface modes up to three times a frequency (Hz), at least eight of them, (k, j)."""
-    n, count, limit = held.K.shape[0], SETTINGS.least_up_to, SETTINGS.times_highest * highest
+    n, count, limit = restricted.K.shape[0], SETTINGS.least_up_to, SETTINGS.times_highest * highest
     while True:
-        frequency, shapes = held.lowest(count)
+        frequency, shapes = restricted.lowest(count)
         if count >= n or frequency[-1] > limit:
             below = int(np.count_nonzero(frequency <= limit))
             return shapes[:, : max(SETTINGS.least_up_to, below)]

@@ -12,8 +12,9 @@ reduced model shows what it misses without a run of the full model.
 Half of the modes come from the response to R of a structure in which friction holds points as a
 Newton step does: springs of the slope of the law where points creep, none where the force would
 exceed the friction limit. (The response without springs moves what sticks: the friction energy of a
-plate, 1.7 % off, came to 1.6 % with 16 such modes, and to 0.1 % with held ones.) The other half
-come from the response without springs: it alone finds a slip front that the basis cannot move.
+plate, 1.7 % off, came to 1.6 % with 16 such modes, and to 0.1 % with modes of the response with
+springs.) The other half come from the response without springs: it alone finds a slip front that
+the basis cannot move.
 
 Errors of a less steep law, or of merged friction points, are not detected here.
 """

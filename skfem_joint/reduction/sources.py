@@ -19,7 +19,7 @@ from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
 from skfem_joint.reduction.excitation import SHORT_RUNS
-from skfem_joint.reduction.interface_modes import SETTINGS, Held, beside, driven
+from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, beside, driven
 from skfem_joint.reduction.pod import proper_decomposition, proper_modes, stride_of, thinned
 from skfem_joint.reduction.static_path import StaticPath, slip_path
 from skfem_joint.stepping.integrate import integrate_plan
@@ -79,9 +79,10 @@ def make_basis(
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
         slipped = slip_path(system, plan, modes, path)
-        if slipped.blind > static_path.SETTINGS.blind:
+        new = slipped.newly_slipping
+        if new > static_path.SETTINGS.newly_slipping:
             notes.append(
-                f"The slip went on growing while the modes were made: {100 * slipped.blind:.2g} % "
+                f"The slip went on growing while the modes were made: {100 * new:.2g} % "
                 "of what slips at last stuck in the round before. Use more modes and see whether "
                 "the result stays, or take reference = 'self'."
             )
@@ -128,9 +129,9 @@ def own_basis(
         )
     V = proper.modes[:, :modes]
     if not isinstance(interface_modes, str) and interface_modes > 0:
-        held = Held.of(system)
-        if held.F.shape[1]:
-            V = np.hstack([V, held.F @ held.lowest(interface_modes)[1]])
+        restricted = RestrictedMotion.of(system)
+        if restricted.F.shape[1]:
+            V = np.hstack([V, restricted.F @ restricted.lowest(interface_modes)[1]])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
     return basis_of(
         system,
@@ -158,8 +159,9 @@ def static_basis(
     modes : int
         Joint modes; fewer if the path makes no more.
     interface : "auto" or int
-        Number of fixed-interface modes, those with the largest shares in the response; "auto":
-        those that count beyond what the others follow, at most one for six modes, or two.
+        Number of fixed-interface modes, those with the largest shares in the response. "auto":
+        the max(2, modes // 6) with the largest shares, without those whose motion the other
+        vectors follow already (`skfem_joint.reduction.interface_modes.beside`).
     """
     proper = proper_decomposition(path.snapshots, shifted(system.K, system.M))
     counting = proper.singular_values > _LEAST_SINGULAR * proper.singular_values[0]
@@ -175,12 +177,14 @@ def static_basis(
         shapes = beside(system, V, shapes, share)
     V = np.hstack([V, shapes])
     run = path.run
-    u = np.linalg.qr(run.u, mode="r") @ path.V.T  # few states with the same sum of energies
+    # As many states as V has columns stand for the run: their energies have the same sum.
+    u = np.linalg.qr(run.u, mode="r") @ path.V.T
     slip = path.slip_peak  # more accurate than the run's
     if path.rigid.size:
         slip = system.slip_norm(run.u @ (system.B @ path.V).T).max(axis=0)
-    few = run.system
-    velocity = float(few.slip_norm(run.v @ np.asarray(few.B).T).max(initial=0.0))
+    preliminary = run.system
+    slip_velocity = preliminary.slip_norm(run.v @ np.asarray(preliminary.B).T)
+    velocity = float(slip_velocity.max(initial=0.0))
     basis = basis_of(
         system, V, modes, proper, u=u, v=path.V.T, slip_peak=slip, slip_velocity=velocity
     )

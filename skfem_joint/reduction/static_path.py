@@ -63,8 +63,9 @@ class PathSettings:
         Most periods of the preliminary run.
     rounds : int
         Most rounds of preliminary run and second path.
-    blind : float
-        Share of what slips on a second path, by friction limits, that may have stuck before.
+    newly_slipping : float
+        Largest share of the points that slip on a second path, by friction limits, that may have
+        stuck on all paths before.
     modes : int
         Joint modes of the preliminary model.
     resolved : float
@@ -84,7 +85,7 @@ class PathSettings:
     growing: float = 1.05
     most_cycles: int = 64
     rounds: int = 3
-    blind: float = 0.1
+    newly_slipping: float = 0.1
     modes: int = 14
     resolved: float = 1e4
     slow: float = 1e-3
@@ -119,8 +120,9 @@ class StaticPath:
         Loads that act.
     stiffness : Uncondensed, optional
         Stiffness with its Schur complement, if the path had it.
-    blind : float
-        Share of what slips on the last path, by friction limits, that stuck on those before.
+    newly_slipping : float
+        Share of the points that slip on the last path, by friction limits, that stuck on all paths
+        before: preliminary runs did not know that they slip.
     work : mapping of str to int
         Counts of states, factorizations and preliminary steps.
     """
@@ -135,7 +137,7 @@ class StaticPath:
     run: Run
     loads: Excitation
     stiffness: Uncondensed | None
-    blind: float
+    newly_slipping: float
     work: Mapping[str, int]
 
 
@@ -181,7 +183,7 @@ def slip_path(
     rise = np.array([loads.rise_time])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
-    slipping, steps, blind = _slipping(system, snapshots[0])[0], 0, 1.0
+    slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     interface, share = interface_modes.driven(system, response, loads, path=path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
@@ -194,8 +196,8 @@ def slip_path(
         states, within = _second(path, loads, response, driving)
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:within])
-        blind = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
-        if blind <= SETTINGS.blind:
+        newly_slipping = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
+        if newly_slipping <= SETTINGS.newly_slipping:
             break
         slipping |= now
     if loads.is_one_harmonic and modes > SETTINGS.second_levels:
@@ -211,7 +213,7 @@ def slip_path(
         run=run,
         loads=loads,
         stiffness=path.unshifted,
-        blind=blind,
+        newly_slipping=newly_slipping,
         work={
             "quasi-static states": path.solves,
             "factorizations": path.factorizations,

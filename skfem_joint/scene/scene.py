@@ -293,7 +293,7 @@ def _time_problems(scene: Scene) -> Iterator[str]:
             f"{LARGEST_COUNT:.0e} steps"
         )
         return
-    if scene.accuracy.asked:  # the step is then shortened
+    if scene.accuracy.is_given:  # the step is then shortened
         return
     for i, load in enumerate(scene.load):
         fastest = max((part.frequency for part in load.to_amplitude().harmonics), default=0.0)

@@ -332,7 +332,7 @@ class ReductionTable(SceneTable):
         Auto | Annotated[CountOrZero, Tag(Form.NUMBER)], by_form(Form.WORD)
     ] = key(
         "number of fixed-interface modes beside them; 'auto' chooses by their share in the "
-        "response",
+        "response, and takes none with reference = 'self'",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )
@@ -382,12 +382,12 @@ class AccuracyTable(SceneTable):
 
     @model_validator(mode="after")
     def _is_estimated(self) -> Self:
-        if self.asked and not self.estimate:
+        if self.is_given and not self.estimate:
             raise mistake("found false beside a largest error; leave it out", "estimate")
         return self
 
     @property
-    def asked(self) -> bool:
+    def is_given(self) -> bool:
         """Whether a largest error is given."""
         return self.displacement is not None or self.energy is not None
 

@@ -1,6 +1,6 @@
 """The driver: it advances a stepper along a run, in chunks, and halves steps that fail.
 
-Where chunks end changes no bit of the result.
+The result is the same to the bit wherever chunks end.
 """
 
 from __future__ import annotations

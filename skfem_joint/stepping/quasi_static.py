@@ -6,9 +6,10 @@ From the state before, each increment d of the displacement solves
 
 the step problem with the stiffness for its matrix and the increment for its unknown
 (:mod:`skfem_joint.minimise.problem`). Points that stick do so exactly; reversals and histories of
-loads need no special treatment. Each increment goes straight: slips that turn within one are not
-resolved. Dense systems, as reduction makes them, have more contact points than unknowns, which
-cannot all stick: there Coulomb's law is the limit of steeper and steeper ones.
+loads need no special treatment. Within an increment the direction of slip is constant: increments
+must be short enough to resolve how it turns. Dense systems, which come from reduction, have more
+contact points than unknowns, so that not all points can stick: there Coulomb's law is approached by
+ever steeper laws.
 
 Bodies that friction alone holds have a singular stiffness. A little of the mass is added to it, and
 forces that would make everything slip are scaled back to just below what friction holds. That limit
@@ -51,8 +52,8 @@ class QuasiStaticSettings:
 
     Attributes
     ----------
-    held : float
-        Share of the friction limit that loads are scaled back to where nothing else holds.
+    limit_share : float
+        Share of the friction limit to which loads are scaled back where friction alone holds.
     halvings : int
         A level that does not converge at once is reached in parts, halved at most this often.
     carried : float
@@ -68,7 +69,7 @@ class QuasiStaticSettings:
         Share of a rigid motion's displacement that is no slip.
     """
 
-    held: float = 0.98
+    limit_share: float = 0.98
     halvings: int = 6
     carried: float = 1e-3
     limit_iterations: int = 20
@@ -194,7 +195,7 @@ class QuasiStatic:
         if self.whole is None or self.to.maps:
             return None
         schur = self.whole.schur
-        if not np.array_equal(F.indices, schur.rest):
+        if not np.array_equal(F.indices, schur.interior):
             return None
         return cast("Callable[[FloatArray], FloatArray]", schur.solve_interior)
 
@@ -207,7 +208,7 @@ class QuasiStatic:
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        held: float = SETTINGS.held,
+        limit_share: float = SETTINGS.limit_share,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
         """Displacements (levels, n), m, under forces (levels, n), N, one after another.
@@ -218,9 +219,9 @@ class QuasiStatic:
         times : ndarray, shape (levels,), optional
             When each level is reached, s, from 0: the system's own law acts, which creeps.
             Coulomb's, which time does not matter to, if not given.
-        held : float
-            Forces that make everything slip where nothing else holds are scaled to this share of
-            what friction can hold; ``inf`` leaves them as they are.
+        limit_share : float
+            Where friction alone holds, forces that would make everything slip are scaled to this
+            share of what friction can hold; ``inf`` leaves them as they are.
         start : tuple of ndarray, shape (n,), optional
             Displacement, m, and the force that it was reached under, N; at rest if not given.
 
@@ -242,7 +243,7 @@ class QuasiStatic:
         for level, force in enumerate(right.T):
             before, f = f, np.ascontiguousarray(force)
             rate = np.full(self.beta.size, np.inf) if times is None else self.beta / lasting[level]
-            u = path[level] = self._state(u, before, f, held, rate)
+            u = path[level] = self._state(u, before, f, limit_share, rate)
             self.tally.add()
         return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
 
@@ -263,23 +264,23 @@ class QuasiStatic:
         u: FloatArray,
         before: FloatArray,
         f: FloatArray,
-        held: float,
+        limit_share: float,
         rate: FloatArray,
         halvings: int = 0,
     ) -> FloatArray:
         """Displacement under ``f`` from ``u`` under the forces ``before``, in parts if need be.
 
-        ``rate`` is the law's scaling constant for increments, 1/m, of each point.
+        ``rate`` is the law's steepness for increments of displacement, 1/m, of each point.
         """
         increment = self._minimise(f - self.stiffness @ u, rate)
-        if np.isfinite(held) and self._carried(increment, f) > SETTINGS.carried:
+        if np.isfinite(limit_share) and self._carried(increment, f) > SETTINGS.carried:
             self.held_back += 1
-            right = min(1.0, held * self._limit(f, rate)) * f - self.stiffness @ u
+            right = min(1.0, limit_share * self._limit(f, rate)) * f - self.stiffness @ u
             increment = self._minimise(right, rate)
             halvings = SETTINGS.halvings  # scaled back, the load has no path to follow in parts
         if not increment.converged and halvings < SETTINGS.halvings:
             middle = 0.5 * (before + f)
-            rest = (held, 2.0 * rate, halvings + 1)
+            rest = (limit_share, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
         if not increment.converged:
             where = (

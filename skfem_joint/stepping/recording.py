@@ -143,8 +143,8 @@ class Cycles:
 class Steady:
     """Steady vibration of the named points, and the search for it.
 
-    Displacements are of every step of the period, whatever rows are stored. Those of a point that
-    drifts are counted from where it would be had it gone there evenly.
+    Amplitude and offset are taken from every step of the period, whatever rows are stored. For a
+    body that drifts an even motion by ``drift`` in the period is subtracted first.
 
     Attributes
     ----------
@@ -155,13 +155,13 @@ class Steady:
     amplitude : ndarray, shape (points,)
         Half of peak to peak, m.
     offset : ndarray, shape (points,)
-        Mean of the highest and the lowest displacement, m. Where joints come to rest depends on how
-        the vibration began; of bodies that friction alone holds (``unstrained`` above zero) nothing
-        else determines it. Under loads that change their sign every half period the search gives
-        the vibration without an offset, under others the one that begins with the rigid
-        displacement of the run's start.
+        Mean of the highest and the lowest displacement, m. It is not unique: where joints come to
+        rest depends on how the vibration began, and so does the place of bodies that friction
+        alone holds (``unstrained`` above zero). Under loads that change their sign every half
+        period the search returns the vibration without an offset, under other loads one that
+        begins with the rigid displacement at the start of the run.
     drift : ndarray, shape (points,)
-        Displacement in a period of bodies that go on and on, m.
+        Rigid displacement in a period, m, of bodies that friction alone holds.
     unstrained : int
         Number of rigid motions that friction alone holds, or nothing.
     """

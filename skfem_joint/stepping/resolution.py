@@ -268,7 +268,7 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
         from skfem_joint.stepping.quasi_static import QuasiStatic
 
         try:
-            u: FloatArray = QuasiStatic(system, 1e-6).follow(f[np.newaxis], held=np.inf)[0]
+            u: FloatArray = QuasiStatic(system, 1e-6).follow(f[np.newaxis], limit_share=np.inf)[0]
         except (ConvergenceError, InputError):
             pass  # points share their unknowns, or hold each other
         else:

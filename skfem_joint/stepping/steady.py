@@ -4,23 +4,26 @@ With constant normal forces friction is monotone: two runs under the same loads 
 (in the norm of energy), so that the map from the state at the start of a period to that at its end
 is non-expansive, and with damping the periodic velocity is unique. Its fixed point is found by
 Anderson's acceleration (D. G. Anderson, J. ACM 12, 1965; H. F. Walker and P. Ni, SIAM J. Numer.
-Anal. 49, 2011) with a safeguard: a state whose change is more than twice the least one yet gives
-way to the plain iterate of that, whose change never grows. All that a step starts from is mixed
-with the same coefficients, and stepped on without a restart: displacement, velocity, and the
-scheme's accelerations, which do not follow from them where points stick.
+Anal. 49, 2011): the next start is a linear combination of the last states at ends of periods. It
+has a safeguard. The change of a state is what a period adds to it; if the change of a combination
+is more than twice the least change so far, the search goes back to the plain end state that belongs
+to the least change, and plain iteration never makes the change grow. All that a step starts from is
+combined with the same coefficients, and no step restarts the scheme: displacement, velocity, and
+the scheme's accelerations, which do not follow from the first two where points stick.
 
 Loads that change their sign every half period, as harmonic ones do, have a steady vibration that
 does so as well, for friction is odd. There the map is half a period and a change of sign: as
 non-expansive, half as long, and of all steady vibrations of Coulomb points, which differ by where
 these come to rest, it gives the one without an offset.
 
-A body that friction alone holds vibrates alike wherever it lies: forces depend neither on its rigid
-displacement nor does its energy, so that neither the norm nor the steady vibration determines it.
-It is taken out of the state before each period, and what a period adds to it is its drift. Under
-loads that change their sign every half period there is none, and the vibration is put about the
-place without strain; under others the body lies at the start of the period where it lay at the
-start of the search. A body that drifts for ever has a steady velocity, and no steady displacement.
-Where it is in truth depends on how the vibration began: only a run from there shows that.
+A body that friction alone holds vibrates in the same way wherever it lies: neither the forces nor
+the energy depend on its rigid displacement, so that neither the norm of energy nor the equation of
+steady vibration determines it. The rigid displacement is therefore taken out of the state before
+each period, and what a period adds to it is the drift. Under loads that change their sign every
+half period there is no drift, and the rigid displacement is chosen so that its mean is zero; under
+other loads the body lies at the start of the period where it lay at the start of the search. A body
+that drifts for ever has a steady velocity, but no steady displacement. Where it really lies depends
+on how the vibration began: only a run from the beginning shows that.
 """
 
 from __future__ import annotations

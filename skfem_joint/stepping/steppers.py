@@ -1,9 +1,9 @@
 """Steppers: each advances one system by equal implicit steps.
 
-`Stepper` is what the driver needs. There are two: `CompiledStepper` does many steps in one call of
-the compiled loop, for chains and small dense systems; `PythonStepper` does them one by one, for
-systems whose step problem takes much longer than a few lines of Python (large and sparse) or none
-but a solution (without friction).
+`Stepper` is what the driver needs. There are two. `CompiledStepper`, for chains and small dense
+systems, does many steps in one call of the compiled loop (`time_loop`). `PythonStepper` does them
+one by one in Python, for large sparse systems, whose step problems take much longer than the lines
+of Python around them, and for systems without friction, whose steps are one linear solution each.
 """
 
 from __future__ import annotations

@@ -1,4 +1,10 @@
-"""The compiled loop over steps: predictor, step problem, bookkeeping and stored rows."""
+"""The compiled loop over steps: predictor, step problem, bookkeeping and stored rows.
+
+The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
+`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). Large sparse
+systems have no part in this loop: `steppers.PythonStepper` steps them with `truncated_newton`,
+whose `point_loops` call `law.resolvent`. `minimise.choice` chooses the method.
+"""
 
 # numba infers the types of compiled functions:
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs

@@ -3,10 +3,10 @@
     minimise over u:   1/2 u K u - f u    with   G u <= gap
 
 The pressures p are the multipliers. A set of closed gaps is assumed and the linear problem with
-these equations is solved. Then gaps whose pressure pulls are opened and gaps that penetrate are
-closed, until no gap changes (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). The linear
-problem is solved by an augmented Lagrangian: a stiff spring in each closed gap, and iterations for
-the multipliers.
+these equations is solved. Then closed gaps with a negative pressure are opened, and open gaps with
+penetration are closed, until no gap changes (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13,
+2002). The linear problem is solved by an augmented Lagrangian: a stiff spring in each closed gap,
+and iterations for the multipliers.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class ActiveSetSettings:
         Stiffness of closed contact over that of the elements. It speeds up the iteration for the
         multipliers, which make contact exactly rigid.
     shift : float
-        Part of the stiffness' diagonal that is added to its factors, so that they exist while too
-        few nodes touch to hold every body.
+        Share of the stiffness' diagonal that is added before factorisation, because K is singular
+        while too few nodes touch to support every body.
     largest_schur : int
         Unknowns up to which the stiffness is condensed to those in contact; their Schur complement
         is dense (0.2 GB at 5000).
@@ -128,8 +128,8 @@ class UnilateralContact:
     ) -> tuple[FloatArray, FloatArray, float]:
         """Displacement and pressure for a given set of closed contact, by an augmented Lagrangian.
 
-        The residual is corrected with one factor until it stops falling. Third comes the share of
-        the clamp forces that is left out of balance.
+        The solution is corrected with the same factor until the residual stops falling. The third
+        value returned is the residual as a share of the clamp forces.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
         solve = self._open.solver(G.T @ sparse.diags_array(penalty) @ G)

@@ -138,7 +138,7 @@ def clamp_forces(body: Body, bolt: Clamp, where: str) -> FloatArray:
 
 
 def cuts(body: Body, held: BoolArray, bolts: Sequence[Clamp]) -> SlipRows:
-    """Rows that hold both faces of each cut shank on each other, after they were pulled together.
+    """Rows that join the two faces of each cut shank, for the vibration after tightening.
 
     ``held`` (N, dim) are the displacements that supports hold.
 
@@ -164,5 +164,5 @@ def cuts(body: Body, held: BoolArray, bolts: Sequence[Clamp]) -> SlipRows:
         moves = np.flatnonzero(~held[nodes].ravel())
         apart_by = sparse.kron(selection(nodes, n) - values, sparse.eye_array(dim), "csr")
         pivots = (dim * nodes[:, np.newaxis] + np.arange(dim)).ravel()
-        rows = rows + replace(none, held=apart_by[moves], pivots=pivots[moves])
+        rows = rows + replace(none, closed=apart_by[moves], pivots=pivots[moves])
     return rows

@@ -1,4 +1,10 @@
-"""Slip rows of contact: for structures, and for matrices assembled on any basis of scikit-fem."""
+"""Slip rows of contact, and friction limits from normal forces.
+
+A contact point's friction limit is ``w += friction * normal_force``, summed over the joints that
+share the point; `skfem_joint.structure.patch` integrates the pressure to normal forces. The rows
+are made for structures (`contact_rows`), for matrices assembled on any basis of scikit-fem
+(`contact`), and for slips that users give (`point_friction`).
+"""
 
 from __future__ import annotations
 
@@ -68,7 +74,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         w=w,
         beta=beta,
         directions=slips.astype(np.int64),
-        held=stacked(H, dim * count),
+        closed=stacked(H, dim * count),
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
     )
@@ -142,9 +148,9 @@ def contact(
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    held_rows = rows.held @ order
+    closed_rows = rows.closed @ order
     return SlipRows(
-        rows.B @ order, rows.w, rows.beta, rows.directions, held_rows, pivots, names=names
+        rows.B @ order, rows.w, rows.beta, rows.directions, closed_rows, pivots, names=names
     )
 
 
@@ -168,7 +174,7 @@ def point_friction(
     limit : float
         Friction limit, N.
     beta : float
-        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+        Steepness of the arctan law, s/m; ``inf`` is Coulomb.
     name : str
         Joint under which results state its friction energy. In a sum of contacts each name is a
         joint of its own.

@@ -1,4 +1,7 @@
-"""Warnings about bodies that are allowed but suggest a mistake of the user."""
+"""Sentences about bodies and meshes that are allowed but suggest a mistake of the user.
+
+`skfem_joint.structure.model.doubts` collects them; ``skfem-joint check`` and runs show them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from skfem_joint.system import System
 
 @dataclass(frozen=True)
 class Usual:
-    """Ranges of values outside which `check` warns.
+    """Ranges of values outside which the functions of this module yield a sentence.
 
     Attributes
     ----------

@@ -34,13 +34,14 @@ class Joint:
     against : str, optional
         Region or boundary of another body; a rigid base if not given.
     beta : float
-        Scaling constant of the arctan law, Eq. (2), s/m; ``inf`` is Coulomb.
+        Steepness of the arctan law, s/m; ``inf`` is Coulomb.
     normal_force : {"consistent", "equal"}
         Nodal forces are integrals of pressure times hat function, which converge with the square
         of the element size; or, as in the paper, the total force divided equally among the nodes
         that can slip, which converge with the element size.
     axis : tuple of float, optional
-        Direction along which reference modes are laid; in one dimension the bar itself.
+        Direction along which the paper's scaled modes are stretched over the active length
+        (``reference = "paper"``); in one dimension the bar itself.
     """
 
     on: str

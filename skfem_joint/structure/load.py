@@ -1,4 +1,4 @@
-"""Loads on a structure, and the vectors of all nodes that they make."""
+"""Loads on a structure, and their nodal force vectors."""
 
 from __future__ import annotations
 

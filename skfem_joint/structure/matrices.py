@@ -202,7 +202,7 @@ class MatrixModel:
             w=joint.friction * force[slips],
             beta=np.full(np.count_nonzero(slips), joint.beta),
             directions=np.count_nonzero(acting[slips], axis=1).astype(np.int64),
-            held=rows_along(np.flatnonzero(closed), normal[closed], k) @ relative,
+            closed=rows_along(np.flatnonzero(closed), normal[closed], k) @ relative,
             pivots=np.array(held + free, dtype=np.intp),
             clamped=force[closed],
         )

@@ -76,7 +76,8 @@ class Patch:
     held_nodes : ndarray of int
         Numbers of these nodes.
     held_normal : ndarray, shape (held nodes, dim), or None
-        Normals of these nodes; in directions that supports leave free closed contact holds them.
+        Normals of these nodes: closed contact fixes their displacement along the normal in the
+        directions that supports leave free.
     cells : ndarray of int, shape (c, corners)
         Linear sub-cells of the contact, by node numbers.
     other : sparse array, shape (k, N), or None

@@ -66,8 +66,8 @@ def reactions(
         Degrees of freedom of each cell of the contact, whose reactions are summed.
     """
     M, K = matrices
-    n, h = K.shape[0], rows.held.shape[0]
-    both = sparse.vstack([rows.held, rows.B])
+    n, h = K.shape[0], rows.closed.shape[0]
+    both = sparse.vstack([rows.closed, rows.B])
     opened = change_of_unknowns(n, fixed, sparse.csr_array((0, n)), both, rows.pivots)
     pressed = np.flatnonzero(rows.normal_force > 0.0)
     gaps = sparse.csr_array(opened.forward.tocsc()[:, opened.slips[:h][pressed]].T)

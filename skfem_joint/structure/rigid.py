@@ -68,7 +68,7 @@ def loose_bodies(
         if friction and patch.joint.friction > 0.0:
             slips = np.einsum("kdc,kcm->kdm", patch.directions, relative)
             rows.append(slips.reshape(-1, motions.shape[2]))
-    rows.append(cuts.held @ motions.reshape(-1, motions.shape[2]))
+    rows.append(cuts.closed @ motions.reshape(-1, motions.shape[2]))
     free = np.abs(combinations_left_free(rows))
     share = free.reshape(body.mesh.body.max() + 1, -1).max(axis=1, initial=0.0)
     return [body_label(body.mesh, number) for number in np.flatnonzero(share > 1e-6).tolist()]

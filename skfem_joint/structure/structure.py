@@ -283,7 +283,7 @@ class Structure:
     def change_of_unknowns(self) -> ChangeOfUnknowns:
         """Unknowns from the displacements of all nodes, ``dim * node + component``, and back."""
         rows, fixed = self._slip_rows, np.flatnonzero(self.held)
-        return change_of_unknowns(self.held.size, fixed, rows.held, rows.B, rows.pivots)
+        return change_of_unknowns(self.held.size, fixed, rows.closed, rows.B, rows.pivots)
 
     @property
     def T(self) -> sparse.csr_array:
@@ -365,7 +365,7 @@ class Structure:
         cells = np.vstack([patch.cells for patch in self.patches if patch.normal is not None])
         # Stand for each node by the degree of freedom that closed contact determines.
         dof = np.arange(self.n_nodes) * self.dim
-        determined = rows.pivots[: rows.held.shape[0]]
+        determined = rows.pivots[: rows.closed.shape[0]]
         dof[determined // self.dim] = determined
         fixed = np.flatnonzero(self.held)
         return reactions(rows, fixed, (M, K), self.T, F, dof[cells])

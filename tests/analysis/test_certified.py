@@ -8,10 +8,10 @@ import pytest
 from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_scene
 
 import skfem_joint as sj
-from skfem_joint.analysis.asked import plan_of
 from skfem_joint.analysis.certificate import certify, extrapolated, make_reference
 from skfem_joint.analysis.estimate import Estimate, verification_run
 from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.scene import Scene
 
 

@@ -11,9 +11,9 @@ from scipy import linalg
 
 from skfem_joint.analysis import accuracy, estimate
 from skfem_joint.analysis import study as study_module
-from skfem_joint.analysis.asked import basis_of, options_of, plan_of
 from skfem_joint.analysis.estimate import of_full, verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.reduction.basis import Basis, reduced_system
@@ -33,7 +33,7 @@ def total(scene: Scene, model: str) -> dict[str, float | None]:
 
 
 def basis_for(scene: Scene) -> Basis:
-    return basis_of(scene, scene.structure(), scene.system(), options_of(scene))
+    return basis_of_scene(scene, scene.structure(), scene.system(), options_of(scene))
 
 
 @pytest.fixture

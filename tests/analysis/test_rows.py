@@ -120,7 +120,7 @@ class Interrupted(Rows):
 
     def keep(self, *given: Any) -> Any:
         kept = super().keep(*given)
-        if self.made == self.last:
+        if self.computed == self.last:
             raise KeyboardInterrupt
         return kept
 
@@ -180,9 +180,9 @@ def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, t
     command, kinds = COMMANDS[name]
     path = tmp_path / "whole.jsonl"
     whole = Rows(path, kinds)
-    result, count = command(whole), whole.made
+    result, count = command(whole), whole.computed
     assert count > 8
-    assert whole.asked <= count + 1 if name.startswith("response") else whole.asked > 0
+    assert whole.total <= count + 1 if name.startswith("response") else whole.total > 0
     path, known = tmp_path / "rows.jsonl", 0
     for last in (1, count // 2 - 1, count // 4, count):
         rows = Interrupted(path, kinds)
@@ -206,7 +206,7 @@ def test_rows_of_another_scene_are_not_used(tmp_path):
     backbone_of(Rows(path, BACKBONE_ROWS))
     rows = Rows(path, BACKBONE_ROWS)
     backbone_of(rows, joint=[joint(friction=0.65)])
-    assert rows.taken == 0 < rows.made
+    assert rows.taken == 0 < rows.computed
 
 
 SCENE = """
@@ -267,7 +267,7 @@ def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
 
     def stopped(self: Rows, *given: Any) -> Any:
         kept = keep(self, *given)
-        if self.made == 4:
+        if self.computed == 4:
             os.kill(os.getpid(), number)
         return kept
 

@@ -22,12 +22,12 @@ from joint_scenes import (
 )
 
 import skfem_joint as sj
-from skfem_joint.analysis import asked
+from skfem_joint.analysis import scene_plan
 from skfem_joint.analysis import study as study_module
-from skfem_joint.analysis.asked import save_of
 from skfem_joint.analysis.contact_history import contact_history, displacements
 from skfem_joint.analysis.history import Errors, difference, results
 from skfem_joint.analysis.models import Study
+from skfem_joint.analysis.scene_plan import save_of
 from skfem_joint.analysis.summary import violated
 from skfem_joint.output import report
 from skfem_joint.output.report import summary
@@ -365,7 +365,7 @@ def test_interruption_while_the_modes_are_made_is_not_swallowed(monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(asked, "make_reduced", stop)
+    monkeypatch.setattr(scene_plan, "make_reduced", stop)
     results = run_bar(time={"cycles": 2})
     assert results.interrupted
     assert list(results.models) == ["full"]

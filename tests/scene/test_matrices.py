@@ -167,7 +167,7 @@ def test_a_unit_motion_of_one_side_is_a_unit_slip(seed):
     (patch,) = model.patches
     assert np.einsum("kdc,kd->kc", patch.directions, slip[..., 0]) == pytest.approx(tangent)
     assert slip[..., 1] == pytest.approx(0.0, abs=1e-12)
-    assert model.contact.held @ u == pytest.approx(0.0, abs=1e-12)
+    assert model.contact.closed @ u == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

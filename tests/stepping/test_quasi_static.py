@@ -78,7 +78,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     system = made.system(loads, [])
     pull = system.load_vectors().sum(axis=1) * float(system.w.sum())
     if not fixed:  # without what would turn the plates together
-        pull = system.K @ QuasiStatic(system).follow(pull[np.newaxis], held=np.inf)[0]
+        pull = system.K @ QuasiStatic(system).follow(pull[np.newaxis], limit_share=np.inf)[0]
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)

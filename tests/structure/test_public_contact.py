@@ -243,7 +243,9 @@ def test_contacts_are_named_as_the_part_of_the_mesh_unless_named_otherwise():
     M, K = matrices(basis)
     fixed = basis.get_dofs("right")
     assert System.from_matrices(M, K, fixed=fixed, contact=both).joints == ("base", "lid")
-    nameless = SlipRows(np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.held[:0])
+    nameless = SlipRows(
+        np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.closed[:0]
+    )
     assert nameless.joint_of_point == ("contact",)
     with pytest.raises(InputError, match="contact: found name ' '"):
         contact(basis, "base", name=" ", **how)

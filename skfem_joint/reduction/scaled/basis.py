@@ -22,7 +22,11 @@ from skfem_joint.arrays import FloatArray, IntArray, slip_norms
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.active_length import THRESHOLD, ContactPart, axis_of
 from skfem_joint.reduction.basis import Basis, Options, basis_of
-from skfem_joint.reduction.interface_modes import Held, motions_without_slip, participating
+from skfem_joint.reduction.interface_modes import (
+    RestrictedMotion,
+    motions_without_slip,
+    participating,
+)
 from skfem_joint.reduction.pod import ProperModes
 from skfem_joint.reduction.scaled.gauss import gauss_points
 from skfem_joint.reduction.scaled.reference import ReferenceModes, paper_reference
@@ -73,11 +77,11 @@ class ScaledBasis(Basis):
         values = self.reference.proper.singular_values
         return self.reference.xi, ProperModes(self.reference.modes, values)
 
-    def fewer_points(self, every: System, count: int | None) -> System:
+    def fewer_points(self, unmerged: System, count: int | None) -> System:
         """Reduced system with Gauss points, ``count`` of each line; without lines as `Basis`."""
         if self.lines is None:
-            return super().fewer_points(every, count)
-        return gauss_points(every, self.lines, count or POINTS_PER_MODE * self.modes)
+            return super().fewer_points(unmerged, count)
+        return gauss_points(unmerged, self.lines, count or POINTS_PER_MODE * self.modes)
 
     def enriched(self, system: System, V: FloatArray, velocities: FloatArray) -> Basis:
         """Basis of more vectors, as `Basis.enriched`; friction points are merged ones from then."""
@@ -165,9 +169,9 @@ def scaled_basis(
         lines.append((points[inside], distance[inside]))
     F = motions_without_slip(system)
     turning = slips.across[:, active & (np.diff(slips.across.indptr) > 0)]
-    wide = Held.of(system, sparse.csc_array(sparse.hstack([F, turning])))
+    wide = RestrictedMotion.of(system, sparse.csc_array(sparse.hstack([F, turning])))
     parts = [_following(system, wide, np.hstack(pulled))]
-    parts.append(_following(system, Held.of(system, F), np.hstack(breathing)))
+    parts.append(_following(system, RestrictedMotion.of(system, F), np.hstack(breathing)))
     if F.shape[1]:
         parts += _beside(system, wide, parts[0], interface_modes)
     velocity = slip_norms(probe.point_v, system.directions[loaded_ends(zones)])
@@ -237,17 +241,19 @@ def _slip_vectors(structure: Structure, system: System) -> _SlipVectors:
     return _SlipVectors(sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), sideways)
 
 
-def _following(system: System, held: Held, V: FloatArray) -> FloatArray:
+def _following(system: System, restricted: RestrictedMotion, V: FloatArray) -> FloatArray:
     """Prescribed motions V (n, k) with what the columns of F follow at the least strain energy."""
-    if held.F.shape[1] == 0:
+    if restricted.F.shape[1] == 0:
         return V
-    return np.asarray(V - held.F @ factorised(held.K)(held.F.T @ (system.K @ V)))
+    return np.asarray(V - restricted.F @ factorised(restricted.K)(restricted.F.T @ (system.K @ V)))
 
 
-def _beside(system: System, held: Held, V: FloatArray, count: str | int) -> list[FloatArray]:
+def _beside(
+    system: System, restricted: RestrictedMotion, V: FloatArray, count: str | int
+) -> list[FloatArray]:
     """Static responses to the loads and fixed-interface modes in the columns of F."""
     loads = system.load_vectors()
-    forces = held.F.T @ loads
+    forces = restricted.F.T @ loads
     forces = forces[:, np.abs(forces).max(axis=0) > 1e-9 * np.abs(loads).max(axis=0)]
-    responses = [held.F @ factorised(held.K)(forces)] if forces.size else []
-    return [*responses, participating(system, held, V, forces, count)]
+    responses = [restricted.F @ factorised(restricted.K)(forces)] if forces.size else []
+    return [*responses, participating(system, restricted, V, forces, count)]

@@ -79,7 +79,7 @@ def lap_joint(
     pressure : float
         Contact pressure, Pa.
     beta : float
-        Scaling constant of Eq. (2), s/m; infinite for Coulomb's law.
+        Steepness of the law of friction, s/m; infinite for Coulomb's law.
     normal_force : {"equal", "consistent"}
         How the pressure is shared among the nodes.
     elements : int

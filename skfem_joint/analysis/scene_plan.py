@@ -1,21 +1,32 @@
-"""Plan, options and basis that a scene asks for, and its fingerprint."""
+"""From a scene to a run: its plan, the basis of its reduced model, and its fingerprint.
+
+`plan_of` gives the time steps and `save_of` what they store. `options_of` copies the scene's table
+``[reduction]`` to `Options`; `basis_of_scene` hands these to `make_reduced`, which calls
+`skfem_joint.reduction.sources.make_basis` for the references "static" and "self". `origin_of` gives
+the fingerprint by which saved results are recognised.
+
+Only this module knows the paper's scaled modes, which it imports where a scene needs them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from skfem_joint.analysis.reduced_models import make_reduced
 from skfem_joint.reduction.basis import Basis, Options
+from skfem_joint.reduction.sources import make_basis
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.structure import AnyStructure
 from skfem_joint.system import System
 
-#: Cycles of the run that modes are made for where it goes on until vibration is steady.
+if TYPE_CHECKING:
+    from skfem_joint.stepping.quasi_static import QuasiStatic
+
+#: Cycles for which modes are made where the run goes on until the vibration is steady.
 TO_STEADY = 100
 
 
@@ -48,28 +59,48 @@ def plan_of(scene: Scene) -> Plan:
 
 
 def options_of(scene: Scene) -> Options:
-    """Options of a reduction as a scene has them."""
+    """Options of a reduction: the values of the scene's table ``[reduction]``, by their names."""
     return Options(**{name: getattr(scene.reduction, name) for name in Options.__annotations__})
 
 
-def basis_of(
+def basis_of_scene(
     scene: Scene,
     structure: AnyStructure,
     system: System,
     options: Options,
-    rest: QuasiStatic | None = None,
+    path: QuasiStatic | None = None,
     *,
     enriched: bool = False,
 ) -> Basis:
     """Basis of a structure for the run that a scene asks for.
 
-    ``rest`` may have factors of the system; errors, and a basis that is to be ``enriched`` before
-    it is used, as in `make_reduced`.
+    The other arguments, and the errors raised, are those of `make_reduced`.
     """
     plan = plan_of(scene)
     if plan.until == "steady":
         plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
-    return make_reduced(structure, system, options, plan, enriched=enriched, path=rest)
+    return make_reduced(structure, system, options, plan, enriched=enriched, path=path)
+
+
+def make_reduced(
+    structure: AnyStructure,
+    system: System,
+    options: Options,
+    plan: Plan,
+    *,
+    enriched: bool = False,
+    path: QuasiStatic | None = None,
+) -> Basis:
+    """Basis of a structure by its options; computes the path or runs that it needs.
+
+    Parameters and errors are those of `skfem_joint.reduction.sources.make_basis`. The reference
+    "paper" needs a structure with a mesh.
+    """
+    if options.reference != "paper":
+        return make_basis(system, options, plan, enriched=enriched, path=path)
+    from skfem_joint.reduction.scaled.basis import paper_basis  # few scenes need it
+
+    return paper_basis(structure, system, options, plan, enriched=enriched)
 
 
 def origin_of(scene: Scene) -> str:
