@@ -126,7 +126,7 @@ class Residual:
             return known
         return condensed(self._stiffness, moved)
 
-    def _held_by(self, springs: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def _with_springs(self, springs: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact unknowns with a spring (N/m) on each slip row."""
         B = sparse.csc_array(self.system.B)
         return self._condensed.solver_of_kept(B.T @ sparse.diags_array(springs) @ B)
@@ -134,7 +134,7 @@ class Residual:
     @cached_property
     def _free(self) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact unknowns without springs."""
-        return self._held_by(np.zeros(self.system.B.shape[0]))
+        return self._with_springs(np.zeros(self.system.B.shape[0]))
 
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Residual R (N) of a run at its stored fields, (n, frames).
@@ -190,7 +190,7 @@ class Residual:
         for kind in np.unique(kinds):
             alike = np.flatnonzero(kinds == kind)
             mean = np.exp(springs[alike].mean(axis=0))
-            solve = self._held_by(self.system.on_rows(mean))
+            solve = self._with_springs(self.system.on_rows(mean))
             x[:, alike] = solve(np.ascontiguousarray(right[:, alike]))
         yield whole.extend(x, still)
 

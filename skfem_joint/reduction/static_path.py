@@ -205,7 +205,7 @@ def slip_path(
     return StaticPath(
         snapshots=_scaled(snapshots),
         response=response,
-        rigid=rigid if path.held_back else rigid[:, :0],
+        rigid=rigid if path.scaled_back else rigid[:, :0],
         interface=interface,
         share=share,
         slip_peak=slip_peak,

@@ -123,14 +123,14 @@ class QuasiStatic:
             self._step_contact_alone(self.whole)
         self.last = np.zeros(self.A.shape[0])
         self.solves = 0
-        self.held_back = 0  # levels whose forces were scaled back
+        self.scaled_back = 0  # levels whose forces were scaled back
 
     def afresh(self, to: Arranged, tolerance: float | None = None) -> QuasiStatic:
         """Copy at rest that reuses the factorisations; ``to`` maps to the caller's unknowns."""
         path = copy(self)
         path.to, path.tally = to, Tally()
         path.tolerance = self.tolerance if tolerance is None else tolerance
-        path.last, path.solves, path.held_back = np.zeros_like(self.last), 0, 0
+        path.last, path.solves, path.scaled_back = np.zeros_like(self.last), 0, 0
         return path
 
     def forget(self, last: FloatArray | None = None) -> None:
@@ -274,7 +274,7 @@ class QuasiStatic:
         """
         increment = self._minimise(f - self.stiffness @ u, rate)
         if np.isfinite(limit_share) and self._carried(increment, f) > SETTINGS.carried:
-            self.held_back += 1
+            self.scaled_back += 1
             right = min(1.0, limit_share * self._limit(f, rate)) * f - self.stiffness @ u
             increment = self._minimise(right, rate)
             halvings = SETTINGS.halvings  # scaled back, the load has no path to follow in parts
