@@ -20,9 +20,9 @@ def step_error_notes(
 ) -> Iterator[str]:
     """Sentences about where the time step makes a curve doubtful, by which cause, and the cure.
 
-    They say so where the error is not estimated. Two causes are told apart. Time steps lower the natural frequency, which changes the amplitude
-    most where damping is light. What that cannot explain is due to harmonics of friction, which
-    meet higher modes.
+    They say so where the error is not estimated. Two causes are told apart. Time steps lower the
+    natural frequency, which changes the amplitude most where damping is light. What that cannot
+    explain is due to harmonics of friction, which meet higher modes.
 
     Parameters
     ----------

@@ -194,7 +194,7 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
     late = sj.HalfSine(1.0, 1e-3, start=0.1), sj.Versine(1.0, 1e-3, start=0.1)
     for other in (sj.Triangle(1.0, 5e-4), *late, lambda t: 9.0 * t):
         loads = (*system.loads, AppliedLoad(system.loads[0].vector, other, "base"))
-        with pytest.raises(sj.InputError, match="that on 'base' does not after 0.002 s"):
+        with pytest.raises(sj.InputError, match=r"that on 'base' does not after 0\.002 s"):
             sj.integrate(replace(system, loads=loads), until="steady", steps_per_cycle=100)
     with pytest.raises(sj.InputError, match="no checkpoints"):
         sj.integrate(system, until="steady", steps_per_cycle=100, checkpoint=saved)
