@@ -91,7 +91,7 @@ class Rows(NamedTuple):
     w : ndarray, shape (rows,)
         Friction limit of each row's point, N.
     beta : ndarray, shape (m,)
-        Finite scaling constant of each point, s/m.
+        Finite scaling constant of each point, s/m; 0 where there is no friction.
     """
 
     B: Any
@@ -143,9 +143,10 @@ class DenseWorkspace(NamedTuple):
 
 
 def rows_of(points: ContactPoints) -> tuple[Rows, Places]:
-    """Slip rows of contact points, with finite scaling constants where points have no friction."""
+    """Slip rows of contact points, with a scaling constant of 1 s/m for those of Coulomb."""
     w, (row, point) = points.w, row_order(points.directions)
-    beta = np.where((w > 0.0) & np.isfinite(points.beta), points.beta, 1.0)
+    finite = np.where(np.isfinite(points.beta), points.beta, 1.0)
+    beta = np.where(w > 0.0, finite, 0.0)
     values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point]
     memory = aligned(*(value.size for value in values))
     rows = Rows(memory[0].reshape(values[0].shape), *memory[1:])
@@ -461,7 +462,7 @@ class PrimalDualNewton:
 
         The steepness of each law follows from the largest slip under the law before.
         """
-        law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 1.0)
+        law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
         coulomb = np.isinf(law)
         v = self._from_stuck(g) if start is None else start
         if not coulomb.any():

@@ -47,6 +47,16 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
     assert run.counters.newton_iterations <= iterations * run.counters.steps
 
 
+@pytest.mark.parametrize("singles", [0, 3])
+def test_points_without_friction_have_no_force(singles):
+    s = dense_system(singles)
+    free = np.arange(s.w.size) % 2 == 0
+    run = run_of(replace(s, w=np.where(free, 0.0, s.w)))
+    by_row = np.repeat(free, s.directions)
+    assert not run.sigma[:, by_row].any()
+    assert run.sigma[-1, ~by_row].all()
+
+
 def test_points_out_of_the_steep_part_of_a_law_are_found_back():
     """The law's slope alone takes 13 iterations a step, and 75 evaluations of friction."""
     small = reduce(LapJoint().system, modes=12).with_beta(1e7)
