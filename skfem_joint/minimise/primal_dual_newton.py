@@ -328,7 +328,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     n, scale = q.size, largest_of(right)
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
-    evaluations, iteration, tangents, largest, converged = 0, 0, 0, 0.0, False
+    evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False
     known = False  # whether slip and sigma belong to q
     for iteration in range(SETTINGS.iterations + 1):
         for i in range(n):
@@ -344,9 +344,10 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(n):
             r[i] += sum_of_triple_products(contact.w, sigma, contact.B[i])
             if not abs(r[i]) <= largest and largest == largest:  # once not a number, it stays so
-                largest = abs(r[i])
-        converged = largest <= tolerance * scale or (
-            largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space)
+                largest, unknown = abs(r[i]), i
+        converged = largest < inf and (
+            largest <= tolerance * scale
+            or (largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space))
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
             break
@@ -386,7 +387,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(sigma.size):
             space.predicted[i] = 0.0
     searches = evaluations - iteration - 1
-    return Outcome(converged, tangents, 0, 0, searches, evaluations, largest, 0)
+    return Outcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
 
 
 @compiled_for(slips, Dense)
