@@ -347,7 +347,9 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
                 largest, unknown = abs(r[i]), i
         converged = largest < inf and (
             largest <= tolerance * scale
-            or (largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space))
+            or (
+                largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space)
+            )
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
             break
