@@ -8,7 +8,7 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from importlib import import_module
@@ -38,6 +38,19 @@ UNFINISHED_LINE = (
 def safe_name(name: str) -> str:
     """Name of a mesh group as part of a file name."""
     return re.sub(r"[^\w.-]", "_", name)
+
+
+def safe_names(names: Iterable[str]) -> list[str]:
+    """Names of mesh groups as parts of file names, with numbers where they would be the same."""
+    taken: dict[str, str] = {}  # by what file systems without capitals see
+    for name in names:
+        plain = safe = safe_name(name)
+        number = 1
+        while safe.casefold() in taken:
+            number += 1
+            safe = f"{plain}_{number}"
+        taken[safe.casefold()] = safe
+    return list(taken.values())
 
 
 def read_whole(path: Path, most: int = LARGEST) -> bytes:

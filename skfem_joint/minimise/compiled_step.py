@@ -78,8 +78,11 @@ class Outcome(NamedTuple):
 def minimise_step(problem, workspace, right, v, tolerance):
     """Minimise from the velocity ``v`` of the step before; returns an `Outcome`.
 
-    The velocity and the friction are left in ``workspace.velocity`` and ``workspace.force``. Values
-    that the workspace keeps for later steps change only if the minimisation converged.
+    The velocity and the friction are left in ``workspace.velocity`` and ``workspace.force``. What
+    the workspace keeps of earlier steps, such as velocities to extrapolate from, changes only if
+    the minimisation converged. Guesses that speed up the next step and do not bear on its result
+    beyond the tolerance may change in any case: where fronts of slip met, or the friction that is
+    predicted, which is forgotten after a failure.
     """
     raise NotImplementedError
 

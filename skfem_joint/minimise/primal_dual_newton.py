@@ -98,7 +98,7 @@ class Rows(NamedTuple):
     w : ndarray, shape (rows,)
         Friction limit of each row's point, N.
     beta : ndarray, shape (m,)
-        Finite steepness of each point, s/m.
+        Finite steepness of each point, s/m; 0 where there is no friction.
     """
 
     B: Any
@@ -150,9 +150,10 @@ class DenseWorkspace(NamedTuple):
 
 
 def rows_of(points: ContactPoints) -> tuple[Rows, Places]:
-    """Slip rows of contact points, with a finite beta where points have no friction."""
+    """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
-    beta = np.where((w > 0.0) & np.isfinite(points.beta), points.beta, 1.0)
+    finite = np.where(np.isfinite(points.beta), points.beta, 1.0)
+    beta = np.where(w > 0.0, finite, 0.0)
     values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point]
     memory = aligned(*(value.size for value in values))
     rows = Rows(memory[0].reshape(values[0].shape), *memory[1:])
@@ -334,7 +335,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     n, scale = q.size, largest_of(right)
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
-    evaluations, iteration, tangents, largest, converged = 0, 0, 0, 0.0, False
+    evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False
     known = False  # whether slip and sigma belong to q
     for iteration in range(SETTINGS.iterations + 1):
         for i in range(n):
@@ -350,9 +351,12 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(n):
             r[i] += sum_of_triple_products(contact.w, sigma, contact.B[i])
             if not abs(r[i]) <= largest and largest == largest:  # once not a number, it stays so
-                largest = abs(r[i])
-        converged = largest <= tolerance * scale or (
-            largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space)
+                largest, unknown = abs(r[i]), i
+        converged = largest < inf and (
+            largest <= tolerance * scale
+            or (
+                largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space)
+            )
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
             break
@@ -392,7 +396,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(sigma.size):
             space.predicted[i] = 0.0
     searches = evaluations - iteration - 1
-    return Outcome(converged, tangents, 0, 0, searches, evaluations, largest, 0)
+    return Outcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
 
 
 @compiled_for(slips, Dense)
@@ -468,7 +472,7 @@ class PrimalDualNewton:
 
         The steepness of each law follows from the largest slip under the law before.
         """
-        law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 1.0)
+        law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
         coulomb = np.isinf(law)
         v = self._from_stuck(g) if start is None else start
         if not coulomb.any():

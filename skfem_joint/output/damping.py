@@ -13,7 +13,7 @@ from skfem_joint.analysis.response import SETTINGS, Curve
 from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
-from skfem_joint.files import safe_name
+from skfem_joint.files import safe_names
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import write_csv
@@ -37,7 +37,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     names, lengths = _active_lengths(structure, (slip for c in curves for slip in c.slip))
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
-        *(f"displacement_{safe_name(point)}_m" for point in points),
+        *(f"displacement_{name}_m" for name in safe_names(points)),
         "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
         "viscous_damping_ratio", "state",
         *names,
@@ -105,7 +105,7 @@ def _active_lengths(
     lengths = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]
     joints = list(next(known for known in lengths if known is not None))
     rows = [[np.nan] * len(joints) if x is None else list(x.values()) for x in lengths]
-    return [f"active_length_{safe_name(joint)}_m" for joint in joints], rows
+    return [f"active_length_{name}_m" for name in safe_names(joints)], rows
 
 
 def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]:
@@ -173,7 +173,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
 def write_response(folder: Path, response: SceneResponse) -> list[Path]:
     """Write ``response.csv``, ``response.png`` and ``summary.json``."""
     points, structure = response.scene.system().points, response.scene.structure()
-    names = [safe_name(point) for point in points]
+    names = safe_names(points)
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     joints, lengths = _active_lengths(structure, (p.slip for p in every))
     header = ["model", "level", "frequency_Hz", "converged"]

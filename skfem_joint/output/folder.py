@@ -16,7 +16,7 @@ from typing import Any
 
 from skfem_joint.analysis.error_time import FILES, Report
 from skfem_joint.analysis.models import Study
-from skfem_joint.files import holding, needed, replacing, safe_name
+from skfem_joint.files import holding, needed, replacing, safe_name, safe_names
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.offscreen import offscreen
@@ -178,9 +178,10 @@ def curves(study: Study) -> dict[str, Writer]:
     peak = model.slip_peak
     active = slips(study.structure, system, peak, study.period)
     body = study.structure.body
-    for patch in study.structure.patches if body is not None else ():
+    patches = study.structure.patches if body is not None else ()
+    names = safe_names(patch.joint.name for patch in patches)
+    for patch, name in zip(patches, names, strict=True):
         if peak[patch.points].any():
-            name = f"active_region_{safe_name(patch.joint.name)}.png"
             slip = (peak[patch.points], active[patch.points])
-            add(name, plots.active_region_figure, body, patch, *slip)
+            add(f"active_region_{name}.png", plots.active_region_figure, body, patch, *slip)
     return plan

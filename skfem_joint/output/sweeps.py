@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skfem_joint.analysis.sweep import STEADY, Row
-from skfem_joint.files import holding, replacing, safe_name
+from skfem_joint.files import holding, replacing, safe_names
 from skfem_joint.output import plots
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import write_csv
@@ -86,7 +86,8 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
     drawn = dict(figures(swept, table)) if swept.scenes[0].output.plots else {}
-    pictures = {folder / f"sweep_{safe_name(name)}.png": drawn[name] for name in drawn}
+    names = zip(safe_names(drawn), drawn.values(), strict=True)
+    pictures = {folder / f"sweep_{name}.png": figure for name, figure in names}
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]
     failures = {str(row.number): row.failure for row in rows if row.failure}

@@ -82,16 +82,18 @@ def integrate(
     Returns
     -------
     Run
-        After an interrupt that of the steps finished, with ``interrupted`` set.
+        After an interrupt (Ctrl-C) that of the steps finished, with ``interrupted`` set.
 
     Raises
     ------
     ConvergenceError
         If a step does not converge, even in 256 parts, or no steady vibration is found.
     InputError
-        If a number is out of range, the steps are not given in one of the three ways, or are too
-        long for a load, no stepper fits the system, or the checkpoint cannot be written or is not
-        one of this run.
+        If a number is out of range, the steps are not given in one of the three ways, are too long
+        for a load, or store more than memory holds; if no stepper fits the system, nothing can
+        become steady, or the checkpoint cannot be written or is not one of this run.
+    KeyboardInterrupt
+        After an interrupt of a run until "steady": a search that has not ended has no result.
     """
     check_some(POSITIVE, step=step, duration=duration)
     counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}

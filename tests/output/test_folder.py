@@ -15,8 +15,10 @@ from scipy.spatial import cKDTree
 import skfem_joint as sj
 from skfem_joint.analysis.history import slip_state
 from skfem_joint.analysis.models import Study
+from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.files import safe_name
 from skfem_joint.output import folder, prepare, report, tables, write
+from skfem_joint.output.damping import write_backbone
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
 
@@ -288,6 +290,25 @@ def test_a_scene_with_plots_draws_what_there_is(tmp_path):
     files = write(sj.run_scene(pulse), tmp_path / "b")
     assert not {LOOP, "energies.png"} & {file.name for file in files}
     assert "histories.png" in names(tmp_path / "b")
+
+
+def test_joints_whose_names_make_the_same_file_have_a_picture_and_a_column_each(tmp_path):
+    bar = sj.build_bar(
+        [("a b", 0.1, 10), ("arm", 0.1, 4), ("a_b", 0.1, 10)], {"fixed": 0.0, TIP: 0.3}
+    )
+    tables = {
+        "joint": [joint(name, pressure=8e6) for name in ("a b", "a_b")],
+        "load": [harmonic(TIP, 35e3, 1000.0)],
+        "time": TIME,
+        "output": {"plots": True, "history": False},
+        "backbone": {"levels": 2},
+    }
+    made = bar_scene("full", bar=bar, **tables)
+    drawn = folder.curves(sj.run_scene(made))
+    assert {"active_region_a_b.png", "active_region_a_b_2.png"} <= drawn.keys()
+    write_backbone(tmp_path, scene_backbone(made))
+    columns = (tmp_path / "backbone.csv").read_text().splitlines()[0].split(",")
+    assert columns[-2:] == ["active_length_a_b_m", "active_length_a_b_2_m"]
 
 
 def test_a_series_written_by_hand_is_that_of_the_scene(study, tmp_path):

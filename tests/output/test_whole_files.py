@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skfem_joint.errors import InputError
-from skfem_joint.files import holding, read_whole, replacing, safe_name
+from skfem_joint.files import holding, read_whole, replacing, safe_name, safe_names
 
 Files = dict[str, str]
 
@@ -82,6 +82,10 @@ def test_any_name_makes_a_file_in_the_folder_it_is_meant_for(tmp_path, name):
         pass
     assert list(tmp_path.iterdir()) == [path]
     assert len(path.name) == len("hysteresis_.png") + len(name)
+
+
+def test_names_of_the_same_file_are_numbered():
+    assert safe_names(["a b", "a_b_2", "a_b", "A:B"]) == ["a_b", "a_b_2", "a_b_3", "A_B_4"]
 
 
 def test_a_file_is_read_whole_but_what_never_ends_or_is_too_large_is_not(tmp_path):

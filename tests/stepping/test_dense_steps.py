@@ -11,6 +11,8 @@ from skfem_joint import reduce
 from skfem_joint.arrays import slip_norms
 from skfem_joint.loads import Harmonic
 from skfem_joint.minimise import law
+from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -45,6 +47,27 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
         np.diff(run.u, axis=0), 0.5 * STEP * (run.v[1:] + run.v[:-1]), atol=1e-14
     )
     assert run.counters.newton_iterations <= iterations * run.counters.steps
+
+
+@pytest.mark.parametrize("singles", [0, 3])
+def test_points_without_friction_have_no_force(singles):
+    s = dense_system(singles)
+    free = np.arange(s.w.size) % 2 == 0
+    run = run_of(replace(s, w=np.where(free, 0.0, s.w)))
+    by_row = np.repeat(free, s.directions)
+    assert not run.sigma[:, by_row].any()
+    assert run.sigma[-1, ~by_row].all()
+
+
+@pytest.mark.parametrize("unknown", [0, 2])
+@pytest.mark.parametrize("bad", [np.inf, np.nan])
+def test_what_is_not_finite_is_never_accepted_and_its_unknown_is_named(unknown, bad):
+    s = dense_system()
+    force = np.ones(s.n)
+    force[unknown] = bad
+    minimum = PrimalDualNewton(s.M, ContactPoints.of(s)).minimise(force, np.zeros(s.n))
+    assert not minimum.converged
+    assert minimum.where == unknown
 
 
 def test_points_out_of_the_steep_part_of_a_law_are_found_back():
