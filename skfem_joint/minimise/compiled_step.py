@@ -51,7 +51,7 @@ def row_order(directions: NDArray[np.int64]) -> tuple[IntArray, IntArray]:
     return np.concatenate([first[points], first[pair] + 1]), points
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """Work and residual of a compiled minimisation.
 
     Attributes
@@ -76,7 +76,7 @@ class Outcome(NamedTuple):
 
 
 def minimise_step(problem, workspace, right, v, tolerance):
-    """Minimise from the velocity ``v`` of the step before; returns an `Outcome`.
+    """Minimise from the velocity ``v`` of the step before; returns an `StepOutcome`.
 
     The velocity and the friction are left in ``workspace.velocity`` and ``workspace.force``. What
     the workspace keeps of earlier steps, such as velocities to extrapolate from, changes only if

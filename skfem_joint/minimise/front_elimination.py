@@ -29,7 +29,7 @@ from skfem_joint.arrays import FloatArray, check_like
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import Bands, bands, largest_of
 from skfem_joint.minimise import law
-from skfem_joint.minimise.compiled_step import Outcome, Places, minimise_step, slips
+from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, slips
 from skfem_joint.minimise.law import COULOMB, FREE, REGULAR, graph_parameters, sticks
 from skfem_joint.minimise.minty_newton import newton_on_graph
 from skfem_joint.minimise.problem import ContactPoints, Minimum
@@ -432,7 +432,7 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
         for i in range(n):
             workspace.old_parameter[i] = s[i]
             s[i] = s_new[i]
-    return Outcome(converged, count, tier == 1, tier == 2, 0, count + 1, residual, unknown)
+    return StepOutcome(converged, count, tier == 1, tier == 2, 0, count + 1, residual, unknown)
 
 
 @compiled_for(slips, Chain)

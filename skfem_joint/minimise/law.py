@@ -41,7 +41,8 @@ pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `cont
 `point_friction` (`skfem_joint.structure`); `SlipRows` (`skfem_joint.slips`); `System` with its
 projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
 `ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
-`Chain` and `Rows`, with the arguments of `point_loops`. The scalar functions then choose by it.
+`Chain` and `DenseRows`, with the arguments of `point_loops`. The scalar functions then choose by
+it.
 """
 
 # numba infers the types of compiled functions:

@@ -48,7 +48,7 @@ from skfem_joint.linalg.kernels import (
     sum_of_products,
     sum_of_triple_products,
 )
-from skfem_joint.minimise.compiled_step import Outcome, Places, minimise_step, row_order, slips
+from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
 from skfem_joint.minimise.law import forces, potential, slope_of
 from skfem_joint.minimise.line_search import friction_slope, line_search
 from skfem_joint.minimise.problem import ContactPoints, Minimum
@@ -86,7 +86,7 @@ class PrimalDualSettings(NamedTuple):
 SETTINGS = PrimalDualSettings()
 
 
-class Rows(NamedTuple):
+class DenseRows(NamedTuple):
     """Slip rows of a dense problem: first rows of all points, then second rows of those with two.
 
     Points with two rows come first. Loops run along the points and become vector instructions.
@@ -110,7 +110,7 @@ class Dense(NamedTuple):
     """Problem of a step: the matrix H, N s/m, and the slip rows."""
 
     H: Any
-    contact: Rows
+    contact: DenseRows
 
 
 class DenseWorkspace(NamedTuple):
@@ -149,14 +149,14 @@ class DenseWorkspace(NamedTuple):
     ratio: Any
 
 
-def rows_of(points: ContactPoints) -> tuple[Rows, Places]:
+def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
     """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
     finite = np.where(np.isfinite(points.beta), points.beta, 1.0)
     beta = np.where(w > 0.0, finite, 0.0)
     values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point]
     memory = aligned(*(value.size for value in values))
-    rows = Rows(memory[0].reshape(values[0].shape), *memory[1:])
+    rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
     for array, value in zip(rows, values, strict=True):
         array[...] = value
     return rows, Places(np.argsort(row), np.argsort(point))
@@ -396,7 +396,7 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(sigma.size):
             space.predicted[i] = 0.0
     searches = evaluations - iteration - 1
-    return Outcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
+    return StepOutcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
 
 
 @compiled_for(slips, Dense)
@@ -508,10 +508,10 @@ class PrimalDualNewton:
             int(outcome.unknown),
         )
 
-    def _minimise(self, g: FloatArray, start: FloatArray, tolerance: float) -> Outcome:
+    def _minimise(self, g: FloatArray, start: FloatArray, tolerance: float) -> StepOutcome:
         v = np.array(start)
         self.workspace.old_velocity[:] = v  # the start is not extrapolated
-        outcome: Outcome = _minimise(
+        outcome: StepOutcome = _minimise(
             self.kernel, self.workspace, np.ascontiguousarray(g), v, tolerance
         )
         return outcome

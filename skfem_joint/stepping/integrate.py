@@ -64,8 +64,7 @@ def integrate(
     save : Save, optional
         What to store; the named points at every step if not given. Peaks and works are of all.
     cycle_steps : int, optional
-        Steps of one cycle: works and peaks are also noted cycle by cycle. As ``steps_per_cycle``
-        says, if that is given.
+        Steps of a cycle, for works and peaks by cycle; ``steps_per_cycle`` if that is given.
     until : {"end", "steady"}
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
         steady, see :mod:`skfem_joint.stepping.steady`; its amplitudes and offsets are in

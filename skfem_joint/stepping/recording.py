@@ -349,7 +349,7 @@ def _first_of(values: Mapping[str, float], unit: str) -> str:
     return ", ".join([*shown, *more]) or "none"
 
 
-class Rows(NamedTuple):
+class StoredRows(NamedTuple):
     """Arrays of stored rows: four of fields, five of named points and joints; names as in `Run`."""
 
     u: FloatArray
@@ -374,7 +374,7 @@ class Recorder:
     halved_steps : int
     dissipated : ndarray, shape (2,)
         Dissipation of damping and of the scheme so far, J.
-    stored : Rows
+    stored : StoredRows
     vectors : ndarray, shape (n, loads)
         Load vectors.
     order : tuple of ndarray or slice
@@ -402,7 +402,7 @@ class Recorder:
         shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         try:
-            self.stored = Rows(*map(np.zeros, shapes))
+            self.stored = StoredRows(*map(np.zeros, shapes))
         except (MemoryError, ValueError) as error:  # ValueError: beyond all memory
             raise InputError(
                 f"save: {points} rows of points and {fields} of fields do not fit into memory; "
@@ -428,9 +428,10 @@ class Recorder:
         """Works and peaks so far, which the compiled loop adds to in place."""
         return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
 
-    def free_rows(self) -> Rows:
+    def free_rows(self) -> StoredRows:
         """Views of the stored rows from the next free one on."""
-        return Rows(*(rows[end:] for rows, end in zip(self.stored, self._ends(), strict=True)))
+        ends = zip(self.stored, self._ends(), strict=True)
+        return StoredRows(*(rows[end:] for rows, end in ends))
 
     def _ends(self) -> list[int]:
         """How many rows of each kind are filled."""

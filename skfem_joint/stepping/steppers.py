@@ -39,7 +39,7 @@ NEVER = 2**62
 
 
 @dataclass
-class Failure:
+class FailedStep:
     """Why the last step did not converge.
 
     Attributes
@@ -100,7 +100,7 @@ class Stepper(ABC):
         self.points = ContactPoints.of(system)
         self.tolerance, self.recorder = tolerance, recorder
         self.frequency = 0.0
-        self.failure = Failure()
+        self.failure = FailedStep()
         self.counts = dict.fromkeys((*self.COUNTS, "factorizations"), 0)
         self.prepared: dict[Coefficients, StepProblem] = {}
         rest = *np.zeros((2, system.n)), np.zeros(system.B.shape[0])
@@ -144,7 +144,7 @@ class Stepper(ABC):
         if at_rest.any() and right.any():
             minimum = self._sticking(at_rest).minimise(right, None, self.tolerance)
             if not minimum.converged:
-                self.failure = Failure(minimum.residual, minimum.where)
+                self.failure = FailedStep(minimum.residual, minimum.where)
                 return False
             acceleration = minimum.v
             sigma += minimum.sigma
@@ -338,7 +338,7 @@ class CompiledStepper(Stepper):
         r.rows += rows
         r.field_rows += field_rows
         self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
-        self.failure = Failure(residual, unknown)
+        self.failure = FailedStep(residual, unknown)
         if steps > 0:
             self.frequency = 0.0
         return int(steps)
@@ -380,7 +380,7 @@ class PythonStepper(Stepper):
             minimum = problem.minimise(right, self._extrapolated(), self.tolerance)
             self._count(minimum)
             if not minimum.converged:
-                self.failure = Failure(minimum.residual, minimum.where)
+                self.failure = FailedStep(minimum.residual, minimum.where)
                 break
             v_new, self.v_before = minimum.v, v
             a = c.a_v * (v_new - v) + c.a_a * a

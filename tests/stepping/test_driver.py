@@ -32,7 +32,7 @@ from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.resolution import check_jumps, check_resolution, longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.stepping.steppers import CompiledStepper, Failure, Stepper
+from skfem_joint.stepping.steppers import CompiledStepper, FailedStep, Stepper
 from skfem_joint.system import AppliedLoad
 
 REFERENCE = LapJoint()
@@ -222,7 +222,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
         for k in range(amplitudes.shape[1] - 1):
             if refuses(first + k, h):
                 done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
-                stepper.failure = Failure(12.5, 3)
+                stepper.failure = FailedStep(12.5, 3)
                 return done
         return advance(h, amplitudes, first, store)
 
