@@ -11,8 +11,8 @@ linalg       compressed rows, factors, Schur complements, shifts, compiled kerne
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
 structure    the elastic body (mass, stiffness, stress), joints, pressure, preload, the contact
-             manifold, and the `Structure` that makes a `System` of them; `contact`,
-             `point_friction` and `MatrixModel` for given matrices
+             manifold with its friction limits, and the `Structure` that makes a `System` of
+             them; `MatrixModel` for given matrices
 minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
              protocol, and three methods: front elimination on chains, truncated nonsmooth
              Newton, primal-dual Newton

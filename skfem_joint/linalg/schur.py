@@ -39,7 +39,7 @@ class SchurSettings:
         more unknowns products with the dense complement cost more than with the sparse matrix.
     fewest_sparse : int
         A complement of at least so many unknowns stays sparse if few of them are coupled to the
-        interior: at most half of them, and no more than the rows of the widest band.
+        interior: at most half of them, and no more than `bands.SETTINGS.widest` rows.
     block : int
         Right sides that are solved for together while a dense complement is made.
     """

@@ -1,5 +1,7 @@
 """Choice of the method for a step problem, by the structure of its matrix and slips.
 
+`skfem_joint.stepping.arrangement.arranged` finds the kind of a system; `step_problem` takes it:
+
 - a chain (H tridiagonal, each slip an unknown):
   :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
 - any other H with each slip an unknown:

@@ -22,12 +22,13 @@ potential, inverse, and the number `WIDTH`. The rest of the module serves the so
 - of arrays that broadcast, in Python: `force`, `force_slope`, `potential`, `force_vectors`.
 
 To replace the arctangent by another law, rewrite the first section. The law must be odd, without
-memory, increasing to 1, and concave for z >= 0. `resolvent` needs that: it starts from a law that
-is smaller (`WIDTH`) and relies on the sign of the curvature; so does the tangent of
-`primal_dual_newton`, which lies between secant and slope. The following places use properties of
+memory, increasing to 1, and concave for z >= 0. `resolvent` needs that: it starts from the solution
+for a smaller law, z / (z + `WIDTH`), and relies on the sign of the curvature; so does the tangent
+of `primal_dual_newton`, which lies between secant and slope. The following places use properties of
 the arctangent, and have to be revised too:
 
-- `graph`: the comparison law z / (z + 1) must rise to 1 in a width of the same order;
+- `graph` and `graph_parameters`: their comparison law z / (z + 1) must rise to 1 in a width of the
+  same order;
 - `skfem_joint.reduction.active_length.slips`: a point creeps by period / beta in a period, the slip
   at half of its friction limit, where z = 1; `gross_slip` there and the warnings of
   `skfem_joint.analysis.summary` use the same creep;

@@ -4,8 +4,9 @@
 
 H is symmetric positive definite, B v are the slips of the contact points, w the friction limits and
 psi the potential of the law (:mod:`skfem_joint.minimise.law`). Time steps have the step matrix for
-H and the velocity for v; restarts have the mass and the acceleration, and the points at rest as
-contact points; quasi-static increments have the stiffness and the increment of displacement.
+H and the velocity for v. Restarts, which find the acceleration at the start of a run and after a
+jump of a load, have the mass and the acceleration, and only points at rest slip. Quasi-static
+increments have the stiffness and the increment of displacement.
 
 `StepProblem` is the protocol; :func:`skfem_joint.minimise.choice.step_problem` chooses the method.
 

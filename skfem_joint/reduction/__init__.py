@@ -8,11 +8,16 @@ reduced run shows that its basis is missing). `condensed` keeps all of the conta
 rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
-`analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and
-`analysis.scene_plan.make_reduced` hands the options to `sources.make_basis` (references "static"
-and "self") or to `scaled.basis.paper_basis` ("paper"). There the key ``interface_modes`` ends in
-`interface_modes`: `driven` and `beside` for "static", the lowest modes for "self" (none if
-"auto"), `participating` for "paper". `reduce` below goes the same way without a scene.
+`analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`
+calls `make_reduced`, which chooses by the reference. What becomes of the key ``interface_modes``:
+
+- "static": `sources.make_basis` -> `static_path.slip_path` (finds modes by
+  `interface_modes.driven`) -> `sources.static_basis` (takes the number asked for, or if "auto" at
+  most max(2, modes // 6) of those that `interface_modes.beside` keeps);
+- "self": `sources.make_basis` -> `sources.own_basis` (the lowest modes; none if "auto");
+- "paper": `scaled.basis.paper_basis` -> `interface_modes.participating`.
+
+All end in `basis.Basis`. `reduce` below goes the first two ways without a scene.
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ class BasisSettings:
     resolved : float
         Share of the largest slip velocity below which modes of a run do not resolve velocities.
     decaying : float
-        Factor by which the law of a free decay is steeper: the structure comes to rest, where a
-        less steep law lets the joint creep.
+        Factor on the largest steepness where the run does not repeat itself: the structure comes
+        to rest at its end, where a less steep law lets the joint creep.
     stuck_velocity : float
         Slip velocity that stands for that of a joint which sticks throughout, m/s.
     doubtful, wrong : float

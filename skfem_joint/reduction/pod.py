@@ -8,10 +8,11 @@ columns of the V with Vᵀ G V = I that minimises, for each number r of columns,
 That sum is σ²_(r+1) + ... + σ²_s: the squares of the singular values that are left out. So the
 smallest r with Σ_(k>r) σ²_k <= ε² Σ_k σ²_k represents the snapshots to the relative error ε.
 
-This module does not choose r. The number of modes is given (``modes``, by default 12, see
-`skfem_joint.reduction.basis.Options`), and judged afterwards by the share of the displacements that
-the whole basis cannot follow, `SlipHistory.missed`: above a tenth `Basis.judged` adds a note, above
-one half it refuses the basis. The proper values in percent of Table 1 are shown only: they are sums
+This module does not choose r. The number of modes is given (``modes``; by default
+`skfem_joint.reduction.basis.BasisSettings.joint_modes`), less those of the static path whose
+singular values are below 1e-7 of the largest. It is judged afterwards by the share of the
+displacements that the whole basis cannot follow, `SlipHistory.missed`: above a tenth `Basis.judged`
+adds a note, above one half it refuses the basis. The proper values in percent of Table 1 are shown only: they are sums
 of σ, not of σ², so that 99 % of them is not the criterion above.
 """
 

@@ -50,12 +50,12 @@ class PathSettings:
     first_levels, second_levels : int
         Load levels of the first and of the second path where one harmonic acts.
     first_beyond, second_beyond : float
-        Highest level of these paths, over the load's peak.
+        Highest level of these paths, relative to the load's peak.
     period_levels, start_levels, run_levels : int
         Levels of paths through time: in 1.25 periods, in the time before the last of these, and in
         a run whose loads do not repeat.
     increments : float
-        Weight of the increments of a path through time, over that of its states.
+        Weight of the increments of a path through time, relative to that of its states.
     growing : float
         The preliminary run goes on while the strain energy of its last period exceeds that of
         earlier ones by this factor.

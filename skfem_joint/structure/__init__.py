@@ -1,4 +1,15 @@
-"""Bodies, supports and joints of any dimension, and the system of equations that they make."""
+"""Bodies, supports and joints of any dimension, and the system of equations that they make.
+
+A structure on a mesh: `nodes` and `assembly` make the mass and stiffness of a `body`; `joints`,
+`load` and `clamps` describe what acts on it; `structure` holds it, makes the `System`, and removes
+supports. `rigid` finds free motions, `reactions` changes of the normal forces, `doubts` and
+`checks` mistakes of the user. `matrices` is a structure of given matrices; `model` is the interface
+of both.
+
+From pressure to friction limits: `pressure.nodal_pressure` (or `preload`, which solves for it with
+`active_set`) gives the normal force of each node, `patch.make_patch` collects the nodes of a joint,
+and `contact.contact_rows` makes the slip rows B and the limits w += friction * normal force.
+"""
 
 from skfem_joint.structure.body import Body as Body
 from skfem_joint.structure.body import Material as Material

@@ -4,7 +4,7 @@ A joint on a region lies on its base with the cells (a strut, a plate in plan); 
 boundary is pressed with the facets (the edge of a plate seen from the side, a face of a solid). The
 slip directions of a node are perpendicular to its contact normal and to the directions that
 supports hold: a single direction on a strut and an edge, two on a plate in plan and a face. Contact
-stays closed.
+stays closed. Friction limits follow in `skfem_joint.structure.contact.contact_rows`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Pressure on a contact, and the nodal normal forces that it gives.
 
+`skfem_joint.structure.contact.contact_rows` multiplies these forces by the coefficient of friction:
+that gives the friction limits.
+
 Normal forces are integrals of the pressure times the linear hat functions of the sub-cells between
 the displacement nodes, times the depth of the contact across them (width of a strut, thickness at
 an edge). They are positive for every element, where second-order shape functions would give zero or
