@@ -12,8 +12,8 @@ This module does not choose r. The number of modes is given (``modes``; by defau
 `skfem_joint.reduction.basis.BasisSettings.joint_modes`), less those of the static path whose
 singular values are below 1e-7 of the largest. It is judged afterwards by the share of the
 displacements that the whole basis cannot follow, `SlipHistory.missed`: above a tenth `Basis.judged`
-adds a note, above one half it refuses the basis. The proper values in percent of Table 1 are shown only: they are sums
-of σ, not of σ², so that 99 % of them is not the criterion above.
+adds a note, above one half it refuses the basis. The proper values in percent of Table 1 are shown
+only: they are sums of σ, not of σ², so that 99 % of them is not the criterion above.
 """
 
 from __future__ import annotations
