@@ -75,7 +75,7 @@ class Options:
         Number of joint modes; with "paper" of each active zone.
     interface_modes : "auto" or int
         Number of fixed-interface modes; "auto" chooses by their share in the response with
-        "static" and "paper", and takes none with "self".
+        "static", by the loads' highest frequency with "paper", and takes none with "self".
     snapshots, inner_product : str
         As in `skfem_joint.reduction.pod`; without effect with "static".
     active_length : "auto", "estimate", float or mapping

@@ -1,9 +1,10 @@
 """The compiled loop over steps: predictor, step problem, bookkeeping and stored rows.
 
 The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
-`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). Large sparse
-systems have no part in this loop: `steppers.PythonStepper` steps them with `truncated_newton`,
-whose `point_loops` call `law.resolvent`. `minimise.choice` chooses the method.
+`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). Other
+systems have no part in this loop: `steppers.PythonStepper` steps them with `truncated_newton` or
+`condensed_newton`, whose `point_loops` call `law.sigma` (forces), `law.slope` (tangents) and
+`law.resolvent` (relaxation). `minimise.choice` chooses the method.
 """
 
 # numba infers the types of compiled functions:

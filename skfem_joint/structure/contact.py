@@ -1,7 +1,7 @@
 """Slip rows of contact, and friction limits from normal forces.
 
 A contact point's friction limit is ``w += friction * normal_force``, summed over the joints that
-share the point; `skfem_joint.structure.patch` integrates the pressure to normal forces. The rows
+share the point; `skfem_joint.structure.pressure` integrates the pressure to normal forces. The rows
 are made for structures (`contact_rows`), for matrices assembled on any basis of scikit-fem
 (`contact`), and for slips that users give (`point_friction`).
 """
