@@ -10,10 +10,12 @@ import argparse
 import io
 import logging
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import threading
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
@@ -23,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
-from skfem_joint.files import needed
+from skfem_joint.files import needed, read_text
 from skfem_joint.processes import SAFE_PATH
 from skfem_joint.progress import Progress, progress_bar
 from skfem_joint.terminal import plain_streams, unfiltered
@@ -127,6 +129,11 @@ def _parser() -> argparse.ArgumentParser:
     run = add("run", _run, "integrate the models of a scene and report", scene, out, workers)
     _add_run_options(run)
     add("check", _check, "validate a scene without running it", scene)
+    example = add("example", _example, "list the shipped scenes, or write one with its mesh")
+    example.add_argument("scene", nargs="?", metavar="NAME", help="scene to write (default: list)")
+    example.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder it is written to (default: ./NAME)"
+    )
     keys = add("keys", _keys, "list every key of a scene: unit, default, allowed values, meaning")
     keys.add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
@@ -272,6 +279,26 @@ def _check(options: argparse.Namespace) -> int:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
+
+
+def _example(options: argparse.Namespace) -> int:
+    """Write a shipped scene with its mesh and print what to run; without a name, list them all."""
+    from skfem_joint.scene.shipped import QUESTIONS, write_shipped
+
+    if options.scene is None:
+        if options.out is not None:
+            raise InputError("--out: needs the NAME of a scene; without it they are listed")
+        width = max(map(len, QUESTIONS))
+        for name, question in QUESTIONS.items():
+            print(f"{name:{width}}  {question}")
+        print("\nskfem-joint example NAME writes one with its mesh into a folder of that name.")
+        return 0
+    files = write_shipped(options.scene, options.out or Path(options.scene))
+    scene, folder = files[0], files[0].parent
+    name = "sweep" if "sweep" in tomllib.loads(read_text(scene)) else "run"
+    command = shlex.join(["skfem-joint", name, str(scene), "--out", str(folder / "out")])
+    print(f"{QUESTIONS[options.scene]} To see it, run\n\n    {command}\n")
+    return _print_notes((), folder, files)
 
 
 def _keys(options: argparse.Namespace) -> int:

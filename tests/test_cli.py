@@ -88,7 +88,7 @@ def test_a_shell_completes_every_command(capsys):
     pytest.importorskip("shtab")
     assert cli.main(["--print-completion", "bash"]) == 0
     shown = capsys.readouterr().out
-    for name in ("run", "check", "keys", "backbone", "response", "error-time", "sweep"):
+    for name in ("run", "check", "example", "keys", "backbone", "response", "error-time", "sweep"):
         assert name in shown
     assert "--checkpoint-every" in shown
 
