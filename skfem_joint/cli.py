@@ -159,6 +159,11 @@ def _add_verbosity(parser: argparse.ArgumentParser, default: Any) -> None:
 
 def _add_run_options(run: argparse.ArgumentParser) -> None:
     run.add_argument(
+        "--models",
+        metavar="NAME,NAME",
+        help="run these models, of full, condensed and reduced, in place of the scene's models.run",
+    )
+    run.add_argument(
         "--certify",
         action="store_true",
         help="also estimate the errors of mesh and beta, and check a reduced model by a short full "
@@ -189,10 +194,9 @@ def _run(options: argparse.Namespace) -> int:
     from skfem_joint import output
     from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
-    from skfem_joint.scene import load_scene
     from skfem_joint.stepping.checkpoint import Checkpoints
 
-    scene, out = load_scene(options.scene), options.out
+    scene, out = _scene_of_models(options), options.out
     _check_run_options(options, scene)
     checkpoints = None
     if options.checkpoint_every is not None or options.resume:
@@ -218,6 +222,20 @@ def _run(options: argparse.Namespace) -> int:
         print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
         return INTERRUPTED
     return 0
+
+
+def _scene_of_models(options: argparse.Namespace) -> Scene:
+    """Scene with the models of ``--models``, if it is there; InputError names it where it errs."""
+    from skfem_joint.scene import load_scene
+
+    if options.models is None:
+        return load_scene(options.scene)
+    try:
+        return load_scene(options.scene, options.models.split(","))
+    except InputError as error:
+        place = f"{options.scene}: models.run"
+        told = [problem.replace(place, "--models: models.run") for problem in error.problems]
+        raise InputError(told) from error
 
 
 def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:

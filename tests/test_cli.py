@@ -414,6 +414,33 @@ def test_what_can_never_run_leaves_earlier_results(command, scene, tmp_path, mon
     assert files_below(out) == before
 
 
+def test_the_models_of_the_command_take_the_place_of_the_scene_s(scene, tmp_path):
+    path, out = scene(ONE_CYCLE), tmp_path / "out"
+    for given, found in (("reduced", ["reduced"]), ("reduced,full", ["full", "reduced"])):
+        assert cli.main(["run", str(path), "--out", str(out), "--models", given]) == 0
+        assert list(json.loads((out / "summary.json").read_text())["models"]) == found
+
+
+@pytest.mark.parametrize(
+    ("models", "changes", "says"),
+    [
+        ("full,small", (), "models.run[1]: found 'small', must be 'full', 'condensed' or"),
+        ("", (), "models.run[0]: found '', must be 'full', 'condensed' or 'reduced'"),
+        ("full,full", (), "models.run: "),
+        ("full", [('run = ["full", "reduced"]', "fun = 3")], "models.fun: unknown key"),
+        ("full", [("[models]\nrun = ", "[output.models]\nrun = ")], "output.models: "),
+    ],
+)
+def test_models_of_the_command_are_checked_as_the_scene_s_are(
+    models, changes, says, scene, tmp_path, capsys
+):
+    path, out = scene(*changes), tmp_path / "out"
+    assert cli.main(["run", str(path), "--out", str(out), "--models", models]) == 2
+    where = "--models" if says.startswith("models.run") else path
+    assert f"{where}: {says}" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_run_goes_on_until_it_is_steady(scene, tmp_path, capsys):
     path, out = scene(("cycles = 2", 'until = "steady"')), tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(out)]) == 0

@@ -25,11 +25,18 @@ from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.tables import MeshTable
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
     """Read a scene (TOML) and its mesh, and check them against each other.
 
     File names in the scene are relative to its folder and may lead anywhere. The files are read as
     data; nothing in them is executed, and nothing is written.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the scene.
+    models : sequence of str, optional
+        Models in place of those of the file's ``models.run``, checked like them.
 
     Raises
     ------
@@ -39,6 +46,8 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     tables = _read_toml(path)
+    if models is not None:
+        tables = _replaced(tables, "models.run", [*models], f"{path}: models.run")
     mesh, problems = _read_mesh(tables, path.parent)
     return scene_from(tables, mesh, path, problems)
 
