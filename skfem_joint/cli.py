@@ -234,8 +234,8 @@ def _scene_of_models(options: argparse.Namespace) -> Scene:
         return load_scene(options.scene, options.models.split(","))
     except InputError as error:
         place = f"{options.scene}: models.run"
-        told = [problem.replace(place, "--models: models.run") for problem in error.problems]
-        raise InputError(told) from error
+        problems = [text.replace(place, "--models: models.run") for text in error.problems]
+        raise InputError(problems) from error
 
 
 def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
