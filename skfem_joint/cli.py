@@ -127,6 +127,14 @@ def _parser() -> argparse.ArgumentParser:
     run = add("run", _run, "integrate the models of a scene and report", scene, out, workers)
     _add_run_options(run)
     add("check", _check, "validate a scene without running it", scene)
+    preview = add("preview", _preview, "draw the structure of a scene before it is run", scene)
+    preview.add_argument(
+        "--out", type=Path, metavar="FILE.png",
+        help="picture (default: name of the scene in the current folder)",
+    )  # fmt: skip
+    preview.add_argument(
+        "--overwrite", action="store_true", help="replace the picture if it is there already"
+    )
     keys = add("keys", _keys, "list every key of a scene: unit, default, allowed values, meaning")
     keys.add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
@@ -271,6 +279,24 @@ def _check(options: argparse.Namespace) -> int:
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
     print(f"A run needs about {memory.size(need)} beside the program.")
+    return 0
+
+
+def _preview(options: argparse.Namespace) -> int:
+    """Draw mesh, names, supports, loads, joints and bolts of a scene, and say what was drawn."""
+    from skfem_joint.output.preview import check_target, preview_of, write_preview
+    from skfem_joint.scene import load_scene
+
+    out = options.out or Path(f"{options.scene.stem}.png")
+    check_target(out, overwrite=options.overwrite)  # before bolts are tightened
+    preview = preview_of(load_scene(options.scene))
+    write_preview(out, preview, overwrite=options.overwrite)
+    for kind in ("joint", "support", "load", "bolt"):
+        if names := dict.fromkeys(mark.name for mark in preview.of_kind(kind)):
+            print(f"{kind}: {', '.join(names)}")
+    for note in preview.notes:
+        print(f"Note: {note}")
+    print(f"Written to {out}")
     return 0
 
 
