@@ -37,6 +37,8 @@ COLOURS = {
 }
 _BODIES = ("#dfe3e8", "#c9d6e2", "#e4dccb", "#d3e0d1")
 _PRESSURES = ("#fff8e6", "#f6b04a", "#c24e00")
+#: Height over length of a plate below which its height is enlarged.
+_SLENDER = 0.03
 #: Faces of joints of solids that have a panel of their own, at most.
 _MOST_FACES = 6
 
@@ -83,13 +85,18 @@ class _Projection:
         across = np.cross([0.0, 0.0, 1.0], self.eye) if self.dim == 3 else np.array([1.0, 0.0, 0.0])
         across = across / np.linalg.norm(across)
         self.axes = np.array([across, np.cross(self.eye, across)])
+        wide, tall = np.ptp(structure.nodes, axis=0) if self.dim == 2 else (1.0, 1.0)
+        self.enlarged = 1  # how much larger y is drawn than x, for plates seen from the side
+        if tall < _SLENDER * wide:
+            fits = [k for k in (2, 5, 10, 20, 50, 100) if k * tall <= 3.0 * _SLENDER * wide]
+            self.enlarged = max(fits)
         self.heights = stack_heights(structure) if self.dim == 1 else np.zeros(1)
 
     def points(self, x: FloatArray, height: float = 0.0) -> FloatArray:
         """Points (..., dim), m; those of a bar at a height."""
         if self.dim == 1:
             return np.asarray(1e3 * np.concatenate([x, np.full_like(x, height)], axis=-1))
-        return np.asarray(1e3 * (x @ self.axes[:, : self.dim].T))
+        return np.asarray(1e3 * (x @ self.axes[:, : self.dim].T)) * (1.0, self.enlarged)
 
     def nodes(self, numbers: IntArray, side: float = 0.0) -> FloatArray:
         """Nodes; of a bar at the height of its body, ``side`` thicknesses of the bar above it."""
@@ -102,14 +109,14 @@ class _Projection:
 
     def direction(self, vector: FloatArray) -> FloatArray:
         """Direction in the drawing, of a length of at most 1."""
-        return np.asarray(self.points(vector) / 1e3)
+        return np.asarray(self.points(vector) / 1e3) / (1.0, self.enlarged)
 
     def place(self, mark: Mark) -> FloatArray:
         """Place of a mark's label."""
         if self.dim == 1 and mark.nodes.size:
             near = np.argmin(np.abs(self.structure.nodes[mark.nodes, 0] - mark.at[0]))
             side = -0.5 if mark.kind == "joint" else 0.0
-            return self.nodes(mark.nodes[[near]], side)[0]
+            return np.asarray(self.nodes(mark.nodes[[near]], side)[0])
         return self.points(mark.at)
 
 
@@ -268,6 +275,8 @@ class _Sheet:
         notes = list(self.preview.notes)
         if self.dim == 1:
             notes.append("The thickness of bars is not to scale.")
+        if self.projection.enlarged > 1:
+            notes.append(f"Lengths along y are drawn {self.projection.enlarged} times as large.")
         left = len(self.preview.of_kind("joint")) - len(self.faces) if self.dim == 3 else 0
         if left:
             notes.append(f"The faces of {left} further joints are not drawn below.")
@@ -476,7 +485,9 @@ class _Sheet:
             self.main.set_yticks([])
             self.main.spines["left"].set_visible(False)
         else:
+            enlarged = self.projection.enlarged
             self.main.set_ylabel("y, mm")
+            self.main.yaxis.set_major_formatter(lambda value, _: f"{value / enlarged:g}")
             self.main.locator_params(axis="y", nbins=max(2, int(self.frame[1] / 0.3)))
 
     def _draw_rulers(self) -> None:

@@ -4,12 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bodies import two_bars
 
 from skfem_joint import cli
 from skfem_joint.errors import InputError
 from skfem_joint.output import preview as drawing
 from skfem_joint.output.offscreen import offscreen
-from skfem_joint.output.preview import preview_figure, preview_of, write_preview
+from skfem_joint.output.preview import (
+    Preview,
+    _Projection,
+    preview_figure,
+    preview_of,
+    write_preview,
+)
+from skfem_joint.output.preview_marks import joint_mark
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -145,31 +153,52 @@ def test_a_moving_base_is_a_load_on_its_supports(tmp_path):
     preview_figure(preview)
 
 
-@pytest.mark.parametrize(("kind", "has"), [("bar", 1), ("edge", 2)])
-def test_joints_on_bars_and_edges_against_each_other(kind, has, tmp_path):
-    """Bars lie on each other in the drawing; plates from the side show the edge that is pressed."""
-    from skfem_joint import Joint, Load, Material, Structure
-    from skfem_joint.mesh import load_meshes
-    from skfem_joint.output.preview_marks import Preview, joint_mark
+def test_bars_on_each_other_are_drawn_apart():
+    structure = two_bars()
+    marks = [joint_mark(structure, patch) for patch in structure.patches]
+    figure = preview_figure(Preview("two bars", structure, tuple(marks)))
+    levels = _Projection(structure).nodes(np.arange(structure.n_nodes))[:, 1]
+    assert len(np.unique(levels)) == 2
+    assert "The thickness of bars is not to scale." in [t.get_text() for t in figure.texts]
+    assert marks[0].text.split("\n")[1] == "against lower_joint"
 
-    mesh = load_meshes(ROOT / "meshes" / "two_plates_side.msh") if kind == "edge" else None
-    if mesh is None:
-        path = changed(tmp_path, "structure_harmonic")
-        structure = load_scene(path).structure()
-    else:
-        names = list(mesh.boundaries)
-        on, against = [name for name in names if "joint" in name or "contact" in name][:2]
-        held = next(name for name in names if "end" in name)
-        structure = Structure(
-            mesh, Material(200e9, 8000.0, 0.3), thickness=0.05, fixed=[held], free=True,
-            joints=[Joint(on, 1e6, 0.5, against)],
-        )  # fmt: skip
-    assert Load is not None
-    marks = tuple(joint_mark(structure, patch) for patch in structure.patches)
-    figure = preview_figure(Preview("side", structure, marks))
-    assert marks[0].cells.shape[1] == 2
-    assert structure.dim == has
-    assert figure.axes
+
+def test_slender_plates_from_the_side_are_enlarged_and_the_axis_stays_true(tmp_path):
+    path = changed(
+        tmp_path, "two_plates",
+        ("two_plates.msh", "two_plates_side.msh"),
+        ('on = "upper_joint"\nagainst = "lower_joint"',
+         'on = "upper_contact"\nagainst = "lower_contact"'),
+        ('fixed = ["upper_end"]', 'fixed = ["upper_end"]\nfixed_y = ["lower_end"]'),
+    )  # fmt: skip
+    preview = preview_of(load_scene(path))
+    (joint,) = preview.of_kind("joint")
+    assert joint.cells.shape[1] == 2
+    assert len(preview.of_kind("support")) == 2
+    figure = preview_figure(preview)
+    assert "Lengths along y are drawn 5 times as large." in [t.get_text() for t in figure.texts]
+    figure.canvas.draw()
+    ticks = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert {"0", "10", "20"} <= set(ticks)
+
+
+@draws
+@pytest.mark.parametrize("quantity", ["pressure", "force along the view", "base"])
+def test_loads_on_solids(quantity, tmp_path):
+    changes = {
+        "pressure": ("direction = [1.0, 0.0, 0.0]", 'quantity = "pressure"'),
+        "force along the view": ("[1.0, 0.0, 0.0]", "[0.45, -0.75, 0.55]"),
+        "base": ('on = "lower_end"\ndirection = [1.0, 0.0, 0.0]', 'base = "z"'),
+    }
+    given = ('pressure = "preload"', "pressure = 1e6")
+    path = changed(tmp_path, "solid_lap_joint", changes[quantity], given)
+    text = path.read_text(encoding="utf-8")
+    start, end = text.index("[[bolt]]"), text.index("[damping]")
+    path.write_text(text[:start] + text[end:], encoding="utf-8")
+    preview = preview_of(load_scene(path))
+    assert not preview.of_kind("bolt")
+    assert len(preview.of_kind("load")) == 1
+    assert len(preview_figure(preview).axes) == 3  # solids, the joint's face, the colours
 
 
 @pytest.mark.parametrize("name", SCENES)
