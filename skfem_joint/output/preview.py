@@ -275,6 +275,8 @@ class _Sheet:
         notes = list(self.preview.notes)
         if self.dim == 1:
             notes.append("The thickness of bars is not to scale.")
+        if self.dim == 3:
+            notes.append("Dashed outlines mark surfaces, also where other parts hide them.")
         if self.projection.enlarged > 1:
             notes.append(f"Lengths along y are drawn {self.projection.enlarged} times as large.")
         left = len(self.preview.of_kind("joint")) - len(self.faces) if self.dim == 3 else 0
@@ -518,7 +520,7 @@ class _Sheet:
                 self.main.plot(*np.array([tick, tip]).T, color="black", lw=1.0, clip_on=False)
                 self.main.text(*(tick + 0.2 * inch * away), f"{value:g}", ha="center",
                                va="center", fontsize=8, clip_on=False)  # fmt: skip
-            name = line.mean(axis=0) + 0.42 * inch * away
+            name = line.mean(axis=0) + 0.58 * inch * away
             self.main.text(*name, f"{'xyz'[axis]}, mm", ha="center", va="center", fontsize=9)
 
     def _arrange_labels(self) -> None:
