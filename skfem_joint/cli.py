@@ -134,6 +134,14 @@ def _parser() -> argparse.ArgumentParser:
     example.add_argument(
         "--out", type=Path, metavar="DIR", help="folder it is written to (default: ./NAME)"
     )
+    preview = add("preview", _preview, "draw the structure of a scene before it is run", scene)
+    preview.add_argument(
+        "--out", type=Path, metavar="FILE.png",
+        help="picture (default: name of the scene in the current folder)",
+    )  # fmt: skip
+    preview.add_argument(
+        "--overwrite", action="store_true", help="replace the picture if it is there already"
+    )
     keys = add("keys", _keys, "list every key of a scene: unit, default, allowed values, meaning")
     keys.add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
@@ -317,6 +325,24 @@ def _example(options: argparse.Namespace) -> int:
     command = shlex.join(["skfem-joint", name, str(scene), "--out", str(folder / "out")])
     print(f"{QUESTIONS[options.scene]} To see it, run\n\n    {command}\n")
     return _print_notes((), folder, files)
+
+
+def _preview(options: argparse.Namespace) -> int:
+    """Draw mesh, names, supports, loads, joints and bolts of a scene, and say what was drawn."""
+    from skfem_joint.output.preview import check_target, preview_of, write_preview
+    from skfem_joint.scene import load_scene
+
+    out = options.out or Path(f"{options.scene.stem}.png")
+    check_target(out, overwrite=options.overwrite)  # before bolts are tightened
+    preview = preview_of(load_scene(options.scene))
+    write_preview(out, preview, overwrite=options.overwrite)
+    for kind in ("joint", "support", "load", "bolt"):
+        if names := dict.fromkeys(mark.name for mark in preview.of_kind(kind)):
+            print(f"{kind}: {', '.join(names)}")
+    for note in preview.notes:
+        print(f"Note: {note}")
+    print(f"Written to {out}")
+    return 0
 
 
 def _keys(options: argparse.Namespace) -> int:

@@ -84,7 +84,7 @@ def blocks_of(structure: Structure) -> list[Block]:
     """Each body of a structure as a grid with its cell data; see :func:`write_series`."""
     mesh = structure.mesh
     corners, directions, section = _corners(structure), _directions(structure), _section(structure)
-    shift = _heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
+    shift = stack_heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
     of_cell = mesh.body[structure.body.cell_element]
     blocks = []
     for number, label in enumerate(_labels(structure)):
@@ -201,7 +201,7 @@ def _section(structure: Structure) -> FloatArray:
     return np.reshape(np.transpose(sizes), (structure.mesh.n_elements, 3 - structure.dim))
 
 
-def _heights(structure: Structure) -> FloatArray:
+def stack_heights(structure: Structure) -> FloatArray:
     """How far each body is moved in the direction of its thickness, m, so that bodies lie apart.
 
     Only bodies whose *cells* are pressed on another body lie on it; bodies that touch at facets are

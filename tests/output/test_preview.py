@@ -1,0 +1,270 @@
+"""Pictures of a structure before it is run: what they contain, their files, and refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import two_bars
+
+from skfem_joint import cli
+from skfem_joint.errors import InputError
+from skfem_joint.output import preview as drawing
+from skfem_joint.output.offscreen import offscreen
+from skfem_joint.output.preview import (
+    Preview,
+    _Projection,
+    preview_figure,
+    preview_of,
+    write_preview,
+)
+from skfem_joint.output.preview_marks import joint_mark
+from skfem_joint.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def can_draw() -> bool:
+    try:
+        with offscreen():
+            return True
+    except InputError:
+        return False
+
+
+draws = pytest.mark.skipif(not can_draw(), reason="no GL library: apt-get install libosmesa6")
+SCENES = ["structure_harmonic", "plate_bolts", "two_plates",
+          pytest.param("solid_lap_joint", marks=draws)]  # fmt: skip
+
+
+def changed(folder: Path, name: str, *changes: tuple[str, str], more: str = "") -> Path:
+    """File of an example with some of its text exchanged."""
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    for old, new in (("../meshes", (ROOT / "meshes").as_posix()), *changes):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = folder / f"{name}.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def previews():
+    """Previews of examples by name, each made once."""
+    made = {}
+
+    def of(name):
+        if name not in made:
+            made[name] = preview_of(load_scene(EXAMPLES / f"{name}.toml"))
+        return made[name]
+
+    return of
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_each_joint_support_load_and_bolt_is_drawn_and_labelled(name, previews):
+    preview, scene = previews(name), load_scene(EXAMPLES / f"{name}.toml")
+    structure, support = preview.structure, scene.support
+    held = {*support.fixed, *support.fixed_x, *support.fixed_y, *support.fixed_z}
+    assert [mark.name for mark in preview.of_kind("joint")] == [j.on for j in scene.joint]
+    assert {mark.name for mark in preview.of_kind("support")} == held
+    assert [mark.name for mark in preview.of_kind("load")] == [load.on for load in scene.load]
+    in_joints = [bolt for joint in structure.joints
+                 for bolt in getattr(joint.pressure, "bolts", ())]  # fmt: skip
+    assert len(preview.of_kind("bolt")) == len(scene.bolt) + len(in_joints)
+    for mark in preview.marks:
+        assert np.all(mark.at >= structure.nodes.min(axis=0) - 1e-9)
+        assert np.all(mark.at <= structure.nodes.max(axis=0) + 1e-9)
+    figure = preview_figure(preview)
+    written = [text.get_text() for text in figure.texts]
+    assert preview.title in written
+    assert all(mark.text in written for mark in preview.marks)
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"element", "support", "load, in its positive direction"} <= labels
+    titles = [f"{axes.get_xlabel()} {axes.get_title()}" for axes in figure.axes]
+    assert any("pressure on the joints, MPa" in title for title in titles)
+    assert any(title.startswith(("x, mm", "position along the bar, mm")) for title in titles)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_labels_do_not_overlap_each_other(name, previews):
+    preview = previews(name)
+    figure = preview_figure(preview)
+    figure.canvas.draw()
+    texts = {mark.text for mark in preview.marks}
+    boxes = [text.get_window_extent() for text in figure.texts if text.get_text() in texts]
+    assert len(boxes) == len(preview.marks)
+    for k, box in enumerate(boxes):
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+        assert not any(box.overlaps(other) for other in boxes[:k])
+
+
+def test_what_labels_say(previews):
+    def texts(name):
+        return {mark.name: mark.text for mark in previews(name).marks}
+
+    bar, plate, solid = map(texts, ("structure_harmonic", "plate_bolts", "solid_lap_joint"))
+    assert bar["joint"] == "joint joint\non a rigid base\n50 MPa, friction 0.7"
+    assert bar["free_end"] == "load free_end\npeak 87.5 kN\nharmonic 500 Hz"
+    assert bar["junction"] == "point junction"
+    assert plate["joint"].startswith("joint joint\non a rigid base\n0 to ")
+    assert plate["joint.bolts[1]"] == "bolt 2 of joint\nforce 20 kN"
+    assert solid["bolt[0]"] == "bolt 1\nhead_1 to nut_1\nclamp force 20 kN"
+    supports = [mark.text for mark in previews("solid_lap_joint").of_kind("support")]
+    assert supports == ["support lower_end\nheld in y, z",
+                        "support upper_end\nheld in all directions"]  # fmt: skip
+
+
+def test_pressures_of_a_joint_are_those_of_its_contact_points(previews):
+    preview = previews("solid_lap_joint")
+    (patch,), (mark,) = preview.structure.patches, preview.of_kind("joint")
+    assert mark.pressure.shape == mark.cells.shape
+    assert mark.pressure.max() == pytest.approx((patch.normal_force / patch.area).max())
+    (even,) = previews("structure_harmonic").of_kind("joint")
+    assert np.all(even.pressure == 50e6)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "direction", "expected", "says"),
+    [
+        ('quantity = "pressure"', "", (-1.0, 0.0), "pressure peak 14 kPa"),
+        ('quantity = "traction"', "direction = [0.0, 2.0]", (0.0, 1.0), "traction peak 14 kPa"),
+        ("", "direction = [-1.0, 0.0]", (-1.0, 0.0), "\npeak 14 kN"),
+    ],
+)
+def test_arrows_run_along_loads(quantity, direction, expected, says, tmp_path):
+    path = changed(tmp_path, "plate_bolts", ("direction = [1.0, 0.0]", f"{quantity}\n{direction}"))
+    preview = preview_of(load_scene(path))
+    (load,) = preview.of_kind("load")
+    np.testing.assert_allclose(load.direction, expected, atol=1e-12)
+    assert says in load.text
+    preview_figure(preview)
+
+
+def test_a_moving_base_is_a_load_on_its_supports(tmp_path):
+    old = 'on = "free_end"\ndirection = [1.0, 0.0]'
+    path = changed(tmp_path, "plate_bolts", (old, 'base = "y"'))
+    preview = preview_of(load_scene(path))
+    (load,) = preview.of_kind("load")
+    assert load.text.startswith("load base along y\npeak 1.4e+04 m/s2")
+    assert load.at[0] == pytest.approx(0.0)
+    preview_figure(preview)
+
+
+def test_bars_on_each_other_are_drawn_apart():
+    structure = two_bars()
+    marks = [joint_mark(structure, patch) for patch in structure.patches]
+    figure = preview_figure(Preview("two bars", structure, tuple(marks)))
+    levels = _Projection(structure).nodes(np.arange(structure.n_nodes))[:, 1]
+    assert len(np.unique(levels)) == 2
+    assert "The thickness of bars is not to scale." in [t.get_text() for t in figure.texts]
+    assert marks[0].text.split("\n")[1] == "against lower_joint"
+
+
+def test_slender_plates_from_the_side_are_enlarged_and_the_axis_stays_true(tmp_path):
+    path = changed(
+        tmp_path, "two_plates",
+        ("two_plates.msh", "two_plates_side.msh"),
+        ('on = "upper_joint"\nagainst = "lower_joint"',
+         'on = "upper_contact"\nagainst = "lower_contact"'),
+        ('fixed = ["upper_end"]', 'fixed = ["upper_end"]\nfixed_y = ["lower_end"]'),
+    )  # fmt: skip
+    preview = preview_of(load_scene(path))
+    (joint,) = preview.of_kind("joint")
+    assert joint.cells.shape[1] == 2
+    assert len(preview.of_kind("support")) == 2
+    figure = preview_figure(preview)
+    assert "Lengths along y are drawn 5 times as large." in [t.get_text() for t in figure.texts]
+    figure.canvas.draw()
+    ticks = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert {"0", "10", "20"} <= set(ticks)
+
+
+@draws
+@pytest.mark.parametrize("quantity", ["pressure", "force along the view", "base"])
+def test_loads_on_solids(quantity, tmp_path):
+    changes = {
+        "pressure": ("direction = [1.0, 0.0, 0.0]", 'quantity = "pressure"'),
+        "force along the view": ("[1.0, 0.0, 0.0]", "[0.45, -0.75, 0.55]"),
+        "base": ('on = "lower_end"\ndirection = [1.0, 0.0, 0.0]', 'base = "z"'),
+    }
+    given = ('pressure = "preload"', "pressure = 1e6")
+    path = changed(tmp_path, "solid_lap_joint", changes[quantity], given)
+    text = path.read_text(encoding="utf-8")
+    start, end = text.index("[[bolt]]"), text.index("[damping]")
+    path.write_text(text[:start] + text[end:], encoding="utf-8")
+    preview = preview_of(load_scene(path))
+    assert not preview.of_kind("bolt")
+    assert len(preview.of_kind("load")) == 1
+    assert len(preview_figure(preview).axes) == 3  # solids, the joint's face, the colours
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_command_writes_a_picture_beside_nothing_else(name, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["preview", str(EXAMPLES / f"{name}.toml")]) == 0
+    assert [file.name for file in tmp_path.iterdir()] == [f"{name}.png"]
+    assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+    said = capsys.readouterr().out
+    assert f"Written to {name}.png" in said
+    assert "joint: " in said
+
+
+def test_an_existing_file_is_replaced_only_on_request(tmp_path, capsys):
+    scene, out = str(EXAMPLES / "structure_harmonic.toml"), tmp_path / "own.png"
+    out.write_text("mine", encoding="utf-8")
+    assert cli.main(["preview", scene, "--out", str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert out.read_text(encoding="utf-8") == "mine"
+    assert cli.main(["preview", scene, "--out", str(out), "--overwrite"]) == 0
+    assert out.read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("out", ["picture.pdf", "picture", "missing/picture.png"])
+def test_names_that_no_picture_can_have(out, tmp_path, capsys):
+    scene = str(EXAMPLES / "structure_harmonic.toml")
+    assert cli.main(["preview", scene, "--out", str(tmp_path / out)]) == 2
+    assert "picture" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scene_of_matrices_has_nothing_to_draw(tmp_path, capsys, monkeypatch):
+    from scipy import io, sparse
+
+    monkeypatch.chdir(tmp_path)
+    for name in "MK":
+        io.mmwrite(tmp_path / f"{name}.mtx", sparse.eye_array(2))
+    (tmp_path / "scene.toml").write_text(
+        '[matrices]\nM = "M.mtx"\nK = "K.mtx"\npoints = {a = 0, b = 1}\n'
+        '[[load]]\non = "a"\nkind = "harmonic"\namplitude = 1.0\nfrequency = 0.1\n'
+        '[time]\ncycles = 1\n[models]\nrun = ["full"]\n',
+        encoding="utf-8",
+    )
+    assert cli.main(["preview", "scene.toml"]) == 2
+    assert "nothing to draw" in capsys.readouterr().err
+    assert not (tmp_path / "scene.png").exists()
+
+
+def test_names_are_no_formulas_and_a_wrong_ending_is_refused(tmp_path, previews):
+    from dataclasses import replace
+
+    preview = replace(previews("structure_harmonic"), title="costs $5 and $6_")
+    written = write_preview(tmp_path / "own.png", preview)
+    assert written.read_bytes().startswith(PNG)
+    with pytest.raises(InputError, match=r"must be '\.png'"):
+        write_preview(tmp_path / "own.svg", preview)
+
+
+def test_many_labels_stand_in_rows_side_by_side():
+    rng = np.random.default_rng(1)
+    wanted, widths = np.sort(rng.uniform(0, 14, 40)), rng.uniform(0.5, 2.5, 40)
+    middles, rows, heights = drawing._placed(wanted, widths, [2] * 40, 13.6)
+    assert len(heights) == rows.max() + 1
+    for row in range(rows.max() + 1):
+        own = np.flatnonzero(rows == row)
+        ends, starts = middles[own] + 0.5 * widths[own], middles[own] - 0.5 * widths[own]
+        assert np.all(starts[1:] >= ends[:-1] - 1e-9)
+        assert starts[0] >= -1e-9
+        assert ends[-1] <= 13.6 + 1e-9
