@@ -8,6 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from bodies import structure
+from drawing import draws
 from numpy.typing import NDArray
 from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
 
@@ -17,17 +18,6 @@ from skfem_joint.output.series import faces_of
 
 INCLINED = (3.0, 4.0, 0.0)
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-
-
-def can_draw() -> bool:
-    try:
-        with offscreen.offscreen():
-            return True
-    except sj.InputError:
-        return False
-
-
-draws = pytest.mark.skipif(not can_draw(), reason="no GL library: apt-get install libosmesa6")
 
 
 def share_of(pixels: NDArray[np.float64], colour: str) -> float:

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import two_bars
+from drawing import draws
 
 from skfem_joint import cli
 from skfem_joint.errors import InputError
 from skfem_joint.output import preview as drawing
-from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.preview import (
     Preview,
     _Projection,
@@ -25,15 +25,6 @@ EXAMPLES = ROOT / "examples"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def can_draw() -> bool:
-    try:
-        with offscreen():
-            return True
-    except InputError:
-        return False
-
-
-draws = pytest.mark.skipif(not can_draw(), reason="no GL library: apt-get install libosmesa6")
 SCENES = ["structure_harmonic", "plate_bolts", "two_plates",
           pytest.param("solid_lap_joint", marks=draws)]  # fmt: skip
 
