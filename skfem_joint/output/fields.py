@@ -205,7 +205,8 @@ def frames_of(structure: AnyStructure, runs: Mapping[str, Run]) -> Frames:
         the structure is given by matrices alone.
     """
     structure = structure.meshed("fields need a mesh")
-    if not isinstance(runs, Mapping) or not runs:
+    given: object = runs
+    if not isinstance(given, Mapping) or not given:
         raise InputError("runs: must be runs by name, such as {'full': run}, at least one")
     first = next(iter(runs.values()))
     times = min((run.field_times for run in runs.values()), key=len)

@@ -84,8 +84,9 @@ class Body(Nodes):
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, NamedMesh):
-            object.__setattr__(self, "mesh", named(self.mesh))
+        given: object = self.mesh
+        if not isinstance(given, NamedMesh):
+            object.__setattr__(self, "mesh", named(given))
         refuse([*_value_problems(self), *_override_problems(self)])
 
     @cached_property

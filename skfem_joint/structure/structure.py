@@ -102,10 +102,11 @@ class Structure:
     body: Body = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.mesh, str | Path):
-            object.__setattr__(self, "mesh", load_meshes(self.mesh))
-        elif not isinstance(self.mesh, NamedMesh):
-            object.__setattr__(self, "mesh", named(self.mesh))
+        given: object = self.mesh
+        if isinstance(given, str | Path):
+            object.__setattr__(self, "mesh", load_meshes(given))
+        elif not isinstance(given, NamedMesh):
+            object.__setattr__(self, "mesh", named(given))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         sizes = self.width, self.thickness, self.plane, self.mass, self.regions

@@ -1,17 +1,13 @@
-"""Shipped scenes: listed, written with their meshes, found by an installed wheel too."""
+"""Shipped scenes: listed, and written with their meshes; `test_wheel` has those of a wheel."""
 
-import os
 import re
-import subprocess
-import sys
 import tomllib
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from skfem_joint import cli
-from skfem_joint.scene.shipped import QUESTIONS, write_shipped
+from skfem_joint.scene.shipped import QUESTIONS
 
 ROOT = Path(__file__).parents[2]
 
@@ -80,41 +76,3 @@ def test_what_cannot_be_written(arguments, says, tmp_path, monkeypatch, capsys):
     assert cli.main(["example", *arguments]) == 2
     assert says in capsys.readouterr().err
     assert contents(tmp_path) == {"file": b"mine"}
-
-
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """Folder into which a wheel of the checkout was installed, without what it needs."""
-    for tool in ("hatchling", "pip"):
-        if find_spec(tool) is None:
-            pytest.skip(f"{tool} is not installed: pip install '.[test]' in a virtual environment")
-    wheels, target = tmp_path_factory.mktemp("wheels"), tmp_path_factory.mktemp("installed")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-    offline = ["--no-deps", "--no-index", "--quiet"]
-    build = [*pip, "wheel", *offline, "--no-build-isolation", "--wheel-dir", wheels, ROOT]
-    subprocess.run(build, check=True, timeout=300)
-    (wheel,) = wheels.glob("*.whl")
-    subprocess.run([*pip, "install", *offline, "--target", target, wheel], check=True, timeout=300)
-    return target
-
-
-def test_an_installed_wheel_writes_the_same_scenes(installed, tmp_path):
-    def python(*arguments: str) -> str:
-        environment = os.environ | {"PYTHONPATH": str(installed)}
-        command = [sys.executable, *arguments]
-        return subprocess.run(
-            command, cwd=empty, env=environment, check=True, capture_output=True, text=True
-        ).stdout
-
-    (empty := tmp_path / "empty").mkdir()
-    where = python("-c", "import skfem_joint; print(skfem_joint.__file__)")
-    assert Path(where.strip()).is_relative_to(installed)
-    assert "structure_harmonic/out" in python("-m", "skfem_joint", "example", "structure_harmonic")
-    scene = "structure_harmonic/structure_harmonic.toml"
-    assert "valid." in python("-m", "skfem_joint", "check", scene)
-
-    loop = "for name in shipped.QUESTIONS: shipped.write_shipped(name, Path('all', name))"
-    python("-c", f"from pathlib import Path\nfrom skfem_joint.scene import shipped\n{loop}")
-    for name in QUESTIONS:
-        write_shipped(name, tmp_path / "all" / name)
-    assert contents(empty / "all") == contents(tmp_path / "all")
