@@ -6,6 +6,7 @@
 import argparse
 from collections.abc import Iterator
 from functools import partial
+from textwrap import dedent
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -25,7 +26,7 @@ def usage(parser: argparse.ArgumentParser) -> str:
     """How the command is written, whatever the width and the colours of the terminal."""
     parser.formatter_class = partial(argparse.HelpFormatter, width=88)
     parser.color = False  # of Python 3.14
-    return parser.format_usage().removeprefix("usage: ").rstrip()
+    return dedent(parser.format_usage().replace("usage:", " " * 6)).strip()
 
 
 def arguments(parser: argparse.ArgumentParser, common: bool) -> Iterator[tuple[str, str]]:
