@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pyvista
+from numpydoc.xref import DEFAULT_LINKS
 
 import skfem_joint
 
@@ -31,7 +32,10 @@ extensions = [
     "sphinx_copybutton",
     "sphinx-mathjax-offline",
     "commands",
+    "signatures",
 ]
+# Files of the folders inside examples/ check the package and have no page: their names may repeat.
+suppress_warnings = ["sphinx_gallery.duplicate_filename"]
 exclude_patterns = [
     "paper.md",
     "verification/measured/*",
@@ -53,11 +57,21 @@ default_role = "py:obj"
 add_module_names = False
 autodoc_typehints = "none"  # docstrings say types, shapes and units
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 autosummary_generate = False
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
-numpydoc_xref_ignore = {"of", "or", "and", "optional", "shape", "shapes", "sequence", "length"}
-numpydoc_xref_aliases = {name: f"skfem_joint.{name}" for name in skfem_joint.__all__}
+# Types in docstrings link to their classes in this reference; those of Python and NumPy, whose own
+# references are on the network, stay words.
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {
+    **{word: word for word in DEFAULT_LINKS},
+    **{name: f"skfem_joint.{name}" for name in skfem_joint.__all__ if name[0].isupper()},
+    "Basis": "skfem_joint.reduction.basis.Basis",
+    "Description": "skfem_joint.analysis.description.Description",
+    "Estimate": "skfem_joint.analysis.estimate.Estimate",
+    "Failure": "skfem_joint.analysis.models.Failure",
+}
 
 # Pages
 html_theme = "furo"
@@ -83,8 +97,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
-    # Of the folder itself: those in it check the package, and have no page.
-    "ignore_pattern": r"examples.(benchmarks|paper|stability)|make_pictures|paraview_joint",
+    "ignore_pattern": r"__init__|make_pictures|paraview_joint",
     "within_subsection_order": "gallery_settings.order",
     "reset_argv": "gallery_settings.short_form",
     "image_scrapers": ("matplotlib", "pyvista"),

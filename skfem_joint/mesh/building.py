@@ -82,7 +82,7 @@ def build_plate(
     order : {1, 2}
         Order of the displacement.
     prefix : str
-        Prefix of the names of the default boundaries, e.g. "upper_".
+        Prefix of the names of the default boundaries, e.g. ``"upper_"``.
     boundaries : mapping of str to str or (str, str), optional
         By name: a side ("left", "right", "bottom", "top"), or a side and the strip to whose edge
         it is limited, e.g. ``{"contact": ("bottom", "joint")}``. By default the four sides with
