@@ -46,6 +46,7 @@ exclude_patterns = [
 # Text and mathematics
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
+smartquotes = False  # quotes are part of values
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "unsrt"
 # Prompts and output are left out where a block is copied.
@@ -57,7 +58,6 @@ default_role = "py:obj"
 add_module_names = False
 autodoc_typehints = "none"  # docstrings say types, shapes and units
 autodoc_member_order = "bysource"
-autodoc_preserve_defaults = True
 autosummary_generate = False
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True

@@ -1,5 +1,6 @@
-"""Signatures of classes in the reference: none where users get an object instead of making it."""
+"""Signatures in the reference: none of classes whose objects users get, and defaults as written."""
 
+import re
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -35,9 +36,11 @@ RESULTS = (
 def signature(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, shown: str | None, returned: Any
 ) -> tuple[str | None, Any]:
-    """Leave out the arguments of a result, and of a class that users derive from."""
+    """Leave out the arguments of a result and of a class to derive from; name default functions."""
     if what == "class" and name.rpartition(".")[2] in (*RESULTS, "Amplitude"):
         return "", None
+    if shown:
+        shown = re.sub(r"<function (\w+) at \w+>", r"\1", shown.replace("<factory>", "{}"))
     return shown, returned
 
 

@@ -189,7 +189,12 @@ def markdown(tables: Sequence[KeyTable]) -> str:
         lines += [f"{'###' if _is_part(table) else '##'} `{table.title}`", ""]
         lines += [_sentence(table.meaning), ""]
         lines += [f"| {' | '.join(Key._fields)} |", "|---" * len(Key._fields) + "|"]
-        lines += [f"| `{row.key}` | {' | '.join(row[1:])} |" for row in table.keys]
+        for row in table.keys:
+            default = row.default and (
+                row.default if row.default == "required" else f"`{row.default}`"
+            )
+            cells = f"`{row.key}`", row.unit, default, row.allowed, row.meaning
+            lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
     return "\n".join(lines)
 
