@@ -71,6 +71,9 @@ numpydoc_xref_aliases = {
     "Description": "skfem_joint.analysis.description.Description",
     "Estimate": "skfem_joint.analysis.estimate.Estimate",
     "Failure": "skfem_joint.analysis.models.Failure",
+    "JointError": "skfem_joint.errors.JointError",
+    "MatrixModel": "skfem_joint.structure.matrices.MatrixModel",
+    "SlipHistory": "skfem_joint.reduction.basis.SlipHistory",
 }
 
 # Pages

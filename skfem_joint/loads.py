@@ -334,7 +334,7 @@ class Rectangle(_Pulse):
     Attributes
     ----------
     peak : float
-        N.
+        Force, N, of either sign.
     duration : float
         s, above 0.
     start : float
@@ -362,7 +362,7 @@ class Table(Amplitude):
     times : ndarray, shape (n,)
         Strictly increasing, s; at least two.
     forces : ndarray, shape (n,)
-        N.
+        Forces at these times, N.
     """
 
     times: FloatArray

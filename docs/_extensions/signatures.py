@@ -19,6 +19,8 @@ RESULTS = (
     "Failure",
     "Model",
     "NaturalModes",
+    "Patch",
+    "Preload",
     "ProperModes",
     "RingDown",
     "Row",
@@ -40,7 +42,7 @@ def signature(
     if what == "class" and name.rpartition(".")[2] in (*RESULTS, "Amplitude"):
         return "", None
     if shown:
-        shown = re.sub(r"<function (\w+) at \w+>", r"\1", shown.replace("<factory>", "{}"))
+        shown = re.sub(r"<function (\w+)[^>]*>", r"\1", shown.replace("<factory>", "{}"))
     return shown, returned
 
 
