@@ -4,7 +4,12 @@ The gallery runs the scripts of ``examples/`` in their short forms, which the ar
 asks for. ``-D plot_gallery=0`` builds the pages without running them.
 """
 
+import re
+import shutil
 from pathlib import Path
+
+from sphinx_gallery.scrapers import figure_rst
+from sphinx_gallery.sorting import ExplicitOrder
 
 import skfem_joint
 
@@ -51,13 +56,31 @@ def short_form(configuration, script):
     return ["--short"]
 
 
+def written_pictures(block, block_vars, gallery_conf):
+    """Pictures that a gallery script has written beside itself: NAME.png, NAME-2.png and so on."""
+    script = Path(block_vars["src_file"])
+    pictures = []
+    for name in (f"{script.stem}.png", f"{script.stem}-?.png"):
+        for picture in sorted(script.parent.glob(name)):
+            pictures.append(next(block_vars["image_path_iterator"]))
+            shutil.move(picture, pictures[-1])
+    return figure_rst(pictures, gallery_conf["src_dir"])
+
+
+#: Scripts in the order of the gallery's first page.
+ORDER = re.findall(
+    r"examples/(\w+\.py)", (ROOT / "examples" / "GALLERY_HEADER.rst").read_text(encoding="utf-8")
+)
+
 sphinx_gallery_conf = {
     "examples_dirs": [str(ROOT / "examples")],
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"__init__|paraview_joint|make_pictures",
+    "ignore_pattern": r"__init__|paraview_joint",
     "reset_argv": short_form,
-    "image_scrapers": ("matplotlib",),
+    "image_scrapers": (written_pictures,),
+    "within_subsection_order": ExplicitOrder([*ORDER, "*"]),
+    "backreferences_dir": "gallery/backreferences",
     "show_memory": False,
     "download_all_examples": False,
 }
