@@ -33,6 +33,7 @@ extensions = [
     "sphinx-mathjax-offline",
     "commands",
     "signatures",
+    "offline",
 ]
 # Files of the folders inside examples/ check the package and have no page: their names may repeat.
 suppress_warnings = ["sphinx_gallery.duplicate_filename"]
