@@ -1,20 +1,34 @@
-"""A joint on scikit-fem's own basis: an Euler-Bernoulli beam with one dry friction element.
+r"""
+Can friction be added to matrices of one's own?
+===============================================
 
-A cantilever of length L carries a friction element of limit F_f at its tip, which resists the
-transverse velocity there. Strong form in the deflection w(x, t):
+Yes, in three lines: an Euler-Bernoulli beam, assembled by scikit-fem on its own basis, gets a dry
+friction element at its tip. A friction limit above the force holds the tip; half of the force
+halves its motion.
 
-    rho A w'' + E I (w + eps w')_xxxx = 0,   w(0) = w_x(0) = 0,
-    E I w_xx(L) = 0,   -E I (w + eps w')_xxx(L) = F sin(2 pi f t) - F_f sgn(w'(L)).
+Strong form in the deflection :math:`w(x, t)` of a cantilever of length :math:`L`, with the limit
+:math:`F_f` of the friction element:
 
-Weak form: (rho A w'', v) + (E I (w + eps w')_xx, v_xx) = (F sin(2 pi f t) - F_f sgn(w'(L))) v(L).
-Cubic Hermite elements. A beam's element has no tangent that a contact could slip along, so that
-the slip row is given: the deflection at the tip.
+.. math::
 
-Units: SI. Closed forms: static deflection F L^3 / (3 E I); a friction element whose limit exceeds
-the force holds the tip.
+   \rho A\,\ddot w + E I\,(w + \varepsilon\dot w)_{xxxx} = 0, \qquad
+   w(0) = w_x(0) = 0, \qquad E I\,w_{xx}(L) = 0, \\
+   -E I\,(w + \varepsilon\dot w)_{xxx}(L) = F\sin 2\pi f t - F_f\,\operatorname{sgn}\dot w(L) .
+
+Weak form:
+
+.. math::
+
+   (\rho A\,\ddot w, v) + (E I\,(w + \varepsilon\dot w)_{xx}, v_{xx})
+   = \bigl(F\sin 2\pi f t - F_f\,\operatorname{sgn}\dot w(L)\bigr)\,v(L) .
+
+The elements are cubic Hermite elements. They have no tangent that a contact could slip along, so
+the slip row is given: the deflection at the tip. Units are SI.
 """
 
-# %% Matrices, as any user of scikit-fem assembles them
+# %%
+# Matrices, as any user of scikit-fem assembles them.
+import matplotlib.pyplot as plt
 import numpy as np
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine, asm
 
@@ -28,7 +42,8 @@ M = asm(BilinearForm(lambda w, v, _: mass * w * v), basis)
 tip = basis.nodal_dofs[0, -1]
 
 
-# %% The joint in three lines
+# %%
+# The joint, the load and the system.
 def driven(limit: float) -> sj.System:
     """Beam under a sine at its tip, beside a friction element of a limit (N)."""
     joint = sj.point_friction(np.bincount([tip], minlength=basis.N), limit)
@@ -37,11 +52,17 @@ def driven(limit: float) -> sj.System:
     return sj.System.from_matrices(M, K, 1e-2 * K, fixed=wall, contact=joint, loads=load)
 
 
-# %% Two periods of slow load: without friction, with half of the force, and with more than it
+# %%
+# Two periods of slow load: without friction, with half of the force, and with more than the force.
+# The closed form of the static deflection is :math:`F L^3 / (3 E I)`.
 runs = {limit: sj.integrate(driven(limit), duration=10.0, step=0.02) for limit in (0.0, 0.5, 1.1)}
 static = force * length**3 / (3.0 * EI)
-
-if __name__ == "__main__":
-    for limit, run in runs.items():
-        peak = 1e3 * run.peak_of("tip")
-        print(f"limit {limit} N: tip moves {peak:.2f} mm, static without {1e3 * static:.2f} mm")
+figure, panel = plt.subplots(figsize=(7.0, 3.6), layout="constrained")
+for limit, run in runs.items():
+    peak = 1e3 * run.peak_of("tip")
+    print(f"limit {limit} N: tip moves {peak:.2f} mm, static without {1e3 * static:.2f} mm")
+    panel.plot(run.times, 1e3 * run.point("tip"), label=f"friction limit {limit} N")
+panel.set(xlabel="time, s", ylabel="deflection of the tip, mm", xlim=(0.0, 10.0))
+panel.legend(loc="upper right")
+panel.grid(alpha=0.3)
+figure.savefig("own_basis.png", dpi=120)

@@ -13,7 +13,8 @@ from pathlib import Path
 from skfem_joint.errors import InputError, closest, listed, refuse
 from skfem_joint.files import holding, read_text, read_whole, replacing
 
-#: Question that each scene answers, by its name; also the headings of ``examples/README.md``.
+#: Question that each scene answers, by its name; also the title of its script
+#: in the gallery, ``examples/NAME.py``.
 QUESTIONS = {
     "plate_bolts": "Which of two bolts slips, and does a model of 13 unknowns see the same?",
     "lap_joint_reference": "How much energy does a lap joint lose in a cycle?",
@@ -27,6 +28,30 @@ QUESTIONS = {
 }
 #: How a shipped scene names a mesh; the mesh of a copy stands beside it.
 _MESH = re.compile(r'"\.\./meshes/([\w.-]+)"')
+
+
+def shipped_scene(name: str) -> Path:
+    """File of a shipped scene, where the package has it.
+
+    Parameters
+    ----------
+    name : str
+        One of `QUESTIONS`.
+
+    Returns
+    -------
+    Path
+        To be read by `load_scene`, or by `load_sweep` if it has a ``[sweep]``.
+
+    Raises
+    ------
+    InputError
+        There is no such scene.
+    """
+    if name not in QUESTIONS:
+        hint = closest(name, QUESTIONS)
+        raise InputError(f"example: found '{name}', must be one of {listed(QUESTIONS)}{hint}")
+    return _root() / "examples" / f"{name}.toml"
 
 
 def write_shipped(name: str, folder: Path) -> list[Path]:
@@ -50,14 +75,11 @@ def write_shipped(name: str, folder: Path) -> list[Path]:
         There is no such scene, a file of one of these names is there, or the folder cannot be
         written to; nothing is written then.
     """
-    if name not in QUESTIONS:
-        hint = closest(name, QUESTIONS)
-        raise InputError(f"example: found '{name}', must be one of {listed(QUESTIONS)}{hint}")
-    root = _root()
-    text = read_text(root / "examples" / f"{name}.toml")
+    source = shipped_scene(name)
+    text = read_text(source)
     contents = {folder / f"{name}.toml": _MESH.sub(r'"\1"', text).encode()}
     for mesh in dict.fromkeys(_MESH.findall(text)):
-        contents[folder / mesh] = read_whole(root / "meshes" / mesh)
+        contents[folder / mesh] = read_whole(source.parents[1] / "meshes" / mesh)
     with holding(folder):
         refuse(
             f"{path}: is there already and is not overwritten; choose another folder by --out"
