@@ -56,18 +56,22 @@ class Labels:
 
         ``size`` is that of the sheet.
         """
+        from matplotlib.patheffects import withStroke
+
+        on_white = withStroke(linewidth=2.2, foreground="white", alpha=0.75)  # on dark joints too
         bottoms = bottom + np.cumsum([0.0, *self.heights])
         for mark, place, middle, row in zip(
             preview.marks, self.places, self.middles, self.rows, strict=True
         ):
             colour = colours.OF_KIND[mark.kind]
             at = (middle / size[0], (bottoms[row] + 0.05) / size[1])
-            panel.annotate(
+            line = panel.annotate(
                 "", xy=place, xytext=at, textcoords="figure fraction", zorder=10,
                 annotation_clip=False,
                 arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.7, "shrinkA": 0.0,
                             "shrinkB": 0.0},
             )  # fmt: skip
+            line.arrow_patch.set_path_effects([on_white])
             panel.figure.text(  # above all lines
                 *at, mark.text, parse_math=False, ha="center", va="bottom", fontsize=9,
                 color=colour, bbox={"boxstyle": "round,pad=0.12", "facecolor": "white",
