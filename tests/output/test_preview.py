@@ -9,15 +9,10 @@ from drawing import draws
 
 from skfem_joint import cli
 from skfem_joint.errors import InputError
-from skfem_joint.output import preview as drawing
-from skfem_joint.output.preview import (
-    Preview,
-    _Projection,
-    preview_figure,
-    preview_of,
-    write_preview,
-)
-from skfem_joint.output.preview_marks import joint_mark
+from skfem_joint.output.preview import Preview, preview_figure, preview_of, write_preview
+from skfem_joint.output.preview.labels import placed
+from skfem_joint.output.preview.marks import joint_mark
+from skfem_joint.output.preview.projection import Projection
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -148,7 +143,7 @@ def test_bars_on_each_other_are_drawn_apart():
     structure = two_bars()
     marks = [joint_mark(structure, patch) for patch in structure.patches]
     figure = preview_figure(Preview("two bars", structure, tuple(marks)))
-    levels = _Projection(structure).nodes(np.arange(structure.n_nodes))[:, 1]
+    levels = Projection(structure).nodes(np.arange(structure.n_nodes))[:, 1]
     assert len(np.unique(levels)) == 2
     assert "The thickness of bars is not to scale." in [t.get_text() for t in figure.texts]
     assert marks[0].text.split("\n")[1] == "against lower_joint"
@@ -251,7 +246,7 @@ def test_names_are_no_formulas_and_a_wrong_ending_is_refused(tmp_path, previews)
 def test_many_labels_stand_in_rows_side_by_side():
     rng = np.random.default_rng(1)
     wanted, widths = np.sort(rng.uniform(0, 14, 40)), rng.uniform(0.5, 2.5, 40)
-    middles, rows, heights = drawing._placed(wanted, widths, [2] * 40, 13.6)
+    middles, rows, heights = placed(wanted, widths, [2] * 40, 13.6)
     assert len(heights) == rows.max() + 1
     for row in range(rows.max() + 1):
         own = np.flatnonzero(rows == row)
