@@ -143,7 +143,7 @@ def test_benchmarks_of_steps_run(monkeypatch, capsys):
     monkeypatch.setattr(plates, "QUICK", (((8, 4, 0.25), (12, 2, 0.05)),))
     plates.main(["--quick"])
     text = capsys.readouterr().out
-    assert len(re.findall(r"^ +[24]0  (arctan|Coulomb)", text, re.MULTILINE)) == 4
+    assert len(re.findall(r"^\| [24]0 \| (arctan|Coulomb)", text, re.MULTILINE)) == 4
     assert "times faster; error of the free end" in text
     assert text.count("refactoring each iteration") == 2
     assert text.count("reduced, ") == 6
