@@ -181,9 +181,13 @@ def summary(items):
             if starts and row.quantity.startswith(starts):
                 rows.append([item.title.partition(":")[0], *row[:4], row.verdict])
             verdicts += Counter(kind for kind in KINDS if row.verdict.startswith(kind))
-    counts = [f'{verdicts[kind]} of the verdict "{kind}"' for kind in KINDS]
+    *kinds, met, missed = KINDS
+    counts = ", ".join(f"*{kind}* {verdicts[kind]}" for kind in kinds)
     table = markdown_table(["item", *HEADINGS[:4], HEADINGS.verdict], rows)
-    return f"{table}\n\nOf all rows of the reproduction there are {', '.join(counts)}."
+    return (
+        f"{table}\n\nNumbers of verdicts in all tables of the reproduction: {counts}. "
+        f"Of its own aims this package meets {verdicts[met]} and misses {verdicts[missed]}."
+    )
 
 
 def write_page(folder, items):
