@@ -179,7 +179,9 @@ def summary(items):
         starts = tuple(PUBLISHED["summary"].get(item.key, ()))
         for row in item.rows:
             if starts and row.quantity.startswith(starts):
-                rows.append([item.title.partition(":")[0], *row[:4], row.verdict])
+                name = re.split(r":|,| and ", item.title)[0]
+                verdict = re.split(r":|;|,| \(", row.verdict)[0]  # without its reason
+                rows.append([name, *row[:4], verdict])
             verdicts += Counter(kind for kind in KINDS if row.verdict.startswith(kind))
     *kinds, met, missed = KINDS
     counts = ", ".join(f"*{kind}* {verdicts[kind]}" for kind in kinds)
