@@ -101,7 +101,7 @@ def test_tests_that_pages_name_exist():
         ("error-time", "a reduction does not pay", "error-time", "A reduction does not pay"),
         ("steady", "48 pairs are its default", "pairs", "amplitudes are those of marching"),
         ("estimates", "one quantity of eight", "estimates-independent", "| 13 % |"),
-        ("paper", "structure under harmonic load", "paper-cases", "structure, harmonic"),
+        ("paper", "structure under harmonic load", "paper-number-of-modes", "structure, harmonic"),
         ("two-plates", "four times the friction energy", "two-plates", "(b) strut"),
     ],
 )
