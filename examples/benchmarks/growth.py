@@ -13,10 +13,12 @@ from pathlib import Path
 from statistics import median
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
 import skfem_joint as sj
+from benchmarks import EXAMPLES, head, row
 from skfem_joint.reduction.scaled.reference import FORCE, FREQUENCY, lap_joint
 
 STEPS = 100  # per period
@@ -36,15 +38,14 @@ def time_per_step(elements, n_steps, repeats):
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     for law, done in runs.items():
         seconds = median(run.wall_s for run in done) / n_steps
-        print(
-            f"{elements:8d}  {law:7s}  {1e6 * seconds:9.1f}  {1e9 * seconds / elements:21.0f}"
-            f"  {done[0].counters.newton_iterations / n_steps:17.1f}  {memory:15.0f}"
-        )
+        cells = f"{1e6 * seconds:.1f}", f"{1e9 * seconds / elements:.0f}"
+        iterations = done[0].counters.newton_iterations / n_steps
+        row(elements, law, *cells, f"{iterations:.1f}", f"{memory:.0f}")
 
 
 def long_structure(elements, repeats):
     """Print the speed of five modes for Fig. 18 with ``elements`` in the joint and beyond it."""
-    scene = sj.load_scene(Path(__file__).parents[1] / "structure_harmonic.toml")
+    scene = sj.load_scene(EXAMPLES / "structure_harmonic.toml")
     points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
     bar = sj.build_bar([("joint", 0.1, elements), ("linear", 0.5, elements)], points)
     asked = {"models": {"run": ("full", "reduced")}, "time": {"cycles": 6}}
@@ -65,8 +66,11 @@ def long_structure(elements, repeats):
 
 def main(arguments):
     quick = "--quick" in arguments
-    print(f"numpy {np.__version__}, one BLAS thread; full model, {STEPS} steps a period\n")
-    print("elements  law      us a step  ns a step and element  iterations a step  peak memory, MB")
+    print(f"Full model, {STEPS} steps a period.\n")
+    head(
+        *("elements", "law", "µs a step", "ns a step and element", "iterations a step"),
+        "peak memory, MB",
+    )
     for size in SIZES[: 2 if quick else None]:
         time_per_step(*size)
     long_structure(*((100, 1) if quick else (1000, 3)))

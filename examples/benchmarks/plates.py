@@ -17,14 +17,17 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from statistics import median
 from unittest.mock import patch
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
 import skfem_joint as sj
+from benchmarks import head, row
 from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
 from skfem_joint.minimise import truncated_newton
@@ -56,23 +59,31 @@ def run(system, n_steps=CYCLES * STEPS):
     return sj.integrate(system, step=1.0 / FREQUENCY / STEPS, n_steps=n_steps, cycle_steps=STEPS)
 
 
-def line(name, base, runs, offline=0.0, errors=""):
+def line(name, base, runs, offline=0.0, errors=("", "")):
     """Print runs of a model beside one that takes ``base`` seconds a step."""
     counters, seconds = runs[0].counters, median(run.wall_s for run in runs)
     step, offline = seconds / counters.steps, offline + runs[0].preparation_s
-    print(
-        f"{name:35s}  {1e3 * step:9.3f}  {base / step:12.2f}"
-        f"  {counters.newton_iterations / counters.steps:10.1f}  {offline:11.2f}{errors}"
+    iterations = counters.newton_iterations / counters.steps
+    row(
+        name,
+        f"{1e3 * step:.3f}",
+        f"{base / step:.2f}",
+        f"{iterations:.1f}",
+        f"{offline:.2f}",
+        *errors,
     )
 
 
 def report(along, across, width, bolted):
     system = system_of(along, across, width, bolted)
     print(
-        f"\n{'two bolts' if bolted else 'pressed evenly'}: {system.n} unknowns, "
+        f"\n{'Two bolts' if bolted else 'Pressed evenly'}: {system.n} unknowns, "
         f"{system.contact_points} contact points, {STEPS} steps a period, {CYCLES} periods, arctan "
-        f"law, beta = 1e5 s/m\n{'model':35}  ms a step  times faster  iterations  off-line, s"
-        "  displacement, %  friction energy, %"
+        "law, beta = 1e5 s/m.\n"
+    )
+    head(
+        *("model", "ms a step", "times faster", "iterations a step", "off-line, s"),
+        *("displacement, %", "friction energy, %"),
     )
     first = run(system, n_steps=60)
     settings = truncated_newton.SETTINGS._replace(patience=0, sweeps=0)
@@ -97,11 +108,10 @@ def report(along, across, width, bolted):
         energy = 100 * (runs[0].cycles.friction[-1] / full.cycles.friction[-1] - 1.0)
         kind = "condensed" if make is sj.condense else "reduced"
         name = f"{kind}, {small.n} unknowns, {small.w.size} points"
-        line(name, base, runs, offline, f"  {off:15.3f}  {energy:+18.3f}")
+        line(name, base, runs, offline, (f"{off:.3f}", f"{energy:+.3f}"))
 
 
 def main(arguments):
-    print(f"numpy {np.__version__}, one BLAS thread")
     for pair in QUICK if "--quick" in arguments else SIZES:
         for size, bolted in zip(pair, (True, False), strict=True):
             report(*size, bolted)

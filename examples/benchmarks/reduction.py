@@ -136,7 +136,7 @@ def main(arguments):
     """Print the table; other arguments than --quick are parts of the names of rows."""
     names = [name for name in arguments if not name.startswith("-")] or [""]
     measure({"name": "what loads the code", "make": "plate", "of": [20, 3, 0.05, False]})
-    print(f"numpy {np.__version__}, one BLAS thread; measured, and (asked) where something was\n")
+    print("Measured, and (asked) where something was.\n")
     # The last column counts quasi-static states, factorisations and preliminary steps.
     head(
         *("", "unknowns", "history, %", "peak, %", "friction, %", "off-line, s", "ms a step"),

@@ -7,7 +7,7 @@ the printed numbers; ``pictures.toml`` says what of the curves is drawn.
 import re
 import string
 import tomllib
-from collections import namedtuple
+from collections import Counter, namedtuple
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,12 +23,14 @@ HERE = Path(__file__).parent
 #: Cells of a row: our numbers by the full and by the reduced model.
 Row = namedtuple("Row", "quantity published full reduced difference verdict")
 HEADINGS = Row("quantity", "published", "ours, full", "ours, reduced", "difference", "verdict")
+#: How verdicts begin.
+KINDS = "agrees", "better than published", "differs", "cannot be right", "meets", "misses"
 #: Printed values by item, some with rounding and name; pictures by item.
 PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
 PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
 #: Names of the files that the page consists of; files of other origin must not have them.
 USED_NAMES = re.compile(
-    r"reproduction\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/("
+    r"reproduction\.md|summary\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/("
     + "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
     + r")\.png)?"
 )
@@ -170,7 +172,30 @@ def write(folder, item):
         item.say("paraview", path=f"paraview/{name}.pvd")
 
 
+def summary(items):
+    """Table of the rows that stand for the whole, by item, and how many verdicts are of a kind."""
+    rows, verdicts = [], Counter()
+    for item in items:
+        starts = tuple(PUBLISHED["summary"].get(item.key, ()))
+        for row in item.rows:
+            if starts and row.quantity.startswith(starts):
+                name = re.split(r":|,| and ", item.title)[0]
+                verdict = re.split(r":|;|,| \(", row.verdict)[0]  # without its reason
+                rows.append([name, *row[:4], verdict])
+            verdicts += Counter(kind for kind in KINDS if row.verdict.startswith(kind))
+    *kinds, met, missed = KINDS
+    counts = ", ".join(f"*{kind}* {verdicts[kind]}" for kind in kinds)
+    table = markdown_table(["item", *HEADINGS[:4], HEADINGS.verdict], rows)
+    return (
+        f"{table}\n\nNumbers of verdicts in all tables of the reproduction: {counts}. "
+        f"Of its own aims this package meets {verdicts[met]} and misses {verdicts[missed]}."
+    )
+
+
 def write_page(folder, items):
+    with replacing(folder / "summary.md") as temporary:
+        text = f"# {TEMPLATES['page'][0]}\n\n{summary(items)}\n"
+        temporary.write_text(text, encoding="utf-8")
     parts = [f"# {TEMPLATES['page'][0]}", *words("page")]
     parts += [part for item in items for part in item.markdown()]
     with replacing(folder / "reproduction.md") as temporary:

@@ -99,8 +99,9 @@ def section7_5(item, quick):
         measured[part] = {name: measured_step(parts[part][name], step, n) for name, step in near}
     for how, steps_by_part in {"computed": computed, "measured": measured}.items():
         for part, steps in steps_by_part.items():
-            factor, what = steps["reduced"] / steps["full"], f"its factor, {part}, {how}"
+            factor, what = steps["reduced"] / steps["full"], f"{part}, {how}"
             item.say("section7.5.step", part=part, how=how, steps=steps)
+            what = f"factor of the stable step, {what}"
             item.compare("step_factor", None, factor, what=what, form=".3g")
     n, counts = both["full"].n, np.arange(1, MODES + 1)
     item.compare("operations_full_100", operations_full(n))

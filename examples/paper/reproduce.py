@@ -2,9 +2,10 @@
 
     python examples/paper/reproduce.py [ITEM ...] --out DIR
 
-prints the tables. It writes into DIR a page with tables and notes (reproduction.md), the pictures,
-every curve as CSV, and files of the jointed structure for ParaView. Items are tables, figures or
-sections such as table3, fig19, section7.5; all of them (about a minute) if none is given.
+prints the tables. It writes into DIR a page with tables and notes (reproduction.md), its summary
+(summary.md), the pictures, every curve as CSV, and files of the jointed structure for ParaView.
+Items are tables, figures or sections such as table3, fig19, section7.5; all of them (about a
+minute) if none is given.
 """
 
 import argparse

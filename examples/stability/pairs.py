@@ -124,7 +124,7 @@ def main(arguments):
     names = ["steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched"]
     others = "amplitude, um", "apart, %", "offset, um", "of marching"
     print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*names, *others))
-    good = 0
+    good, largest = 0, 0.0
     for pair in draw(options.count, options.seed):
         system = pair.system()
         try:
@@ -135,7 +135,7 @@ def main(arguments):
             continue
         apart = vibration.amplitude[0] / other.amplitude - 1.0
         holds = abs(apart) + other.changing <= ALLOWED
-        good += holds
+        good, largest = good + holds, max(largest, abs(apart))
         judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
         print(
             f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
@@ -145,7 +145,8 @@ def main(arguments):
             f"{'' if holds else judgement}",
             flush=True,
         )
-    print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %.")
+    print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %, "
+          f"the largest difference is {100 * largest:.2g} %.")  # fmt: skip
     return int(good < options.count)
 
 

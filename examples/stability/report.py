@@ -1,9 +1,9 @@
-"""Outcomes of the cases: a page with a table of all of them, and a picture of the schemes."""
+"""Outcomes of the cases: a page, a table of all of them (CSV), and a picture of the schemes."""
 
+import csv
 import re
 from collections import Counter
 from math import inf
-from pathlib import Path
 
 from skfem_joint.analysis.error_time import markdown_table
 from skfem_joint.files import replacing
@@ -12,8 +12,8 @@ from stability.cases import BETAS, PLATE_RADII, RADII
 from stability.judge import REFUSED, RIGHT, WRONG
 
 OUTCOMES = (RIGHT, REFUSED, WRONG)
-#: Names of the page and of its picture.
-PAGE, PICTURE = "stability.md", "stability.png"
+#: Names of the page, of the table of all cases, and of the picture.
+PAGE, CASES, PICTURE = "stability.md", "stability.csv", "stability.png"
 #: Schemes and models of bars and of plates, with a panel each in the picture.
 SCHEMES = [*(f"rho = {rho:g}" for rho in RADII), "explicit Runge-Kutta", "reduced", "hyper-reduced"]
 SCHEMES += [f"plates, rho = {rho:g}" for rho in PLATE_RADII]
@@ -83,34 +83,41 @@ def page(verdicts, seconds):
         for title, rows in tables.items()
         if len(rows) > 1
     ]
-    head = ["axis", "case", "outcome", "error", "allowed", "against", "energy left over"]
-    head += ["steady state", "iterations a step", "fallbacks", "halved"]
-    words = (Path(__file__).parent / "page.md").read_text(encoding="utf-8")
-    return words.format(
-        bottom_line=bottom_line(verdicts, seconds),
-        bars=len(verdicts) - plates,
-        plates=plates,
-        steady=Counter({"reached": 0, "not reached": 0} | Counter(v.steady for v in verdicts)),
-        picture=PICTURE,
-        summary=summary(verdicts),
-        tables="\n\n".join(parts),
-        cases=markdown_table(head, map(_row, verdicts)),
+    steady = Counter(verdict.steady for verdict in verdicts)
+    counts = (
+        f"{len(verdicts) - plates} cases are bars, {plates} plates. Of the harmonic runs, "
+        f"{steady['reached']} reached a steady state within their few periods and "
+        f"{steady['not reached']} did not: those are not judged by symmetry."
     )
+    head = ["# Stiff and extreme cases", f"**{bottom_line(verdicts, seconds)}**", counts]
+    return "\n\n".join([*head, "## By axis", summary(verdicts), *parts]) + "\n"
 
 
-def _row(v):
-    work = [f"{v.iterations:.1f}", v.fallbacks, v.halved]
-    return [
-        *(v.case.axis, v.case.value, v.outcome, v.error, v.error_bound, v.against),
-        *(v.energy, v.steady, *(["", "", ""] if v.error is None else work)),
-    ]
+def cases(verdicts):
+    """Header and rows of all cases; None where nothing was judged."""
+    yield (
+        *("axis", "case", "outcome", "error", "allowed", "against", "energy left over"),
+        *("steady state", "iterations a step", "fallbacks", "halved", "reason"),
+    )
+    for v in verdicts:
+        work = [f"{v.iterations:.1f}", v.fallbacks, v.halved]
+        yield (
+            *(v.case.axis, v.case.value, v.outcome, v.error, v.error_bound, v.against),
+            *(v.energy, v.steady, *([None] * 3 if v.error is None else work), v.reason),
+        )
 
 
 def write(folder, verdicts, seconds):
-    """Write the page and the picture; returns their paths."""
+    """Write the page, the table of all cases and the picture; returns their paths."""
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page(verdicts, seconds), encoding="utf-8")
-    return [folder / PAGE, save_figure(folder / PICTURE, draw(verdicts))]
+    with (
+        replacing(folder / CASES) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
+        csv.writer(file).writerows(cases(verdicts))
+    picture = save_figure(folder / PICTURE, draw(verdicts))
+    return [folder / PAGE, folder / CASES, picture]
 
 
 def draw(verdicts):

@@ -3,7 +3,7 @@
     python examples/stability/run.py --out DIR            all cases, a few minutes
     python examples/stability/run.py --out DIR --quick    a few of each kind
 
-Writes a page and a picture; the exit status is 1 if a case is wrong.
+Writes a page, a table of all cases and a picture; the exit status is 1 if a case is wrong.
 """
 
 import argparse
@@ -30,7 +30,7 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     try:
         # A folder that cannot be written to is refused before anything is computed.
-        with kept(options.out, used=re.compile(f"{report.PAGE}|{report.PICTURE}")):
+        with kept(options.out, used=re.compile(f"{report.PAGE}|{report.CASES}|{report.PICTURE}")):
             begin = time.perf_counter()
             with progress_bar() as progress:
                 verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)

@@ -10,7 +10,7 @@ hundreds of points it creeps where it should stick, and dissipates too much.
 
 Points slip alike if their histories of y / sqrt(|y|) are close, y being the slip velocity: the
 squared distance of two of these is about the friction power that merging them loses.
-``examples/reduction.md`` compares other ways to choose points.
+``docs/verification/reduction.md`` compares other ways to choose points.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ inertia are known well from a coarse reduced model, long before its friction ene
 3. a second path is followed under the loads less these.
 
 Steps 2 and 3 are repeated while the second path moves many points that stuck before. Snapshots are
-the states of all paths and, on paths through time, their increments. ``examples/reduction.md`` has
-the method with its formulas, and measurements.
+the states of all paths and, on paths through time, their increments. ``docs/theory/static-path.md``
+has the method with its formulas, ``docs/verification/reduction.md`` what it gives.
 """
 
 from __future__ import annotations

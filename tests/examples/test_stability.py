@@ -244,6 +244,9 @@ def test_what_is_wrong_is_counted_and_named_and_sets_the_exit_status(tmp_path, m
     assert "4 cases: 2 right, 1 refused, 1 wrong in silence" in page
     assert "3 cases are bars, 1 plates." in page
     assert "share / 1" in page
+    rows = (tmp_path / report.CASES).read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 1 + len(verdicts)
+    assert rows[2].endswith(",a step of 1e-5 s; use 2e-6 s")
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
@@ -251,7 +254,7 @@ def test_what_is_wrong_is_counted_and_named_and_sets_the_exit_status(tmp_path, m
 def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
-    names = {report.PAGE, report.PICTURE}
+    names = {report.PAGE, report.CASES, report.PICTURE}
     assert {file.name for file in tmp_path.iterdir()} == {*names, "summary.json"}
     (tmp_path / "summary.json").unlink()
     assert run.main(["--quick", "--out", str(tmp_path)]) == 2
