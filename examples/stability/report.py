@@ -124,14 +124,16 @@ def draw(verdicts):
     """Figure: right, refused or wrong over beta and steps per period, scheme by scheme."""
     from matplotlib.colors import LogNorm
 
-    drawing, norm = new_figure(20.0, 7.5), LogNorm(1e-7, 0.2)
-    panels, drawn = drawing.subplots(2, 5), {}
+    drawing, norm = new_figure(13.0, 9.0), LogNorm(1e-7, 0.2)
+    panels, drawn = drawing.subplots(3, 4, sharex=True, sharey=True), {}
     axes = ("scheme", "explicit", "reduced", "hyper-reduced", "plate scheme")
     maps = [v for v in verdicts if v.case.axis in axes]
-    names = ["C" if beta == inf else f"{beta:.0e}".replace("+0", "") for beta in BETAS]
+    names = [
+        "C" if beta == inf else f"{beta:.0e}".replace("+0", "").replace("+", "") for beta in BETAS
+    ]
     ticks = [n * (k % 2 != len(BETAS) % 2) for k, n in enumerate(names)]
-    for panel, name in zip(panels.flat, SCHEMES, strict=True):
-        for outcome, marker, size in zip(OUTCOMES, "oxs", (60, 40, 70), strict=True):
+    for panel, name in zip(panels.flat, SCHEMES, strict=False):
+        for outcome, marker, size in zip(OUTCOMES, "oxs", (40, 30, 50), strict=True):
             group = [v for v in maps if v.case.scheme == name and v.outcome == outcome]
             style = {"c": "red" if outcome == WRONG else "black"}
             if outcome == RIGHT:
@@ -141,9 +143,14 @@ def draw(verdicts):
             drawn[outcome] = panel.scatter(*at, marker=marker, s=size, label=outcome, **style)
         panel.set_title(name, loc="left", fontsize=11)
         panel.set(yscale="log", xlim=(-0.6, len(BETAS) - 0.4), ylim=(5, 120_000))
-        panel.set(xlabel="beta, s/m (C: Coulomb)", ylabel="steps per period")
         panel.set_xticks(range(len(BETAS)), ticks)
         panel.grid(alpha=0.25)
+    for panel in panels.flat[len(SCHEMES) :]:
+        panel.set_axis_off()
+    for panel in panels[-2]:  # above those that are left out
+        panel.tick_params(labelbottom=True)
+    drawing.supxlabel("beta, s/m (C: Coulomb)")
+    drawing.supylabel("steps per period")
     handles = panels[0, 0].get_legend_handles_labels()
     drawing.legend(*handles, loc="outside upper right", ncols=3, fontsize=10)
     label = "error of the displacement over its largest value"
