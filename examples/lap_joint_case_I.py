@@ -49,7 +49,7 @@ modes = study.structure.unpacked(reduced.run.system.expand(np.eye(reduced.run.sy
 for number, mode in enumerate(modes[..., 0], start=1):
     left.plot(1e3 * study.structure.nodes[:, 0], mode / abs(mode).max(), label=f"mode {number}")
 steps = scene.time.steps_per_cycle + 1
-for (name, run), line in zip(study.runs.items(), ("-", "--"), strict=True):
+for run, line in zip(study.runs.values(), ("-", "--"), strict=True):
     right.plot(1e6 * run.point("free_end")[-steps:], 1e-3 * run.amplitudes[-steps:, 0], line)
 left.set(xlabel="position, mm", ylabel="mode, largest value 1")
 left.legend(fontsize="small")

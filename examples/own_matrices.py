@@ -34,6 +34,9 @@ from scipy import sparse
 import skfem_joint as sj
 
 SCENE = """
+damping = { stiffness = 1e-5 }   # C = stiffness * K, s
+time = { cycles = 4, steps_per_cycle = 200 }
+
 [matrices]
 K = "K.npz"
 M = "M.npz"
@@ -42,25 +45,20 @@ points = { end = 7 }
 
 [[joint]]
 on = "foot"
-pressure = 2e6     # Pa, on 1e-3 m2
+pressure = 2e6                   # Pa, on 1e-3 m2
 friction = 0.3
 law = "coulomb"
-
-[damping]
-stiffness = 1e-5   # s
 
 [[load]]
 on = "end"
 kind = "harmonic"
-amplitude = 1000.0 # N
-frequency = 20.0   # Hz
-
-[time]
-cycles = 4
-steps_per_cycle = 200
+amplitude = 1000.0               # N
+frequency = 20.0                 # Hz
 """
 k, m = 5e6, 2.0  # N/m, kg; the first mass hangs on a wall by a spring, the last one is free
-stiffness = k * sparse.diags_array([-np.ones(7), np.r_[np.full(7, 2.0), 1.0], -np.ones(7)], offsets=[-1, 0, 1])
+stiffness = k * sparse.diags_array(
+    [-np.ones(7), np.r_[np.full(7, 2.0), 1.0], -np.ones(7)], offsets=[-1, 0, 1]
+)
 
 # %%
 # The files, and two runs: without friction and with a limit of 0.3 x 2 MPa x 1e-3 m² = 600 N.

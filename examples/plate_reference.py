@@ -38,7 +38,8 @@ full = study.models["full"]
 print(f"slip reaches {1e3 * full.active_length['joint']:.1f} mm of 250 mm from the loaded end,")
 print(f"{100 * full.active_area_fraction['joint']:.1f} % of the area slips")
 for name, run in study.runs.items():
-    print(f"{name}: {run.system.n} unknowns, friction takes {run.cycles.friction[-1]:.3f} J a cycle")
+    print(f"{name}: {run.system.n} unknowns,", end=" ")
+    print(f"friction takes {run.cycles.friction[-1]:.3f} J in the last cycle")
 errors = study.models["reduced"].errors
 print(f"error of all displacements {100 * errors.displacement_rms:.2f} %,", end=" ")
 print(f"of the friction energy {100 * errors.friction_energy_per_cycle:+.2f} %")

@@ -24,7 +24,7 @@ import numpy as np
 import skfem_joint as sj
 from skfem_joint.scene.shipped import shipped_scene
 
-structure = sj.load_scene(shipped_scene("solid_lap_joint")).structure
+structure = sj.load_scene(shipped_scene("solid_lap_joint")).structure()
 (pressed,) = structure.preload.joints
 
 # %%
@@ -40,7 +40,10 @@ nodes = np.flatnonzero(pressed.area)
 x, y = 1e3 * structure.nodes[nodes, :2].T
 pressure = pressed.force[nodes] / pressed.area[nodes]
 figure, panels = plt.subplots(2, figsize=(6.5, 6.0), sharex=True, layout="constrained")
-shown = {"pressure, MPa": (1e-6 * pressure, "inferno"), "gap, µm": (1e6 * pressed.gap[nodes], "viridis")}
+shown = {
+    "pressure, MPa": (1e-6 * pressure, "inferno"),
+    "gap, µm": (1e6 * pressed.gap[nodes], "viridis"),
+}
 for panel, (label, (values, colours)) in zip(panels, shown.items(), strict=True):
     drawn = panel.scatter(x, y, c=values, s=14, cmap=colours)
     figure.colorbar(drawn, label=label)

@@ -46,9 +46,10 @@ full, reduced = study.runs["full"], study.runs["reduced"]
 # one counts as the total.
 for name, model in study.models.items():
     run, error = model.run, model.estimate.parts["total"]
+    peak, friction = 1e6 * run.peak_of("free_end"), run.cycles.friction[-1]
     print(f"{name}: {run.system.n} unknowns, {run.system.contact_points} friction points")
-    print(f"    peak {1e6 * run.peak_of('free_end'):.2f} µm, {100 * error['peak_displacement']:.3f} %")
-    print(f"    friction {run.cycles.friction[-1]:.4f} J, {100 * error['friction_energy']:.3f} %")
+    print(f"    peak {peak:.2f} µm, error {100 * error['peak_displacement']:.3f} %,", end=" ")
+    print(f"friction {friction:.4f} J a cycle, error {100 * error['friction_energy']:.3f} %")
 errors = study.models["reduced"].errors
 print(f"measured: all displacements {100 * errors.displacement_rms:.3f} %,", end=" ")
 print(f"friction {100 * errors.friction_energy_per_cycle:+.3f} %")

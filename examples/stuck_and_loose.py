@@ -24,7 +24,7 @@ import skfem_joint as sj
 from skfem_joint.scene.shipped import shipped_scene
 
 scene = sj.load_scene(shipped_scene("structure_harmonic"))
-system, structure = scene.system(), scene.structure
+system, structure = scene.system(), scene.structure()
 
 # %%
 # Three modes of each limit, beside the closed form.
