@@ -1,8 +1,8 @@
 """Natural frequency and damping ratio of a mode over its amplitude: its backbone curve.
 
-The method is quasi-static modal analysis (H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib.
-332, 2013; R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118, 2019). With phi a mode of
-the structure whose contact sticks, phi^T M phi = 1, the structure is loaded slowly by the mode's
+The method is quasi-static modal analysis (H. Festjens, G. Chevallier and J.-L. Dion, Int. J. Mech.
+Sci. 75, 2013; R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118, 2019). With phi a mode
+of the structure whose contact sticks, phi^T M phi = 1, the structure is loaded slowly by the mode's
 inertia, M phi alpha, at rising levels alpha. The displacement u of each level gives the modal
 amplitude q = phi^T M u, and
 

@@ -1,7 +1,7 @@
 """Truncated nonsmooth Newton method, for problems in which each slip is an unknown.
 
 The matrix is large and sparse, or dense after condensation to the contact. The method (Graeser and
-Kornhuber, J. Comput. Math. 27, 2009; Graeser, Sack and Sander, Int. J. Numer. Methods Eng. 2018)
+Kornhuber, J. Comput. Math. 27, 2009; Graeser and Sander, IMA J. Numer. Anal. 39, 2019)
 repeats two parts until the forces balance:
 
 1. contact points are relaxed in turn, each with its law solved exactly;
