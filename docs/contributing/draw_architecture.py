@@ -141,8 +141,8 @@ def folders() -> list[str]:
     return parts
 
 
-def main() -> None:
-    """Write the picture beside this script."""
+def picture() -> str:
+    """Text of the picture."""
     tip = (
         '<defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" '
         f'markerHeight="7" orient="auto"><path d="M0 0 L10 5 L0 10 z" fill="{INK}"/></marker>'
@@ -158,9 +158,8 @@ def main() -> None:
         *folders(),
         "</svg>",
     ]
-    path = Path(__file__).with_name("architecture.svg")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    main()
+    Path(__file__).with_name("architecture.svg").write_text(picture(), encoding="utf-8")
