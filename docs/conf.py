@@ -113,5 +113,4 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "write_computation_times": False,
     "doc_module": ("skfem_joint",),
-    "reference_url": {"skfem_joint": None},
 }
