@@ -105,6 +105,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "gallery_settings.order",
     "reset_argv": "gallery_settings.short_form",
     "image_scrapers": ("gallery_settings.pictures", "pyvista"),
+    "reset_modules": ("matplotlib", "gallery_settings.without_plotters"),
     "backreferences_dir": "gallery/backreferences",
     "notebook_extensions": set(),
     "download_all_examples": False,
@@ -113,5 +114,4 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "write_computation_times": False,
     "doc_module": ("skfem_joint",),
-    "reference_url": {"skfem_joint": None},
 }

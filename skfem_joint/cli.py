@@ -146,7 +146,10 @@ def _parser() -> argparse.ArgumentParser:
         "--overwrite", action="store_true", help="replace the picture if it is there already"
     )
     keys = add("keys", _keys, "list every key of a scene: unit, default, allowed values, meaning")
-    keys.add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
+    keys.add_argument(
+        "table", nargs="?", default="", metavar="TABLE",
+        help="table such as load or joint.pressure (default: all)",
+    )  # fmt: skip
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
     add("response", _response, "steady vibration over frequency", scene, out, workers)
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pyvista
 from matplotlib import pyplot
 from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
 
@@ -39,9 +40,15 @@ def pictures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any
     ]
     if not written:
         return matplotlib_scraper(block, block_vars, gallery_conf)
-    pyplot.close("all")  # those that were drawn are written
+    pyplot.close("all")  # what was drawn is written
+    pyvista.close_all()
     shown = []
     for path in sorted(written):
         shown.append(next(block_vars["image_path_iterator"]))
         shutil.move(path, shown[-1])
     return figure_rst(shown, gallery_conf["src_dir"])
+
+
+def without_plotters(gallery_conf: dict[str, Any], script: str) -> None:
+    """Forget the plotters of the scripts before this one, of which none is left to be shown."""
+    pyvista.close_all()
