@@ -1,0 +1,147 @@
+"""The code blocks of README.md and of the site's pages run, and print what the pages show.
+
+A page is run from top to bottom in an empty folder, see `page_blocks`. A new page is added to
+`PAGES`.
+"""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from page_blocks import alike, blocks_of, compare, run_page
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Commands that .ci/run itself runs, by the comments before them.
+RUN_BY_CI = "main-job", "tests"
+
+#: Pages, and whether they are slow.
+PAGES = {
+    "docs/start/index.md": False,
+    "docs/start/plate.md": True,
+    "docs/start/solid.md": True,
+    "docs/start/commands.md": False,
+    "docs/start/results.md": False,
+    "docs/how-to/accuracy.md": True,
+    "docs/how-to/bolts.md": True,
+    "docs/how-to/damping.md": True,
+    "docs/how-to/long-runs.md": False,
+    "docs/how-to/matrices.md": True,
+    "docs/how-to/own-basis.md": False,
+    "docs/how-to/paraview.md": False,
+    "docs/how-to/python.md": True,
+    "docs/how-to/python-results.md": False,
+    "docs/how-to/sweeps.md": True,
+    "README.md": True,
+}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if slow else [], id=page)
+        for page, slow in PAGES.items()
+    ],
+)
+def test_page_runs(page, tmp_path):
+    if page == "README.md":  # which speaks to someone in a checkout
+        for folder in ("meshes", "examples"):
+            shutil.copytree(ROOT / folder, tmp_path / folder)
+    pictures = run_page(ROOT / page, tmp_path, exempt=RUN_BY_CI)
+    for target in pictures:
+        assert (ROOT / page).parent.joinpath(target).is_file(), f"{target} is not in the repository"
+
+
+@pytest.mark.parametrize("section", ["start", "how-to"])
+def test_every_page_of_a_section_is_run(section):
+    there = {f"docs/{section}/{page.name}" for page in (ROOT / "docs" / section).glob("*.md")}
+    assert there - {"docs/how-to/index.md"} <= set(PAGES)
+
+
+def page_of(folder, text):
+    page = folder / "page.md"
+    page.write_text(text, encoding="utf-8")
+    return page
+
+
+def test_blocks_are_run_in_order(tmp_path):
+    page = page_of(
+        tmp_path,
+        """
+```{code-block} python
+:caption: made.py
+
+print(6 * 7)
+```
+
+Then
+
+```bash
+python made.py  # a comment
+```
+```text
+42
+```
+```python
+a = 2
+a + 1
+```
+```text
+3
+```
+<!-- test: edit made.py: 6 -> 7 -->
+```
+python made.py
+```
+```text
+49
+```
+""",
+    )
+    assert [block.language for block in blocks_of(page)] == [
+        *["python", "bash", "text", "python", "text", "edit", "", "text"]
+    ]
+    run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("```python\nprint(1)\n```\n```text\n2\n```\n", "the page shows"),
+        ("```python\nprint(1, 2)\nprint(3)\n```\n```text\n1 2\n```\n", "does not show: 3"),
+        ("```python\n1 / 0\n```\n", "division by zero"),
+        ("```bash\nskfem-joint check nothing.toml\n```\n", "exit status 2"),
+        ("```bash\nrm -r /\n```\n", "not a command"),
+        ("```toml\na = b\n```\n", "Invalid value"),
+        ("<!-- test: picture no.png -->\n![a](pictures/no.png)\n", "is not written"),
+        ("```python\n1\n", "not closed"),
+    ],
+)
+def test_wrong_pages_fail(tmp_path, text, words):
+    with pytest.raises(Exception, match=words):
+        run_page(page_of(tmp_path, text), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("shown", "line", "same"),
+    [
+        ("peak 0.0064932 m", "peak  0.0065 m", True),
+        ("peak 0.0064932 m", "peak 0.0075 m", False),
+        ("peak 0.0064932 m", "peak 0.0064932 mm", False),
+        ("error, % 0.9 -", "error, %   1.1 -", True),
+        ("error, % 0.9 -", "error, %   2.1 -", False),
+        ("run time, ms 20", "run time, ms 3.5e+04", True),
+        ("Mass 1 kg, ...", "Mass 1 kg, extent 2 m", True),
+        ("Mass 1 kg", "Mass 1 kg, extent 2 m", False),
+        ("-----", "-------", True),
+        ("36,864 points", "36864 points", True),
+    ],
+)
+def test_lines_are_alike(shown, line, same):
+    assert alike(shown, line) is same
+
+
+def test_any_lines_stand_for_dots():
+    compare("...\nb\n...\n", "a\na\nb\nc\n")
+    with pytest.raises(AssertionError, match="the page shows"):
+        compare("a\nc\n...\n", "a\nb\nc\n")
