@@ -122,7 +122,7 @@ def responses(quick):
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
           f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
-          f"same change {plain}: {plain / used:.1f} times as many.")  # fmt: skip
+          f"same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
     for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
@@ -130,7 +130,7 @@ def responses(quick):
         apart = swing(run) / swing(marched) - 1.0
         energy = run.cycles.friction[-1] / marched.cycles.friction[-1] - 1.0
         print(
-            f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
+            f"- {100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
             f"periods, amplitude {100 * apart:+.2g} %, friction energy {100 * energy:+.2g} %."
         )
 
