@@ -170,19 +170,19 @@ CLAIMS = {
         short="--count 5",
     ),
     "mutated": Claim(
-        f"{STABILITY}/mutated.py --count 500 --out {{out}}",
-        300,
+        f"{STABILITY}/mutated.py --count 200 --out {{out}}",
+        120,
         {"mutated": listed("")},
         short="--count 6",
     ),
     "killed": Claim(
-        f"{STABILITY}/killed.py --kills 24 --pairs 6 --rows 9 --out {{out}}",
-        600,
+        f"{STABILITY}/killed.py --kills 12 --pairs 4 --rows 6 --out {{out}}",
+        300,
         {"killed": printed},
         short="--kinds bar --kills 1 --pairs 1 --rows 0",
     ),
     "pairs": Claim(
-        f"{STABILITY}/pairs.py --count 12", 600, {"pairs": listed("amplitudes")}, short="--count 1"
+        f"{STABILITY}/pairs.py", 1800, {"pairs": listed("amplitudes")}, short="--count 1"
     ),
     "estimates": Claim(
         f"{BENCHMARKS}/estimates.py 2026 60",
