@@ -174,12 +174,13 @@ def report(all_judged):
         inside = np.mean([(shares >= 0.5) & (shares <= 3.0)])
         whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
         lines += [
-            f"stated over true in 0.5 to 3: {inside:.0%} of quantities, {whole:.0%} of scenes in "
-            "all of them",
-            f"above 3: {np.mean(shares > 3.0):.0%}; smallest {shares.min():.2f}, "
-            f"largest {shares.max():.2f}",
+            f"stated between 0.5 and 3 times the truth: {inside:.0%} of quantities, and all "
+            f"quantities of {whole:.0%} of scenes",
+            f"above 3 times: {np.mean(shares > 3.0):.0%}; stated over true: smallest "
+            f"{shares.min():.2f}, largest {shares.max():.2f}",
             f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}",
-            f"least said where the truth exceeds {HUGE:.0%}: {min(huge, default=1.0):.0%}",
+            f"smallest stated error where the truth exceeds {HUGE:.0%}: "
+            f"{min(huge, default=1.0):.0%}",
         ]
     return lines
 

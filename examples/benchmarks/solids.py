@@ -95,12 +95,12 @@ def report(scene, made):
         begin = time.perf_counter()
         (curve,) = backbone(study.models[name].run.system, levels=LEVELS)
         print(
-            f"damping curve, {name}: {LEVELS} levels in {time.perf_counter() - begin:.1f} s, from "
-            f"{curve.frequency[0]:.2f} Hz, {100.0 * curve.damping_ratio[0]:.3f} % to "
+            f"- damping curve, {name}: {LEVELS} levels in {time.perf_counter() - begin:.1f} s, "
+            f"from {curve.frequency[0]:.2f} Hz, {100.0 * curve.damping_ratio[0]:.3f} % to "
             f"{curve.frequency[-1]:.2f} Hz, {100.0 * curve.damping_ratio[-1]:.3f} %"
         )
-    print(f"memory taken: {memory.size(1024 * getrusage(RUSAGE_SELF).ru_maxrss)}")
-    print(*study.warnings, sep="\n")
+    print(f"- memory taken: {memory.size(1024 * getrusage(RUSAGE_SELF).ru_maxrss)}")
+    print(*(f"- {said}" for said in study.warnings), sep="\n")
 
 
 def main(arguments):

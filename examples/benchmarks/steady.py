@@ -1,6 +1,8 @@
 """Cost of steady vibration: damping curves, responses, and a published beam.
 
-    python examples/benchmarks/steady.py [--quick]
+    python examples/benchmarks/steady.py [PART ...] [--quick]
+
+Parts are backbones, responses, published, sundials and balances, all if none is named.
 
 Damping curves of 20 levels of a bar with 100 contact points and a plate with 3,979; a response of
 that bar at 3, 10 and 30 % of its friction limit through its resonance, with 200 steps a period,
@@ -122,7 +124,7 @@ def responses(quick):
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
           f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
-          f"same change {plain}: {plain / used:.1f} times as many.")  # fmt: skip
+          f"same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
     for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
@@ -130,7 +132,7 @@ def responses(quick):
         apart = swing(run) / swing(marched) - 1.0
         energy = run.cycles.friction[-1] / marched.cycles.friction[-1] - 1.0
         print(
-            f"{100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
+            f"- {100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
             f"periods, amplitude {100 * apart:+.2g} %, friction energy {100 * energy:+.2g} %."
         )
 
@@ -228,13 +230,18 @@ def published(quick):
 def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
-    quick = parser.parse_args(arguments).quick
+    everything = backbones, responses, published, sundials, balances
+    parts = {part.__name__: part for part in everything}
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(parts))
+    options = parser.parse_args(arguments)
+    if unknown := set(options.parts) - set(parts):
+        parser.error(f"no part is called {', '.join(sorted(unknown))}")
     needed = {sundials: "sksundae", balances: "pyHarm"}
-    for part in (backbones, responses, sundials, balances, published):
+    for part in [parts[name] for name in options.parts or parts]:
         if part in needed and importlib.util.find_spec(needed[part]) is None:
             print(f"\n{needed[part]}: {NOT_INSTALLED}")
         else:
-            part(quick)
+            part(options.quick)
 
 
 if __name__ == "__main__":
