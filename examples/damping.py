@@ -44,8 +44,8 @@ print(curve.warnings[-1])
 print(f"ring-down lost {down.friction_work[-1].sum():.1f} of {down.energy[0]:.1f} J in the joint")
 
 # %%
-# Steady vibration at three levels of the load, in shares of 87.5 kN. The site computes every
-# second frequency, with ``--short``; points are added around the peaks in any case.
+# Steady vibration at three levels of the load, in shares of 87.5 kN. The site computes
+# every second frequency, with ``--short``; points are added around the peaks in any case.
 points, levels = 13 if "--short" in sys.argv else 26, (0.003, 0.01, 0.03)
 swept = sj.response(system, np.linspace(2300.0, 2550.0, points), levels)
 for response in swept:

@@ -55,6 +55,6 @@ for number, (name, points) in enumerate(zip(system.joints, system.joint_points, 
 # %%
 # The flat parts of a loop are where the whole joint slips.
 panel.set(xlabel="displacement of the joint's edge, µm", ylabel="friction force of the joint, kN")
-panel.legend()
+panel.legend(loc="upper left", fontsize="small")
 panel.grid(alpha=0.3)
 figure.savefig("joint_loop.png", dpi=120)

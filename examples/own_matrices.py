@@ -34,8 +34,8 @@ from scipy import sparse
 import skfem_joint as sj
 
 SCENE = """
-damping = { stiffness = 1e-5 }   # C = stiffness * K, s
-time = { cycles = 4, steps_per_cycle = 200 }
+damping = { stiffness = 3e-4 }   # C = stiffness * K, s
+time = { cycles = 12, steps_per_cycle = 200 }
 
 [matrices]
 K = "K.npz"
@@ -72,7 +72,7 @@ with TemporaryDirectory() as name:
     studies = {mu: sj.run_scene(scene.changed(joint={"friction": mu})) for mu in (0.0, 0.3)}
 
 # %%
-# The loops of the end in the last cycle. Without friction a little viscous damping is left.
+# The loops of the end in the last cycle. Without friction viscous damping is left.
 figure, panel = plt.subplots(figsize=(6.5, 4.0), layout="constrained")
 for mu, study in studies.items():
     run = study.runs["full"]

@@ -48,12 +48,18 @@ print(f"friction energy per cycle {100 * errors.friction_energy_per_cycle:+.2f} 
 print(f"ten modes leave {100 - proper.proper_values[:10].sum():.1e} % of the snapshots")
 
 # %%
-# The loops of the last cycle. One more line writes both runs as a series that ParaView opens:
-# ``sj.write_vtk("out/fields.pvd", structure, {"full": full, "reduced": reduced})``.
-figure, panel = plt.subplots(figsize=(6.0, 4.0), layout="constrained")
+# Four of the modes, and the loops of the last cycle. One more line writes both runs as a series
+# that ParaView opens: ``sj.write_vtk("out/fields.pvd", structure, {"full": full, "reduced":
+# reduced})``.
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
+modes = structure.unpacked(system.expand(proper.modes[:, :4].T))[..., 0]
+left.plot(1e3 * structure.nodes[:, 0], modes.T, label=[f"mode {k}" for k in range(1, 5)])
+left.set(xlabel="position, mm", ylabel="mode, norm 1")
 for run, look in ((full, {"c": "#7fb2e5", "lw": 4.0}), (reduced, {"c": "k", "ls": "--"})):
-    panel.plot(1e6 * run.point("free_end")[-201:], 1e-3 * run.amplitudes[-201:, 0], **look)
-panel.set(xlabel="displacement of the free end, µm", ylabel="force, kN")
-panel.legend(["full, 200 unknowns", "ten of its own modes"])
-panel.grid(alpha=0.3)
+    right.plot(1e6 * run.point("free_end")[-201:], 1e-3 * run.amplitudes[-201:, 0], **look)
+right.set(xlabel="displacement of the free end, µm", ylabel="force, kN")
+right.legend(["full, 200 unknowns", "ten of its own modes"], fontsize="small")
+left.legend(fontsize="small")
+for panel in (left, right):
+    panel.grid(alpha=0.3)
 figure.savefig("paper_by_hand.png", dpi=120)

@@ -36,17 +36,15 @@ print(f"pressure adds up to {1e-3 * pressed.force.sum():.3f} kN")
 
 # %%
 # Pressure and gap over the face of contact, which is 100 mm x 50 mm.
-nodes = np.flatnonzero(pressed.area)
-x, y = 1e3 * structure.nodes[nodes, :2].T
-pressure = pressed.force[nodes] / pressed.area[nodes]
-figure, panels = plt.subplots(2, figsize=(6.5, 6.0), sharex=True, layout="constrained")
-shown = {
-    "pressure, MPa": (1e-6 * pressure, "inferno"),
-    "gap, µm": (1e6 * pressed.gap[nodes], "viridis"),
-}
-for panel, (label, (values, colours)) in zip(panels, shown.items(), strict=True):
-    drawn = panel.scatter(x, y, c=values, s=14, cmap=colours)
+corners = structure.patches[0].cells
+triangles = np.vstack([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+pressure = np.divide(pressed.force, pressed.area, out=0 * pressed.area, where=pressed.area > 0.0)
+x, y, _ = 1e3 * structure.nodes.T
+figure, panels = plt.subplots(2, figsize=(6.5, 6.0), sharex=True, layout="compressed")
+shown = ("pressure, MPa", 1e-6 * pressure), ("gap, µm", 1e6 * pressed.gap)
+for panel, (label, values) in zip(panels, shown, strict=True):
+    drawn = panel.tripcolor(x, y, values, triangles=triangles, shading="gouraud")
     figure.colorbar(drawn, label=label)
-    panel.set(ylabel="y, mm", aspect="equal")
+    panel.set(ylabel="y, mm", aspect="equal", xlim=(98.0, 202.0), ylim=(-2.0, 52.0))
 panels[1].set_xlabel("x, mm")
 figure.savefig("preload.png", dpi=120)

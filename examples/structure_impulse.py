@@ -4,7 +4,8 @@ How fast does a joint damp what a blow leaves?
 
 The jointed bar of :doc:`structure_harmonic` is hit at its free end by a triangular pulse of 80 µs,
 short enough to excite its first three modes. Damping in proportion to the stiffness takes the
-high frequencies of the blow at once; the joint takes about a tenth of its work, within milliseconds.
+high frequencies of the blow at once; the joint takes about a tenth of its work, within
+milliseconds.
 
 For the axial displacement, with friction over the joint of length :math:`l` only:
 

@@ -1,52 +1,69 @@
-"""The gallery shows every example, its pictures come from its script, and no link leads nowhere."""
+"""The gallery: each script asks a question, runs by itself and draws; each scene has its script."""
 
+import ast
 import re
-import runpy
-from pathlib import Path
 
 import matplotlib.image
 import pytest
+from gallery import EXAMPLES, SCRIPTS, run_script
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
-PAGES = [ROOT / "README.md", *EXAMPLES.glob("*.md")]
-SCRIPT = runpy.run_path(str(EXAMPLES / "make_pictures.py"))
+from skfem_joint.scene.shipped import QUESTIONS, shipped_scene
 
-
-def links(page):
-    """Files that a page links to or shows."""
-    found = re.findall(r"\]\(([^)#\s]+)\)", page.read_text(encoding="utf-8"))
-    return [page.parent / one for one in found if "://" not in one]
+HEADER = (EXAMPLES / "GALLERY_HEADER.txt").read_text(encoding="utf-8")
+README = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+#: Scripts that take more than some seconds in their short forms.
+LONG = ("brake_reuss", "damping", "plate_bolts", "solid_lap_joint", "two_plates")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_leads_to_a_file(page):
-    assert [str(link) for link in links(page) if not link.exists()] == []
+def docstring(name):
+    return ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")))
 
 
-def test_the_gallery_has_every_example_with_a_question_a_command_and_a_picture():
-    page = EXAMPLES / "README.md"
-    linked = {link.resolve().relative_to(EXAMPLES).parts[0] for link in links(page)}
-    examples = {path.name for path in EXAMPLES.iterdir() if path.suffix != ".md"}
-    assert examples - {"make_pictures.py", "__pycache__"} <= linked
-    for entry in page.read_text(encoding="utf-8").split("\n### ")[1:]:
-        assert entry.split("\n")[0].endswith("?")
-        assert len(re.findall(r"```\n(skfem-joint|python|xvfb-run) ", entry)) == 1
-        assert len(re.findall(r"!\[[^]]+\]\(pictures/", entry)) == 1
+def title(name):
+    return docstring(name).splitlines()[0]
 
 
-def test_the_pictures_are_those_of_the_script_are_small_and_are_shown():
-    pictures = set((EXAMPLES / "pictures").iterdir())
-    assert {path.stem for path in pictures} == {*SCRIPT["SHORT"], *SCRIPT["LONG"]}
-    assert max(path.stat().st_size for path in pictures) < SCRIPT["LARGEST"]
-    assert pictures <= {link for page in PAGES for link in links(page)}
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_each_script_has_a_question_as_its_title_and_says_what_is_computed(name):
+    question, line, empty, *text = docstring(name).splitlines()
+    assert question.endswith("?")
+    assert (line, empty) == ("=" * len(question), "")
+    assert ".. math::" in text
 
 
-def test_the_script_makes_the_pictures_that_are_named(tmp_path):
-    SCRIPT["main"](["own_basis", "lap_joint", "--out", str(tmp_path)])
-    assert {path.name for path in tmp_path.iterdir()} == {"own_basis.png", "lap_joint.png"}
-    for path in tmp_path.iterdir():
-        kept = matplotlib.image.imread(EXAMPLES / "pictures" / path.name)
-        assert matplotlib.image.imread(path).shape == kept.shape
-    with pytest.raises(SystemExit):
-        SCRIPT["main"](["nothing", "--out", str(tmp_path)])
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_each_shipped_scene_has_its_script_with_its_question_and_command(name):
+    (script,) = (script for script in SCRIPTS if title(script) == QUESTIONS[name])
+    text = (EXAMPLES / f"{script}.py").read_text(encoding="utf-8")
+    assert f'shipped_scene("{name}")' in text
+    assert f"skfem-joint example {name}\n" in text
+    kind = "sweep" if "[sweep]" in shipped_scene(name).read_text(encoding="utf-8") else "run"
+    assert f"skfem-joint {kind} {name}/{name}.toml --out {name}/out\n" in text
+
+
+def test_the_first_pages_show_each_script_once():
+    assert sorted(re.findall(r"^ +\.\./examples/(\w+)\.py$", HEADER, re.MULTILINE)) == [*SCRIPTS]
+    listed = dict(re.findall(r"^\| \[(\w+)\.py\]\(\1\.py\) \| (.+) \|$", README, re.MULTILINE))
+    assert listed == {name: title(name) for name in SCRIPTS}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in SCRIPTS],
+)
+def test_each_script_runs_in_any_folder_and_leaves_its_picture_alone(
+    name, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    run_script(name)
+    assert len(capsys.readouterr().out.splitlines()) >= 2
+    assert [path.name for path in tmp_path.iterdir()] == [f"{name}.png"]
+    drawn = matplotlib.image.imread(tmp_path / f"{name}.png")
+    assert drawn.shape[0] > 200
+    assert drawn.shape[1] > 500
+    assert drawn.std() > 0.01  # not one colour
+
+
+def test_a_link_between_scripts_leads_to_one():
+    for name in SCRIPTS:
+        assert set(re.findall(r":doc:`(\w+)`", docstring(name))) <= set(SCRIPTS) - {name}
