@@ -2,9 +2,9 @@ r"""
 Which of two bolts slips, and does a model of 13 unknowns see the same?
 =======================================================================
 
-A plate that two bolts clamp on a rigid base is pulled at its free end by half of what the bolts
-can hold. The bolt beside the load slips over its whole ring, the one at the wall slips at its rim
-only, and the reduced model shows the same.
+A plate that is held at a wall and clamped on a rigid base by two bolts is pulled at its free end
+by half of what the bolts can hold. The bolt beside the load slips over its whole ring, the one at
+the wall slips at its rim only, and the reduced model shows the same.
 
 The plate, of thickness :math:`h`, is in plane stress. Coulomb friction acts where the bolts press
 it on the base, with the pressure :math:`p` of the cone that spreads below each head:

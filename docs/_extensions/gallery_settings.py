@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 @cache
 def _listed() -> list[str]:
     """Scripts in the order in which the gallery's first page has them."""
-    header = (EXAMPLES / "GALLERY_HEADER.rst").read_text(encoding="utf-8")
+    header = (EXAMPLES / "GALLERY_HEADER.txt").read_text(encoding="utf-8")
     return re.findall(r"examples/(\w+)\.py", header)
 
 
