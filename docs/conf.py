@@ -1,19 +1,21 @@
-"""How the site is built: ``tox -e docs``, or ``sphinx-build -W docs SITE``.
+"""How the site is built: ``tox -e docs``, or ``sphinx-build -W docs site``.
 
-The gallery runs the scripts of ``examples/`` in their short forms, which the argument ``--short``
-asks for. ``-D plot_gallery=0`` builds the pages without running them.
+The gallery runs the scripts of ``examples/``, those that take long in the short form that their
+argument ``--short`` asks for. ``-D plot_gallery=0`` builds the pages without running them, and
+``sphinx-build -b linkcheck -D plot_gallery=0 docs site`` checks the links to other sites. The
+pages load nothing from a network, neither when they are built nor when they are read.
 """
 
-import re
-import shutil
+import sys
 from pathlib import Path
 
-from sphinx_gallery.scrapers import figure_rst
-from sphinx_gallery.sorting import ExplicitOrder
+import pyvista
+from numpydoc.xref import DEFAULT_LINKS
 
 import skfem_joint
 
-ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+pyvista.OFF_SCREEN = pyvista.BUILDING_GALLERY = True
 
 project = "skfem_joint"
 author = "the skfem_joint developers"
@@ -24,63 +26,92 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.intersphinx",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
     "sphinx_copybutton",
     "sphinx-mathjax-offline",
+    "commands",
+    "signatures",
+    "offline",
 ]
-exclude_patterns = ["build", "paper.md", "verification/measured/*"]
-nitpicky = False
+# Files of the folders inside examples/ check the package and have no page: their names may repeat.
+suppress_warnings = ["sphinx_gallery.duplicate_filename"]
+exclude_patterns = [
+    "paper.md",
+    "verification/measured/*",
+    "_extensions",
+    "**/sg_execution_times.rst",
+]
 
-myst_enable_extensions = ["deflist", "dollarmath", "fieldlist", "colon_fence"]
+# Text and mathematics
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
+smartquotes = False  # quotes are part of values
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "unsrt"
+# Prompts and output are left out where a block is copied.
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
 
+# Reference of the names in Python: single backticks in docstrings are names.
+default_role = "py:obj"
+add_module_names = False
+autodoc_typehints = "none"  # docstrings say types, shapes and units
+autodoc_member_order = "bysource"
+autosummary_generate = False
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+# Types in docstrings link to their classes in this reference; those of Python and NumPy, whose own
+# references are on the network, stay words.
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {
+    **{word: word for word in DEFAULT_LINKS},
+    **{name: f"skfem_joint.{name}" for name in skfem_joint.__all__ if name[0].isupper()},
+    "Basis": "skfem_joint.reduction.basis.Basis",
+    "Description": "skfem_joint.analysis.description.Description",
+    "Estimate": "skfem_joint.analysis.estimate.Estimate",
+    "Failure": "skfem_joint.analysis.models.Failure",
+    "JointError": "skfem_joint.errors.JointError",
+    "MatrixModel": "skfem_joint.structure.matrices.MatrixModel",
+    "SlipHistory": "skfem_joint.reduction.basis.SlipHistory",
+}
+
+# Pages
 html_theme = "furo"
 html_title = "skfem_joint"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_show_sourcelink = False
+html_copy_source = html_show_sourcelink = html_show_sphinx = False
 
-numpydoc_show_class_members = False
-autodoc_member_order = "bysource"
-# Pages are built without a network; these are other projects' names, which then stay plain text.
-intersphinx_mapping = {}
+# Links to other sites, in a step of its own
+linkcheck_timeout = 15
+linkcheck_retries = 1
+linkcheck_rate_limit_timeout = 30
+linkcheck_allowed_redirects = {r"https?://.*": r"https?://.*"}
+linkcheck_anchors = False
+# This project's own addresses exist once it is published.
+linkcheck_ignore = [
+    r"https://github\.com/skfem-joint/skfem-joint",
+    r"https://skfem-joint\.github\.io/skfem-joint",
+]
 
-
-def short_form(configuration, script):
-    """Arguments of a gallery script: its short form."""
-    return ["--short"]
-
-
-def written_pictures(block, block_vars, gallery_conf):
-    """Pictures that a gallery script has written beside itself: NAME.png, NAME-2.png and so on."""
-    script = Path(block_vars["src_file"])
-    pictures = []
-    for name in (f"{script.stem}.png", f"{script.stem}-?.png"):
-        for picture in sorted(script.parent.glob(name)):
-            pictures.append(next(block_vars["image_path_iterator"]))
-            shutil.move(picture, pictures[-1])
-    return figure_rst(pictures, gallery_conf["src_dir"])
-
-
-#: Scripts in the order of the gallery's first page.
-ORDER = re.findall(
-    r"examples/(\w+\.py)", (ROOT / "examples" / "GALLERY_HEADER.rst").read_text(encoding="utf-8")
-)
-
+# The gallery, in the order of docs/_extensions/gallery_settings.py
 sphinx_gallery_conf = {
-    "examples_dirs": [str(ROOT / "examples")],
-    "gallery_dirs": ["gallery"],
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"__init__|paraview_joint",
-    "reset_argv": short_form,
-    "image_scrapers": (written_pictures,),
-    "within_subsection_order": ExplicitOrder([*ORDER, "*"]),
+    "ignore_pattern": r"__init__|make_pictures|paraview_joint",
+    "within_subsection_order": "gallery_settings.order",
+    "reset_argv": "gallery_settings.short_form",
+    "image_scrapers": ("gallery_settings.pictures", "pyvista"),
+    "reset_modules": ("matplotlib", "gallery_settings.without_plotters"),
     "backreferences_dir": "gallery/backreferences",
-    "show_memory": False,
+    "notebook_extensions": set(),
     "download_all_examples": False,
+    "remove_config_comments": True,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "doc_module": ("skfem_joint",),
 }

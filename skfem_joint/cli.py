@@ -107,7 +107,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     # Options that several commands share.
     scene, out, workers = (argparse.ArgumentParser(add_help=False) for _ in range(3))
-    file: Any = scene.add_argument("scene", type=Path, metavar="SCENE.toml")
+    file: Any = scene.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="file of the scene"
+    )
     file.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     workers.add_argument(
@@ -121,7 +123,8 @@ def _parser() -> argparse.ArgumentParser:
     workers.add_argument("--address", help="scheduler of a dask cluster (default: a local cluster)")
 
     def add(name: str, command: Any, text: str, *parents: Any) -> argparse.ArgumentParser:
-        made = commands.add_parser(name, parents=parents, help=text)
+        meaning = f"{text[:1].upper()}{text[1:]}."
+        made = commands.add_parser(name, parents=parents, help=text, description=meaning)
         made.set_defaults(command=command, name=name)
         _add_verbosity(made, argparse.SUPPRESS)
         return made
@@ -143,7 +146,10 @@ def _parser() -> argparse.ArgumentParser:
         "--overwrite", action="store_true", help="replace the picture if it is there already"
     )
     keys = add("keys", _keys, "list every key of a scene: unit, default, allowed values, meaning")
-    keys.add_argument("table", nargs="?", default="", metavar="TABLE", help="such as load")
+    keys.add_argument(
+        "table", nargs="?", default="", metavar="TABLE",
+        help="table such as load or joint.pressure (default: all)",
+    )  # fmt: skip
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
     add("response", _response, "steady vibration over frequency", scene, out, workers)
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)

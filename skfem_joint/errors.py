@@ -25,7 +25,12 @@ class JointError(Exception):
 class InputError(JointError):
     """Wrong input of a user: the message states what is wrong, where, and what is allowed.
 
-    ``problems`` holds a sentence for each mistake, so that all mistakes are reported together.
+    Attributes
+    ----------
+    problems : list of str
+        A sentence for each mistake, so that all mistakes are reported together.
+    exit_status : int
+        2, with which the command line ends.
     """
 
     exit_status = 2
@@ -44,8 +49,16 @@ def refuse(problems: Iterable[str]) -> None:
 class ConvergenceError(JointError):
     """An iteration did not converge, and no result is returned.
 
-    The message states where, how far the iteration came, and what to try. ``unknown`` is the number
-    of the unknown with the largest residual, if it is known.
+    The message states where, how far the iteration came, and what to try.
+
+    Attributes
+    ----------
+    message : str
+        As it is printed; ``str(error)`` in an error that was caught.
+    unknown : int, optional
+        Number of the unknown with the largest residual, if it is known.
+    exit_status : int
+        3, with which the command line ends.
     """
 
     exit_status = 3

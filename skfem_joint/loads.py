@@ -258,6 +258,15 @@ class Triangle(_Impulse):
     """Straight up to ``peak`` in ``rise_time``, straight down in as much.
 
     Impulse (area): peak * rise_time.
+
+    Attributes
+    ----------
+    peak : float
+        N; a negative force pushes instead of pulling.
+    rise_time : float
+        Time from the start to the peak, s, above 0.
+    start : float
+        Time at which the force sets in, s, not below 0.
     """
 
     _CORNERS = (0, 1, 2)
@@ -268,6 +277,15 @@ class HalfSine(_Impulse):
     """Half a sine wave of duration ``2 * rise_time``.
 
     Impulse (area): 4 / pi * peak * rise_time.
+
+    Attributes
+    ----------
+    peak : float
+        N; a negative force pushes instead of pulling.
+    rise_time : float
+        Time from the start to the peak, s, above 0.
+    start : float
+        Time at which the force sets in, s, not below 0.
     """
 
     _CORNERS = (0, 2)
@@ -278,13 +296,32 @@ class Versine(_Impulse):
     """``peak / 2 * (1 - cos)`` over a duration of ``2 * rise_time``: no jump of the slope.
 
     Impulse (area): peak * rise_time.
+
+    Attributes
+    ----------
+    peak : float
+        N; a negative force pushes instead of pulling.
+    rise_time : float
+        Time from the start to the peak, s, above 0.
+    start : float
+        Time at which the force sets in, s, not below 0.
     """
 
     _shape = staticmethod(lambda x: 0.5 * (1.0 - np.cos(np.pi * _tent(x))))
 
 
 class RampAndHold(_Impulse):
-    """Straight up to ``peak`` in ``rise_time``, held for ever after."""
+    """Straight up to ``peak`` in ``rise_time``, held for ever after.
+
+    Attributes
+    ----------
+    peak : float
+        N; a negative force pushes instead of pulling.
+    rise_time : float
+        Time from the start to the peak, s, above 0.
+    start : float
+        Time at which the force sets in, s, not below 0.
+    """
 
     _CORNERS = (0, 1)
     _shape = staticmethod(lambda x: np.clip(x, 0.0, 1.0))
@@ -297,7 +334,7 @@ class Rectangle(_Pulse):
     Attributes
     ----------
     peak : float
-        N.
+        Force, N, of either sign.
     duration : float
         s, above 0.
     start : float
@@ -325,7 +362,7 @@ class Table(Amplitude):
     times : ndarray, shape (n,)
         Strictly increasing, s; at least two.
     forces : ndarray, shape (n,)
-        N.
+        Forces at these times, N.
     """
 
     times: FloatArray

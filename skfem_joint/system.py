@@ -64,6 +64,8 @@ class AppliedLoad:
 class System:
     """Second-order system with friction rows.
 
+    ``C`` may be given as None (no damping), ``w`` as a list, ``beta`` as a number for all points.
+
     Attributes
     ----------
     M, C, K : ndarray or sparse array, shape (n, n)
@@ -98,8 +100,6 @@ class System:
     made_for : str
         Loads that a reduced model is restricted to, in words; empty for a system that may be loaded
         in any way.
-
-    ``C`` may be None (no damping), ``w`` a list, and ``beta`` a number for all points.
 
     Raises
     ------

@@ -164,8 +164,8 @@ class Estimate:
     Attributes
     ----------
     parts : mapping
-        Errors by source, see `SOURCES`, and by quantity; a source that is not there is not
-        estimated.
+        Errors by source ("basis", "law", "points", "mesh", "time_step", "full_run", "total") and
+        by quantity; a source that is not there is not estimated.
     missing : MissingModes, optional
         Modes that a reduced model misses.
     unmeasured : mapping, optional

@@ -41,6 +41,10 @@ def build_bar(
     origin : sequence of three float
         Position of the first end in space, m, which matters for bars that are merged.
 
+    Returns
+    -------
+    NamedMesh
+
     Raises
     ------
     InputError
@@ -82,13 +86,17 @@ def build_plate(
     order : {1, 2}
         Order of the displacement.
     prefix : str
-        Prefix of the names of the default boundaries, e.g. "upper_".
+        Prefix of the names of the default boundaries, e.g. ``"upper_"``.
     boundaries : mapping of str to str or (str, str), optional
         By name: a side ("left", "right", "bottom", "top"), or a side and the strip to whose edge
         it is limited, e.g. ``{"contact": ("bottom", "joint")}``. By default the four sides with
         their own names.
     points : mapping of str to (float, float), optional
         Positions (m) by point name; each must coincide with a vertex.
+
+    Returns
+    -------
+    NamedMesh
 
     Raises
     ------
@@ -112,10 +120,39 @@ def build_box(
 ) -> NamedMesh:
     """Box of consecutive strips along x, each of equal elements.
 
-    Each cell of the grid is one hexahedron or six tetrahedra. Parameters and errors are those of
-    `build_plate`, with three coordinates, and with sizes (m) and numbers of elements along y and z.
-    The sides are "left" and "right" (x), "bottom" and "top" (y), "front" and "back" (z), as in
-    scikit-fem.
+    Each cell of the grid is one hexahedron or six tetrahedra.
+
+    Parameters
+    ----------
+    strips : sequence of (str, float, int)
+        Region name, length along x (m) and number of elements along x, as in `build_plate`.
+    size : (float, float)
+        Sizes along y and z, m.
+    elements : (int, int)
+        Numbers of elements along y and z.
+    origin : sequence of three float
+        Position of the corner with the smallest coordinates, m.
+    kind : {"hexahedron", "tetrahedron"}
+        Kind of the elements.
+    order : {1, 2}
+        Order of the displacement.
+    prefix : str
+        Prefix of the names of the default boundaries.
+    boundaries : mapping of str to str or (str, str), optional
+        By name: a side, or a side and the strip to whose face it is limited. The sides are "left"
+        and "right" (x), "bottom" and "top" (y), "front" and "back" (z), as in scikit-fem. By
+        default the six sides with their own names.
+    points : mapping of str to (float, float, float), optional
+        Positions (m) by point name; each must coincide with a vertex.
+
+    Returns
+    -------
+    NamedMesh
+
+    Raises
+    ------
+    InputError
+        For all mistakes in names, sizes and numbers together, then for those in positions.
     """
     return _built(kind, strips, size, elements, order, origin, points, boundaries, prefix)
 

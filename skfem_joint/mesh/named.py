@@ -320,6 +320,15 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     Bars must be parallel. Their coordinate is then the position along the axis of the first bar,
     from its first end; a bar in the opposite direction is renumbered so that it ascends.
 
+    Parameters
+    ----------
+    meshes : sequence of NamedMesh
+        With the same kind and order of elements and with different names.
+
+    Returns
+    -------
+    NamedMesh
+
     Raises
     ------
     InputError

@@ -57,6 +57,10 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
+    Returns
+    -------
+    NamedMesh
+
     Raises
     ------
     InputError

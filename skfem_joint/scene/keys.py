@@ -1,6 +1,6 @@
 """Reference of a scene's keys, made from the models that check a scene.
 
-``skfem-joint keys`` shows it, and ``examples/keys.md`` holds it.
+``skfem-joint keys`` shows it, and ``docs/reference/keys.md`` holds it.
 """
 
 from __future__ import annotations
@@ -169,23 +169,53 @@ def _allowed(part: Schema) -> str:
 
 
 def markdown(tables: Sequence[KeyTable]) -> str:
-    """Reference in Markdown; with a heading if it is that of the whole scene."""
+    """Reference in Markdown; with a heading and its contents if it is that of the whole scene."""
     lines = []
     if not tables[0].path:
         lines += [
             "# Keys of a scene",
             "",
-            "This is what `skfem-joint keys` prints, made from the models that check a scene.",
+            "A scene is a TOML file. This page lists every key that it may have, with its unit,",
+            "its default, the values that are allowed and its meaning. It is what",
+            "`skfem-joint keys` prints, made from the models that check a scene;",
             "`skfem-joint keys load` prints one table. All units are SI units. A key that has no",
-            "default and is not required may be left out.",
+            "default and is not required may be left out. A table such as `[time]` stands once,",
+            "one such as `[[joint]]` as often as needed.",
+            "",
+            *_contents(tables),
             "",
         ]
     for table in tables:
-        lines += [f"## `{table.title}`", "", _sentence(table.meaning), ""]
+        lines += [f"{'###' if _is_part(table) else '##'} `{table.title}`", ""]
+        lines += [_sentence(table.meaning), ""]
         lines += [f"| {' | '.join(Key._fields)} |", "|---" * len(Key._fields) + "|"]
-        lines += [f"| `{row.key}` | {' | '.join(row[1:])} |" for row in table.keys]
+        for row in table.keys:
+            default = row.default and (
+                row.default if row.default == "required" else f"`{row.default}`"
+            )
+            cells = f"`{row.key}`", row.unit, default, row.allowed, row.meaning
+            lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
     return "\n".join(lines)
+
+
+def _contents(tables: Sequence[KeyTable]) -> list[str]:
+    """Links to the tables, a line each, in which those inside it follow."""
+    lines: list[str] = []
+    for table in tables:
+        # As web pages name a heading: letters, figures and hyphens.
+        anchor = re.sub(r"[^\w -]", "", table.title.lower()).replace(" ", "-")
+        link = f"[`{table.title}`](#{anchor})"
+        if _is_part(table):
+            lines[-1] += f", {link}"
+        else:
+            lines.append(f"- {link}")
+    return lines
+
+
+def _is_part(table: KeyTable) -> bool:
+    """Whether it stands inside a table of the scene or is one of its forms."""
+    return "." in table.path or (table.path != "" and not table.title.startswith("["))
 
 
 def show(tables: Iterable[KeyTable], console: Console) -> None:

@@ -38,6 +38,10 @@ def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
     models : sequence of str, optional
         Models in place of those of the file's ``models.run``, checked like them.
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
@@ -180,6 +184,16 @@ def load_sweep(path: str | Path) -> Swept:
     """Read a scene file with a ``[sweep]`` and make its scenes, each checked as by `load_scene`.
 
     A key that the sweep gives need not stand in the file's own tables.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the scene.
+
+    Returns
+    -------
+    Swept
+        Its ``scenes`` are what `sweep` runs.
 
     Raises
     ------

@@ -286,7 +286,7 @@ class Run:
         )
 
     def thinned(self, every: int) -> Run:
-        """Same run with one of so many of its stored fields."""
+        """Same run with one of each ``every`` of its stored fields."""
         names = ("field_times", "u", "v", "sigma", "friction_work_rows")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
@@ -331,7 +331,7 @@ class Run:
 
     @property
     def friction_energy(self) -> dict[str, float]:
-        """Energy that friction has dissipated in each joint over the run, J."""
+        """Energy that friction has dissipated over the run in each joint, by its name, J."""
         energies = (self.system.J @ self.friction_work).tolist()
         return dict(zip(self.system.joints, energies, strict=True))
 

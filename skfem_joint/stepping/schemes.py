@@ -111,6 +111,10 @@ def generalized_alpha(rho_infinity: float = 1.0) -> Scheme:
         From 0 (highest frequencies vanish in one step) to 1 (average acceleration, no numerical
         dissipation).
 
+    Returns
+    -------
+    Scheme
+
     Raises
     ------
     InputError

@@ -178,6 +178,17 @@ def point_friction(
     name : str
         Joint under which results state its friction energy. In a sum of contacts each name is a
         joint of its own.
+
+    Returns
+    -------
+    SlipRows
+        For :meth:`skfem_joint.System.from_matrices`; ``a + b`` puts several together.
+
+    Raises
+    ------
+    InputError
+        For rows of another shape, rows that are zero or not finite, a negative limit, and a beta
+        that is not positive.
     """
     rows = np.atleast_2d(as_real(row, "point_friction: row"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():

@@ -63,7 +63,7 @@ class Patch:
     points : ndarray of int, shape (k,)
         Numbers of the contact points in the system.
     normal_force : ndarray, shape (k,)
-        N.
+        Force that presses each node, N.
     area : ndarray, shape (k,)
         Share of each node in the contact area, m2.
     directions : ndarray, shape (k, d, dim)

@@ -183,7 +183,13 @@ class Structure:
         return self.body.matrices()
 
     def stress(self, displacement: FloatArray) -> FloatArray:
-        """Mean stress of each element, (elements, 6), Pa, see `Body.stress`."""
+        """Mean elastic stress of each element, from the displacement of all nodes, (N, dim), m.
+
+        Returns
+        -------
+        ndarray, shape (elements, 6)
+            Components XX, YY, ZZ, XY, YZ and XZ in space, Pa.
+        """
         return self.body.stress(displacement)
 
     @property

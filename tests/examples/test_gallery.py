@@ -9,7 +9,7 @@ from gallery import EXAMPLES, SCRIPTS, run_script
 
 from skfem_joint.scene.shipped import QUESTIONS, shipped_scene
 
-HEADER = (EXAMPLES / "GALLERY_HEADER.rst").read_text(encoding="utf-8")
+HEADER = (EXAMPLES / "GALLERY_HEADER.txt").read_text(encoding="utf-8")
 README = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 #: Scripts that take more than some seconds in their short forms.
 LONG = ("brake_reuss", "damping", "plate_bolts", "solid_lap_joint", "two_plates")

@@ -1,4 +1,4 @@
-"""The reference of keys: complete, as the page beside the examples has it, and found by name."""
+"""The reference of keys: complete, as its page has it, and found by name."""
 
 import io
 from pathlib import Path
@@ -11,7 +11,7 @@ from skfem_joint.scene.joint_tables import JointTable
 from skfem_joint.scene.keys import markdown, reference, show
 from skfem_joint.scene.matrices import MatricesTable
 
-PAGE = Path(__file__).parents[2] / "examples" / "keys.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
 #: Keys that hold pure numbers: factors, ratios and relative errors.
 PURE = {
     *("poisson", "friction", "ratio", "rho_infinity", "displacement", "energy", "levels", "up_to"),
@@ -22,7 +22,7 @@ PURE = {
 
 def test_the_page_says_what_the_code_does():
     assert PAGE.read_text(encoding="utf-8") == markdown(reference()), (
-        "make it again: skfem-joint keys > examples/keys.md"
+        "make it again: skfem-joint keys > docs/reference/keys.md"
     )
 
 

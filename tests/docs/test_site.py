@@ -1,0 +1,171 @@
+"""The pages of the site: short, linked with each other, and complete where they are a reference."""
+
+import ast
+import inspect
+import io
+import re
+import tokenize
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+import skfem_joint
+from skfem_joint.cli import _parser
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PYTHON = [DOCS / "reference" / "python.md", *sorted((DOCS / "reference" / "python").glob("*.md"))]
+#: Pages to look something up in, which may be long.
+LONG = {*PYTHON, *(DOCS / "reference" / f"{name}.md" for name in ("keys", "commands"))}
+_FENCED = re.compile(r"^(```+|:::+)[^\n]*\n.*?^\1[ ]*$", re.MULTILINE | re.DOTALL)
+_LINK = re.compile(r"\]\(<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\)")
+_IMAGE = re.compile(r"^```\{(?:image|figure)\} (\S+)", re.MULTILINE)
+
+
+def excluded():
+    """Patterns of files below docs/ that are no pages, from conf.py."""
+    tree = ast.parse((DOCS / "conf.py").read_text(encoding="utf-8"))
+    values = {
+        target.id: node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    return ast.literal_eval(values["exclude_patterns"])
+
+
+def pages():
+    """Pages of the site that are not made when it is built."""
+    made = ("gallery/*", "_build/*", *excluded())
+    found = (path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
+    return sorted(DOCS / path for path in found if not any(fnmatch(path, each) for each in made))
+
+
+def gallery():
+    """Scripts that have a page in the gallery."""
+    apart = ("make_pictures", "paraview_joint")
+    return sorted(path for path in (ROOT / "examples").glob("*.py") if path.stem not in apart)
+
+
+def text_of(script):
+    """Docstring and comments of a script."""
+    source = script.read_text(encoding="utf-8")
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    comments = (token.string for token in tokens if token.type == tokenize.COMMENT)
+    return "\n".join([ast.get_docstring(ast.parse(source)) or "", *comments])
+
+
+def sections(thing):
+    """Entries of each section of a docstring in numpydoc's form."""
+    lines = (inspect.getdoc(thing) or "").splitlines()
+    found, entries = {}, None
+    for line, below in zip(lines, [*lines[1:], ""], strict=True):
+        if line and set(below) == {"-"}:
+            entries = found.setdefault(line, [])
+        elif entries is not None and line and not line.startswith((" ", "-")):
+            entries += [name.strip(" *`") for name in line.partition(" : ")[0].split(",")]
+    return found
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in pages() if page not in LONG],
+    ids=lambda page: str(page.relative_to(DOCS)),
+)
+def test_a_page_is_short(page):
+    assert len(page.read_text(encoding="utf-8").split()) <= 2000
+
+
+@pytest.mark.parametrize("script", gallery(), ids=lambda script: script.stem)
+def test_the_text_of_a_gallery_page_is_short(script):
+    assert len(text_of(script).split()) <= 2000
+
+
+def test_the_readme_is_short():
+    words = (ROOT / "README.md").read_text(encoding="utf-8").split()
+    assert len(words) <= 900
+
+
+def test_every_page_stands_in_a_table_of_contents():
+    listed = set()
+    for page in pages():
+        for block in re.findall(
+            r"^```\{toctree\}\n(.*?)^```",
+            page.read_text(encoding="utf-8"),
+            re.MULTILINE | re.DOTALL,
+        ):
+            entries = (line.strip() for line in block.splitlines() if not line.startswith(":"))
+            listed |= {(page.parent / entry).resolve() for entry in entries if entry}
+    assert listed - {DOCS / "gallery" / "index"} == {page.with_suffix("") for page in pages()} - {
+        DOCS / "index"
+    }
+
+
+@pytest.mark.parametrize(
+    "page",
+    [ROOT / "README.md", *sorted((ROOT / "examples").glob("*.md")), *pages()],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
+def test_links_lead_to_files(page):
+    text = page.read_text(encoding="utf-8")
+    links = [*_IMAGE.findall(text), *_LINK.findall(re.sub(r"`[^`\n]+`", "", _FENCED.sub("", text)))]
+    astray = []
+    for link in links:
+        path = link.partition("#")[0]
+        if "://" in link or link.startswith("mailto:") or not path:
+            continue
+        target = (page.parent / path).resolve()
+        if target.parent == DOCS / "gallery":  # made of the script, or of the gallery's header
+            target = ROOT / "examples" / f"{target.stem}.py"
+            if target.stem == "index":
+                continue
+        if not target.exists():
+            astray.append(link)
+    assert not astray
+
+
+def test_the_reference_has_every_public_name_once():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PYTHON[1:])
+    shown = re.findall(r"^\.\. auto(?:class|function):: skfem_joint\.(\w+)$", text, re.MULTILINE)
+    assert sorted(shown) == skfem_joint.__all__
+
+
+def test_the_first_page_of_the_reference_lists_every_public_name_once():
+    listed = re.findall(r"^   (\w+)$", PYTHON[0].read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == skfem_joint.__all__
+
+
+def test_members_that_the_reference_shows_exist_and_are_described():
+    for page in PYTHON[1:]:
+        for name, members in re.findall(
+            r"^\.\. autoclass:: ([\w.]+)\n   :members: (.+)$",
+            page.read_text(encoding="utf-8"),
+            re.MULTILINE,
+        ):
+            module, _, own = name.rpartition(".")
+            thing = getattr(__import__(module, fromlist=[own]), own)
+            for member in members.split(", "):
+                assert inspect.getdoc(inspect.getattr_static(thing, member)), f"{name}.{member}"
+
+
+@pytest.mark.parametrize("name", skfem_joint.__all__)
+def test_a_docstring_says_what_goes_in_and_what_comes_out(name):
+    thing = getattr(skfem_joint, name)
+    described = sections(thing)
+    if name == "Amplitude":  # users derive from it
+        assert inspect.getdoc(thing)
+        return
+    said = {*described.get("Parameters", ()), *described.get("Attributes", ())}
+    assert set(inspect.signature(thing).parameters) - said == set()
+    if not inspect.isclass(thing):
+        assert described.keys() & {"Returns", "Yields"}
+
+
+def test_the_page_of_the_commands_has_each_of_them():
+    (commands,) = (each for each in _parser()._actions if isinstance(each.choices, dict))
+    page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```\{command\} ([\w-]+)$", page, re.MULTILINE)
+    assert sorted(shown) == sorted(commands.choices)
+    assert re.findall(r"^## (.+)$", page, re.MULTILINE)[1:] == shown
