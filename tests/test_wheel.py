@@ -103,5 +103,6 @@ def test_an_installed_wheel_previews_and_computes_a_shipped_scene(python, tmp_pa
     assert {"full", "reduced"} <= summary["models"].keys()
 
     python(*command, "backbone", scene, "--out", "backbone")
-    rows = list(csv.DictReader((tmp_path / "backbone" / "backbone.csv").open(encoding="utf-8")))
+    curve = (tmp_path / "backbone" / "backbone.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(curve.splitlines()))
     assert len(rows) > 1

@@ -165,7 +165,8 @@ def test_pictures_are_written_with_the_size_of_their_figure_and_nothing_else_is(
         head = path.read_bytes()[:24]
         assert head[:8] == b"\x89PNG\r\n\x1a\n"
         inches = figures[name].get_size_inches()
-        assert struct.unpack(">II", head[16:24]) == tuple(round(x * 150) for x in inches)
+        sizes = zip(struct.unpack(">II", head[16:24]), inches, strict=True)
+        assert all(abs(size - x * 150) < 1.01 for size, x in sizes)  # matplotlib cuts or rounds
         assert matplotlib.image.imread(path).std() > 0.02  # not an empty page
 
 
