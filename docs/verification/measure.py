@@ -148,6 +148,7 @@ CLAIMS = {
         75,
         PAPER,
         {f"paper-{name}": f"pictures/{name}.png" for name in SHOWN},
+        timed=True,  # section 7.5
     ),
     "two-plates": Claim(
         "python examples/two_plates.py",
