@@ -1,6 +1,7 @@
 """The pages of verification: every claim has its command, its table, its page and its date."""
 
 import importlib.util
+import os
 import re
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -152,12 +153,23 @@ def test_tables_and_pictures_are_made_and_what_fails_leaves_its_table(claims, ca
     assert table == "| x | y |"
     assert measure.MADE.match(made)[1] == f"{datetime.now(UTC):%Y-%m-%d}"
     assert "--out out` in " in made
+    assert f" s on {os.cpu_count()} " in made
     assert (claims / "measured" / "page.md").read_text().startswith("## Two\n\n| b |\n\n*Made")
     assert (claims / "measured" / "lost.md").read_text() == "before"
     assert (keep / "good" / "files" / "page.md").exists()
     picture = claims / "pictures" / "noise.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size < (keep / "good" / "files" / "large.png").stat().st_size * 1.2
+
+
+@pytest.mark.parametrize("load", [0.0, 1e3])
+def test_a_busy_machine_is_said(claims, monkeypatch, capsys, load):
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
+    good = measure.CLAIMS["good"]._replace(timed=True)
+    monkeypatch.setattr(measure, "CLAIMS", {"good": good})
+    assert measure.main(["--out", str(claims)]) == 0
+    assert ("busy" in capsys.readouterr().err) == (load > 0.0)
+    assert (" busy cores" in (claims / "measured" / "said.md").read_text()) == (load > 0.0)
 
 
 def test_unknown_names_and_short_forms_over_the_site_are_refused(claims, capsys):
