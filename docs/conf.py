@@ -103,6 +103,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"__init__|make_pictures|paraview_joint",
     "within_subsection_order": "gallery_settings.order",
+    "minigallery_sort_order": "gallery_settings.order",
     "reset_argv": "gallery_settings.short_form",
     "image_scrapers": ("gallery_settings.pictures", "pyvista"),
     "reset_modules": ("matplotlib", "gallery_settings.without_plotters"),
