@@ -444,6 +444,6 @@ def _excited_modes(mode: _Mode, frequency: FloatArray) -> list[str]:
         return []
     return [
         f"Mode {mode.number}: higher frequencies lie near odd multiples of its own "
-        f"({', '.join(near)}), so that friction excites them: the true damping may be up to "
-        "twice as large. See its ring-down, or response."
+        f"({', '.join(near)}), so that friction excites them: the true damping may be "
+        "twice as large or more. See its ring-down, or response."
     ]

@@ -363,7 +363,7 @@ def _compared(number: IntArray, share: FloatArray) -> str:
     if not number.size:
         return ""
     words = [
-        f"loose mode {k + 1} ({100.0 * x:.2g} % alike)"
+        f"loose mode {k + 1} ({100.0 * x:.0f} % alike)"
         if x >= SETTINGS.alike
         else f"none of the loose modes (most like {k + 1}, {100.0 * x:.2g} %)"
         for k, x in zip(number.tolist(), share.tolist(), strict=True)

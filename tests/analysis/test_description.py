@@ -57,7 +57,7 @@ def test_stuck_modes_are_compared_with_loose_ones_by_their_shapes():
     assert found.values["stuck_modes_like_loose_share"] == pytest.approx(
         shares.max(axis=1), rel=1e-2
     )
-    assert f"stuck are loose mode 1 ({100.0 * shares[0].max():.2g} % alike)" in found.facts[3]
+    assert f"stuck are loose mode 1 ({100.0 * shares[0].max():.0f} % alike)" in found.facts[3]
 
 
 def test_a_mode_that_the_joints_make_new_is_like_none_of_the_loose_ones():
