@@ -64,8 +64,9 @@ class Preload:
     def sentences(self, joints: Sequence[Joint], bolts: Sequence[Clamp]) -> Iterator[str]:
         """What a description says about the preload of these joints by these bolts."""
         moved = float(np.linalg.norm(self.displacement, axis=1).max())
+        plural = "s" if len(bolts) > 1 else ""
         yield (
-            f"Preload by {len(bolts)} bolt{'s' * (len(bolts) > 1)}, at rest and without friction: contact found in "
+            f"Preload by {len(bolts)} bolt{plural}, at rest and without friction: contact found in "
             f"{self.active_sets} steps and {self.seconds:.3g} s, largest displacement "
             f"{moved:.4g} m."
         )
