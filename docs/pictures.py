@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "docs"))
 
 from page_blocks import run_page
 
-WIDTH, COLOURS = 1200, 128
+WIDTH, COLOURS = 1200, 256
 
 
 def small(source: Path, target: Path) -> None:
@@ -25,7 +25,8 @@ def small(source: Path, target: Path) -> None:
             height = round(picture.height * WIDTH / picture.width)
             picture = picture.resize((WIDTH, height), Image.Resampling.LANCZOS)
         target.parent.mkdir(exist_ok=True)
-        picture.quantize(COLOURS).save(target, optimize=True)
+        few = picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        few.save(target, optimize=True)
 
 
 def main(pages: list[str]) -> None:

@@ -200,7 +200,7 @@ class Reader:
         with _captured() as output:
             exec(compile(tree, "page", "exec"), self.names)
             if last is not None:
-                value = eval(compile(last, "page", "eval"), self.names)
+                value = eval(compile(last, "page", "eval"), self.names)  # noqa: S307
                 if value is not None:
                     print(repr(value))
         return output.getvalue()
@@ -256,8 +256,8 @@ def compare(expected: str, actual: str) -> None:
             continue
         rest = range(at, len(there)) if anywhere else range(at, min(at + 1, len(there)))
         found = next((i for i in rest if alike(line.rstrip(), there[i])), None)
-        assert found is not None, (
-            f"the page shows\n  {line}\nbut the output is\n" + "\n".join(there[at : at + 40])
+        assert found is not None, f"the page shows\n  {line}\nbut the output is\n" + "\n".join(
+            there[at : at + 40]
         )
         at, anywhere = found + 1, False
     assert anywhere or at == len(there), f"the page does not show: {there[at]}"
