@@ -286,8 +286,9 @@ def check_count(names: int) -> None:
 def not_a_side(name: str, corners: FloatArray) -> str:
     """Message about a group with a part that is not a side of any element."""
     return (
-        f"group {name!r}: {spot(*corners)} is no side or corner of an element. In Gmsh, embed it "
-        "in the surface or volume before meshing"
+        f"group {name!r}: {spot(*corners)} is no side or corner of an element. In Gmsh, give "
+        "the surface or volume beside it a physical group, without which its elements are not "
+        "written; inside of a surface or volume, embed it there before meshing"
     )
 
 
