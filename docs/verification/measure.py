@@ -177,12 +177,6 @@ CLAIMS = {
         {"mutated": listed("")},
         short="--count 6",
     ),
-    "killed": Claim(
-        f"{STABILITY}/killed.py --kills 12 --pairs 4 --rows 6 --out {{out}}",
-        300,
-        {"killed": printed},
-        short="--kinds bar --kills 1 --pairs 1 --rows 0",
-    ),
     "pairs": Claim(
         f"{STABILITY}/pairs.py", 1800, {"pairs": listed("amplitudes")}, short="--count 1"
     ),
