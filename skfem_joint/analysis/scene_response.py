@@ -85,7 +85,9 @@ class SceneResponse:
     scene : Scene
     frequencies : ndarray, shape (k,)
         That the scene asks for, Hz.
-    stuck, free : ndarray, shape (k, points)
+    linear_frequencies : ndarray, shape (l,)
+        Of the linear limits, Hz: those and 400 more, which their peaks need.
+    stuck, loose : ndarray, shape (l, points)
         Amplitudes of the linear limits at level 1, m.
     models : list of ModelResponse
     warnings : tuple of str
@@ -94,8 +96,9 @@ class SceneResponse:
 
     scene: Scene
     frequencies: FloatArray
+    linear_frequencies: FloatArray
     stuck: FloatArray
-    free: FloatArray
+    loose: FloatArray
     models: list[ModelResponse]
     warnings: tuple[str, ...]
 
@@ -146,12 +149,13 @@ def scene_response(
     table = response_table(scene)
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
-    stuck, free = (linear_response(system, frequencies, held) for held in (True, False))
+    fine = np.union1d(frequencies, np.linspace(between.from_, between.to, 400))
+    stuck, loose = (linear_response(system, fine, held) for held in (True, False))
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
         of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
     rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
-    resonance = float(frequencies[stuck.max(axis=1).argmax()])
+    resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
@@ -165,7 +169,7 @@ def scene_response(
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
     warnings = (*doubts(scene.structure(), system), *of_models)
-    return SceneResponse(scene, frequencies, stuck, free, models, warnings)
+    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
 
 
 @dataclass(frozen=True)

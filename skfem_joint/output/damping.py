@@ -242,16 +242,16 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
 def response_figure(response: SceneResponse) -> Figure:
     """Amplitude over load level, and phase, of the point that moves most.
 
-    The linear structures with stuck and with free joints are drawn beside them.
+    The linear structures with stuck and with loose joints are drawn beside them.
     """
     points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 6.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     columns = [c.column("amplitude")[:, most] / c.level for m in response.models for c in m.curves]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
-    for name, limit, line in (("stuck", response.stuck, ":"), ("free", response.free, "-.")):
+    for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
         upper.semilogy(
-            response.frequencies,
+            response.linear_frequencies,
             limit[:, most] / scale,
             line,
             color="#888888",

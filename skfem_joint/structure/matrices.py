@@ -138,10 +138,20 @@ class MatrixModel:
         return tuple(self.points)
 
     def overview(self) -> str:
-        """Sentence about what the structure is made of."""
+        """Sentences about what the structure is made of."""
+        paired = [rows[:, :6].ravel() for rows in self.contacts.values() if rows.ndim == 2]
+        used = np.concatenate([np.asarray(self.fixed, dtype=float), *paired])
+        used = used[used >= 0.0] + self.first
+        last = self.n_dofs - 1 + self.first
+        spread = (
+            f" Supports and contacts name numbers from {used.min():.0f} to {used.max():.0f} of "
+            f"{self.first} to {last}."
+            if used.size
+            else ""
+        )
         return (
             f"Matrices of {self.n_dofs} degrees of freedom, {self.fixed.size} of them fixed; "
-            "without positions there are no fields, pictures and active lengths."
+            f"without positions there are no fields, pictures and active lengths.{spread}"
         )
 
     def at_rest(self) -> list[str]:
