@@ -32,6 +32,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx-mathjax-offline",
     "commands",
+    "outputs",
     "signatures",
     "offline",
 ]
