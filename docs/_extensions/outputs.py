@@ -15,5 +15,6 @@ def mark(app, document):
 
 
 def setup(app):
+    """Mark the blocks of each page when it has been read."""
     app.connect("doctree-read", mark)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
