@@ -35,7 +35,7 @@ from skfem_joint.stepping.recording import Save
 SAMPLES = 8
 #: Absolute tolerances relative to the largest displacement and velocity, over the relative one.
 ABSOLUTE = 1e-2
-READY_MADE, EXPLICIT, MESH = "ready-made", "Runge-Kutta", "full, mesh"
+READY_MADE, EXPLICIT, MESH = "ready-made", "Runge-Kutta", "full, coarser mesh"
 #: Elements of coarse meshes.
 COARSE = (10, 20, 50, 100)
 

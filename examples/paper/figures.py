@@ -67,7 +67,9 @@ def _draw_panel(panel, curves, mark, axes):
         x_factor, factor = panel.get("xfactor", x_factor), panel.get("factor", y_factor)
         values = factor * curves[name][y][rows]
         values = np.abs(values) if panel.get("absolute") else values
-        style = dict(zip(("color", "linestyle", "linewidth"), STYLES[k % len(STYLES)], strict=True))
+        styled = panel.get("styles", range(len(STYLES)))
+        chosen = STYLES[styled[k % len(styled)]]
+        style = dict(zip(("color", "linestyle", "linewidth"), chosen, strict=True))
         style |= {"marker": panel.get("marker"), "markersize": 3.5}
         axes.plot(x_factor * curves[name][x][rows], values, label=label, **style)
     for name in panel.get("levels", []):
@@ -80,7 +82,7 @@ def _draw_panel(panel, curves, mark, axes):
     axes.set(**{key: panel[key] for key in ("xlim", "ylim", "xscale", "yscale") if key in panel})
     axes.grid(alpha=0.3)
     axes.set_title(panel.get("title", ""), loc="left", fontsize=11)
-    if len(lines) > 1 and panel.get("legend", True):
+    if len(lines) > 1 and panel.get("legend", True) is True:
         axes.legend(fontsize=9, handlelength=3.2)
 
 
@@ -97,4 +99,9 @@ def draw(picture, curves, mark, path):
     places = drawing.subplots(rows, columns, squeeze=False).flat
     for panel, axes in zip(panels, places, strict=True):
         _draw_panel(panel, curves, mark, axes)
+    if picture.get("legend") == "shared":
+        handles, labels = drawing.axes[0].get_legend_handles_labels()
+        labels = [label.partition(", ")[2] for label in labels]  # without the place
+        options = {"loc": "outside upper center", "ncols": len(labels), "handlelength": 3.2}
+        drawing.legend(handles, labels, fontsize=9, **options)
     save_figure(path, drawing)

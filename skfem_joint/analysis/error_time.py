@@ -54,7 +54,7 @@ class ErrorTimeSettings:
 
 SETTINGS = ErrorTimeSettings()
 #: Families of models, which are the curves of the report.
-FULL, STEEPNESS, COULOMB = "full", "full, other beta", "full, Coulomb"
+FULL, STEEPNESS, COULOMB = "full", "full, another beta", "full, Coulomb"
 REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
 FINISHED = "finished"
 #: Columns of errors beside those of the certificate.

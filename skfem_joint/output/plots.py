@@ -246,7 +246,7 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
 
 
 def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
-    """Error against run time with the fronts, in ``total`` with off-line time."""
+    """Error against run time with the front, in ``total`` with off-line time."""
     figure, panels = _panels(6.5, 5.5, columns=2)
     families = dict.fromkeys(p.job.family for p in points if p.counts)
     shown = "off-line and run time (s)" if total else "run time (s)"
@@ -258,13 +258,13 @@ def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
             panel.plot(*places, marker, label=family, alpha=0.85)
         ahead = front(known, name, total)
         places = [p.seconds(total) for p in ahead], [p.error(name) for p in ahead]
-        panel.step(*places, "k-", where="post", linewidth=1.0)
+        panel.step(*places, "k-", where="post", linewidth=1.0, label="front: fastest at an error")
         if known:  # a logarithmic axis refuses to be empty
             panel.set(xscale="log", yscale="log")
         panel.set_xlabel(shown)
         panel.set_ylabel(f"relative error: {name.replace('_', ' ')}")
     handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=5, fontsize=9)
+    figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=9)
     return figure
 
 

@@ -19,7 +19,7 @@ from skfem_joint.scene import Scene
 
 TINY: dict[str, Any] = {"parts": (1, 4), "factors": (10.0,), "modes": (2, 1000)}
 TINY["reduced_parts"] = (2,)
-MESH = "full, mesh"
+MESH = "full, coarser mesh"
 
 
 def small(elements: int = 10, **changes: Any) -> Scene:
