@@ -20,6 +20,7 @@ A comment before a block, not shown on the page, says what else holds:
 - ``<!-- test: append FILE -->``: the block is added to a file;
 - ``<!-- test: fails 2 -->``: the last command of the block ends with this exit status;
 - ``<!-- test: skip REASON -->``: the block is not run;
+- ``<!-- test: needs MODULE -->``: the block is not run where Python does not have the module;
 - ``<!-- test: edit FILE: OLD -> NEW -->``: what the text tells the reader to change;
 - ``<!-- test: picture FILE -->`` before ``![...](pictures/NAME.png)``: a file that the blocks above
   have written; ``docs/pictures.py`` copies it to the picture of the page.
@@ -27,6 +28,7 @@ A comment before a block, not shown on the page, says what else holds:
 
 import ast
 import contextlib
+import importlib.util
 import io
 import itertools
 import os
@@ -134,7 +136,7 @@ def run_page(page: Path, folder: Path, exempt: tuple[str, ...] = ()) -> dict[str
     reader = Reader(folder)
     with _within(folder):
         for block in blocks_of(page):
-            if any(comment in exempt for comment in block.before) or block.note("skip"):
+            if any(comment in exempt for comment in block.before) or _left_out(block):
                 reader.output = None
                 continue
             try:
@@ -143,6 +145,12 @@ def run_page(page: Path, folder: Path, exempt: tuple[str, ...] = ()) -> dict[str
                 error.add_note(f"{page}, line {block.line}")
                 raise
     return reader.pictures
+
+
+def _left_out(block: Block) -> bool:
+    """Whether a block is not to be run, or not here."""
+    module = block.note("needs")
+    return bool(block.note("skip") or (module and importlib.util.find_spec(module) is None))
 
 
 @dataclass

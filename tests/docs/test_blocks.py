@@ -104,6 +104,13 @@ python made.py
     run_page(page, tmp_path)
 
 
+def test_a_block_that_needs_a_module_is_run_only_where_it_is(tmp_path):
+    text = "<!-- test: needs {} -->\n\n```python\nprint(1)\n```\n```text\n2\n```\n"
+    run_page(page_of(tmp_path, text.format("no_such_module")), tmp_path)
+    with pytest.raises(AssertionError, match="the page shows"):
+        run_page(page_of(tmp_path, text.format("json")), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

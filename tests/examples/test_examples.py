@@ -112,6 +112,8 @@ def test_a_joint_s_loop_is_as_high_as_what_the_joint_carries(run):
     assert limits == pytest.approx([0.7 * 20e6 * 0.05 * 0.05] * 2, rel=1e-12)
     assert names["force"].max() == pytest.approx(limits[1], rel=1e-9)  # the second slips whole
     assert 0.0 < by_joint[0] < 0.05 * by_joint[1]
+    assert names["loops"] == pytest.approx(by_joint[1], rel=1e-12)  # of its points
+    assert np.trapezoid(names["force"], names["edge"]) > 1.1 * by_joint[1]  # of the edge
 
 
 def test_a_bar_has_the_frequencies_of_its_closed_form_loose_and_stuck(run):
