@@ -35,7 +35,7 @@ import skfem_joint as sj
 from skfem_joint.scene.shipped import shipped_scene
 
 scene = sj.load_scene(shipped_scene("structure_harmonic"))
-scene = scene.changed(joint={"law": "coulomb"}, damping={"stiffness": 0.0, "ratio": 0.002})
+scene = scene.changed(joint={"law": "coulomb"}, damping={"ratio": 0.002})
 system = scene.system()
 (curve,) = sj.backbone(system, modes=[1], levels=30, up_to=0.5)
 down = sj.ring_down(system, curve, cycles=60)

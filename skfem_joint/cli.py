@@ -431,24 +431,36 @@ def _error_time(options: argparse.Namespace) -> int:
 def _sweep(options: argparse.Namespace) -> int:
     """Run the scenes of a sweep that are not finished, write all rows and print the failures."""
     from skfem_joint.analysis import sweep as analysis
+    from skfem_joint.analysis.rows import Rows
+    from skfem_joint.files import holding
     from skfem_joint.output import folder, sweeps
     from skfem_joint.scene import load_sweep
 
     swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
+    journal = out / sweeps.JOURNAL
     with folder.kept(out, swept.scenes[0].output.plots) as notes:
-        pass  # the folder can be used; `sweep` and `write` lock it themselves
+        earlier = Rows(journal)  # `sweep` and `write` lock the folder themselves
+        marks = analysis.marks_of(swept.scenes, earlier)
+        _announce(earlier)
+        for _row in analysis.kept_rows(marks, earlier):
+            pass  # counted by `earlier` for its notes
     executors = analysis.executors(options.executor, options.workers, options.address)
     with _progress(options) as progress, executors as make:
         try:
-            with closing(analysis.sweep(swept.scenes, make, out / sweeps.JOURNAL)) as finished:
+            with closing(analysis.sweep(swept.scenes, make, journal)) as finished:
                 for row in finished:
                     rows.append(row)
                     progress("scenes", len(rows), len(swept.scenes))
         except KeyboardInterrupt:
             interrupted = True
-    files = sweeps.write(swept, rows, out)
+    if interrupted:  # a row may have been kept at that moment
+        seen = {row.number for row in rows}
+        with holding(out):
+            kept = [*analysis.kept_rows(marks, Rows(journal))]
+        rows += [row for row in kept if row.number not in seen]
+    files = sweeps.write(swept, rows, out, drawn=not interrupted)
     print("\n".join(sweeps.lines(swept, rows)))
-    _print_notes(notes, out, files)
+    _print_notes([*earlier.notes(), *notes], out, files)
     if interrupted:
         print("The same command goes on.")
         return INTERRUPTED
@@ -526,8 +538,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
     from skfem_joint.analysis.rows import Rows
 
     rows = Rows(options.out / f"{options.name}_rows.jsonl", kinds)
-    if rows.known:
-        _log.warning("%s: %d finished rows are taken up where they fit.", rows.path, rows.known)
+    _announce(rows)
     try:
         yield rows
     except BaseException as error:
@@ -542,6 +553,12 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
     rows.remove()
     for note in rows.notes():
         print(f"Note: {note}")
+
+
+def _announce(rows: Rows) -> None:
+    """Say that an earlier command has finished rows, before the command goes on from them."""
+    if rows.known:
+        _log.warning("%s: %d finished rows are taken up where they fit.", rows.path, rows.known)
 
 
 def _print_notes(warnings: Sequence[str], out: Path, files: Sequence[Path]) -> int:

@@ -105,7 +105,7 @@ def make_reduced(
 
 def origin_of(scene: Scene) -> str:
     """Fingerprint of a scene, its mesh and the tables of its loads."""
-    # `Scene.changed` takes values as they are: here a list is as good as a tuple.
+    # `model_copy` takes values as they are: here a list is as good as a tuple.
     content = scene.model_dump(mode="json", exclude={"sweep"}, warnings=False)
     return fingerprint(
         content,

@@ -98,10 +98,9 @@ def sweep(
     scenes = list(scenes)
     with nullcontext() if journal is None else holding(journal.parent):
         kept = Rows(journal)
-        marks = [kept.mark(origin_of(scene)) for scene in scenes]
-        known = [mark in kept for mark in marks]
-        yield from (Row(k, **kept.take(marks[k])) for k, there in enumerate(known) if there)
-        waiting = deque(k for k, there in enumerate(known) if not there)
+        marks = marks_of(scenes, kept)
+        waiting = deque(k for k, mark in enumerate(marks) if mark not in kept)
+        yield from kept_rows(marks, kept)
         with closing(_rows(scenes, waiting, executor)) as rows:
             for row, settled in rows:
                 if settled:
@@ -109,6 +108,16 @@ def sweep(
                     content["warnings"] = list(row.warnings)
                     kept.keep(marks[row.number], content)
                 yield row
+
+
+def marks_of(scenes: Iterable[Scene], kept: Rows) -> list[str]:
+    """Names of the rows of scenes in a journal."""
+    return [kept.mark(origin_of(scene)) for scene in scenes]
+
+
+def kept_rows(marks: Sequence[str], kept: Rows) -> Iterator[Row]:
+    """Rows of scenes, by their names, that a journal has."""
+    return (Row(k, **kept.take(mark)) for k, mark in enumerate(marks) if mark in kept)
 
 
 def _rows(

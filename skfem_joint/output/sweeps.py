@@ -78,15 +78,16 @@ def _is_chosen(name: str, results: Iterable[str]) -> bool:
     return result in results and (result != "estimated_error" or rest[-1] == "total")
 
 
-def write(swept: Swept, rows: Sequence[Row], folder: Path) -> list[Path]:
+def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -> list[Path]:
     """Write the table of what has finished, as Parquet too where pyarrow is, and the pictures.
 
-    InputError if a file cannot be written.
+    Pictures take seconds: after an interrupt ``drawn`` is false. InputError if a file cannot be
+    written.
     """
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
-    drawn = dict(figures(swept, table)) if swept.scenes[0].output.plots else {}
-    names = zip(safe_names(drawn), drawn.values(), strict=True)
+    shown = dict(figures(swept, table)) if drawn and swept.scenes[0].output.plots else {}
+    names = zip(safe_names(shown), shown.values(), strict=True)
     pictures = {folder / f"sweep_{name}.png": figure for name, figure in names}
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]

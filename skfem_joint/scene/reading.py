@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
+from skfem_joint.scene.changes import replaced
 from skfem_joint.scene.messages import key_parts, key_path, sentences, value_text
 from skfem_joint.scene.scene import (
     TABLES_OF_STRUCTURE,
@@ -51,7 +52,7 @@ def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
     path = Path(path)
     tables = _read_toml(path)
     if models is not None:
-        tables = _replaced(tables, "models.run", [*models], f"{path}: models.run")
+        tables = replaced(tables, ("models", "run"), [*models], f"{path}: models.run")
     mesh, problems = _read_mesh(tables, path.parent)
     return scene_from(tables, mesh, path, problems)
 
@@ -217,7 +218,8 @@ def load_sweep(path: str | Path) -> Swept:
         try:
             changed: dict[str, Any] = tables
             for name, value in row.items():
-                changed = _replaced(changed, name, value, f"{path}: sweep.{key_path((name,))}")
+                where = f"{path}: sweep.{key_path((name,))}"
+                changed = replaced(changed, key_parts(name) or (), value, where)
             mesh_table = repr(changed.get("mesh"))
             if mesh_table not in meshes:
                 meshes[mesh_table] = _read_mesh(changed, path.parent)
@@ -262,23 +264,6 @@ def load_with_sweep(path: str | Path) -> tuple[Scene, Swept | None, list[str]]:
             f"the sweep the file is no valid scene, and only the command sweep takes it: {error}"
         )
         return swept.scenes[0], swept, [note]
-
-
-def _replaced(table: Any, key: str, value: Any, where: str, depth: int = 0) -> Any:
-    """Copy of nested tables and lists with another value at a key.
-
-    InputError, which names ``where``, if a table or position on the way to the key is missing.
-    """
-    parts = key_parts(key) or ()
-    if depth == len(parts):
-        return value
-    part = parts[depth]
-    if isinstance(part, str) and isinstance(table, Mapping):
-        return {**table, part: _replaced(table.get(part, {}), key, value, where, depth + 1)}
-    if isinstance(part, int) and isinstance(table, list) and part < len(table):
-        inner = _replaced(table[part], key, value, where, depth + 1)
-        return [*table[:part], inner, *table[part + 1 :]]
-    raise InputError(f"{where}: the scene has no {key_path(parts[: depth + 1])}")
 
 
 def _label(row: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from pydantic import (
     PrivateAttr,
+    ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     field_validator,
@@ -18,12 +19,13 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from skfem_joint import structure as parts
-from skfem_joint.errors import InputError, listed
+from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import joint_tables, tables
+from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.matrices import MatricesTable
-from skfem_joint.scene.messages import key_path, mistake
+from skfem_joint.scene.messages import key_parts, key_path, mistake, sentences
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.values import LARGEST_COUNT, SceneTable, TomlList, key
 from skfem_joint.stepping.resolution import PER_PERIOD
@@ -239,31 +241,66 @@ class Scene(SceneTable):
 
     def changed(
         self,
+        values: Mapping[str, Any] | None = None,
+        /,
         *,
         mesh: NamedMesh | None = None,
-        joint: Mapping[str, Any] | None = None,
-        **keys_of: Mapping[str, Any],
+        **keys_of: Any,
     ) -> Self:
-        """Copy with another mesh or with other values of keys, which are not checked again.
+        """Copy with another mesh or with other values of keys, which are checked as in a file.
+
+        Values are checked by themselves, within their tables, and between tables; what depends on
+        the mesh is checked when the structure is built.
 
         Parameters
         ----------
+        values : mapping, optional
+            Values by the keys that a sweep takes, ``{"joint[0].friction": 0.8}``.
         mesh : NamedMesh, optional
             Mesh in place of the present one.
-        joint : mapping, optional
-            Keys with values for every joint.
         **keys_of : mapping
-            Keys with values by table, such as ``time={"steps_per_cycle": 400}``.
+            Keys with values by table, such as ``time={"steps_per_cycle": 400}``. Those of
+            ``joint``, ``bolt`` and ``load`` are set in each of these tables; a list takes the place
+            of all of them. ``title`` takes a text. A value of None leaves its key out. ``cycles``,
+            ``until`` and ``duration`` take each other's place, a damping ``ratio`` that of its
+            factors, and ``law="coulomb"`` that of ``beta``.
+
+        Raises
+        ------
+        InputError
+            For unknown tables and keys, and for values that are not allowed.
         """
-        update: dict[str, Any] = {
-            name: getattr(self, name).model_copy(update=keys) for name, keys in keys_of.items()
-        }
-        if joint is not None:
-            update["joint"] = tuple(each.model_copy(update=joint) for each in self.joint)
+        if mesh is not None and not isinstance(mesh, NamedMesh):
+            raise InputError("changed: mesh: must be a NamedMesh, such as load_mesh(file) returns")
+        values = {} if values is None else values
+        if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
+            raise InputError("changed: must be a mapping of keys to values, and tables by name")
+        names = {str((key_parts(key) or (key,))[0]) for key in values} | keys_of.keys()
+        if "mesh" in names:
+            raise InputError("changed: mesh: is changed by mesh = a NamedMesh, not by its keys")
+        unknown = names - type(self).model_fields.keys()
+        tables: dict[str, Any] = dict.fromkeys(unknown)
+        if not unknown:  # which are refused below
+            present = self.model_dump(include=names, exclude_unset=True, by_alias=True)
+            tables = with_changes(present, values, keys_of)
+        update: dict[str, Any] = {}
+        if names:
+            replacing = set() if unknown else names
+            others = {name: getattr(self, name) for name in self.model_fields_set - replacing}
+            context = {"folder": (self._path or Path()).parent}
+            try:
+                checked = type(self).model_validate({**others, **tables}, context=context)
+            except ValidationError as error:
+                lines = [line for each in error.errors() for line in sentences(each, Scene)]
+                raise InputError([f"changed: {line}" for line in lines]) from error
+            update = {name: getattr(checked, name) for name in names}
         if mesh is not None:
             update["mesh"] = self.mesh
         copy = self.model_copy(update=update)
         copy._named_mesh = mesh or self._named_mesh
+        if names:
+            problems = problems_between_tables(copy, {*type(self).model_fields})
+            refuse(f"changed: {problem}" for problem in problems)
         return copy
 
 

@@ -7,6 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,8 @@ import pytest
 from scene_texts import written
 
 from skfem_joint import cli
+from skfem_joint.analysis import sweep
+from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.sweep import Row
 from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
@@ -149,6 +154,40 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         assert {file.name for file in out.iterdir() if file.name[0] != "."} == {
             "notes.txt", sweeps.JOURNAL
         }  # fmt: skip
+
+
+def test_a_row_kept_as_the_interrupt_comes_is_in_the_table(tmp_path, capsys, monkeypatch):
+    path = sweep_file(tmp_path, ONE, ("every = 1", "plots = true"))
+    out = tmp_path / "out"
+    arguments = ["sweep", str(path), "--out", str(out)]
+
+    @contextmanager
+    def in_threads(*_):
+        yield partial(ThreadPoolExecutor, 1)
+
+    def kept_and_interrupted(self, mark, content, seconds=0.0):
+        keep(self, mark, content, seconds)
+        if self.computed == 2:
+            raise KeyboardInterrupt
+
+    keep = Rows.keep
+    monkeypatch.setattr(sweep, "executors", in_threads)
+    monkeypatch.setattr(sweep, "_run", lambda _: (row(0, 1e-4).results, "", []))
+    with monkeypatch.context() as patched:
+        patched.setattr(Rows, "keep", kept_and_interrupted)
+        assert cli.main(arguments) == cli.INTERRUPTED
+    shown = capsys.readouterr()
+    assert "2 of 3 scenes have ended, 0 of them failed" in shown.out
+    assert "taken up" not in shown.out + shown.err
+    with (out / sweeps.TABLE).open() as file:
+        assert [int(one["scene"]) for one in csv.DictReader(file)] == [0, 1]
+    assert not [*out.glob("*.png")]  # which take seconds
+    assert cli.main(arguments) == 0
+    shown = capsys.readouterr()
+    assert "2 finished rows are taken up where they fit." in shown.err
+    assert "Note: 2 finished parts were taken up from" in shown.out
+    assert "3 of 3 scenes have ended, 0 of them failed" in shown.out
+    assert [*out.glob("*.png")]
 
 
 def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):

@@ -209,6 +209,73 @@ def test_what_is_built_follows_what_is_changed():
     assert scene.system() is system
 
 
+def test_a_change_reaches_every_key_of_a_scene():
+    scene = scene_of(mesh=BAR)
+    assert scene.changed(load={"amplitude": 60}).load[0].amplitude == 60.0
+    assert scene.changed(load={"amplitude": 60e3}).system().loads[0].amplitude.amplitude == 60e3
+    at_keys = scene.changed({"joint[0].friction": 0.8, "load[0].amplitude": 7.0}, title="other")
+    changed = at_keys.joint[0].friction, at_keys.load[0].amplitude, at_keys.title
+    assert changed == (0.8, 7.0, "other")
+    assert at_keys.changed({"title": "third"}).title == "third"
+    assert at_keys.changed(title=None).title == ""
+    assert scene.changed(joint={"friction": np.float64(0.1)}).joint[0].friction == 0.1
+    assert scene.changed(reduction={"modes": np.int64(5)}).reduction.modes == 5
+    new = [{"kind": "rectangle", "on": scene.load[0].on, "peak": 5.0, "duration": 0.1}]
+    assert scene.changed(load=new, time={"duration": 1.0, "step": 0.01}).load[0].peak == 5.0
+    assert scene.changed() == scene
+
+
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        ({"time": {"duration": 1.0, "step": 1e-5}}, {"time": {"cycles": 2}}),
+        ({"time": {"cycles": 2}}, {"time": {"until": "steady"}}),
+        ({"time": {"until": "steady"}}, {"time": {"duration": 1.0, "step": 1e-5}}),
+        ({"damping": {"stiffness": 1e-5, "mass": 2.0}}, {"damping": {"ratio": 0.01}}),
+        ({"damping": {"ratio": 0.01}}, {"damping": {"mass": 2.0}}),
+        ({"joint": {"beta": 1e4}}, {"joint": {"law": "coulomb"}}),
+    ],
+)
+def test_a_change_leaves_out_what_it_excludes(first, then):
+    (name,) = then
+    table = getattr(scene_of(mesh=BAR).changed(**first).changed(**then), name)
+    table = table[0] if isinstance(table, tuple) else table
+    assert table.model_fields_set >= then[name].keys()
+    assert not table.model_fields_set & first[name].keys()
+
+
+@pytest.mark.parametrize(
+    ("values", "problem"),
+    [
+        ({"joint": {"frction": 0.3}}, "joint[0].frction: unknown key; did you mean 'friction'?"),
+        ({"time": {"cycle": 3}}, "time.cycle: unknown key; did you mean 'cycles'?; allowed: cy"),
+        ({"loads": {"amplitude": 1.0}}, "loads: unknown key; did you mean 'load'?; allowed: ti"),
+        ({"loda[0].amplitude": 1.0}, "loda: unknown key; did you mean 'load'?; allowed: title"),
+        ({"joint[7].friction": 0.3}, "joint[7].friction: the scene has no joint[7]"),
+        ({"joint[0].friction": -1.0}, "joint[0].friction: found -1.0, must be >= 0"),
+        ({"joint": {"friction": "0.3"}}, "joint[0].friction: found '0.3', must be a number"),
+        ({"joint": [{"friction": 0.3}]}, "joint[0].on: missing, must be given"),
+        ({"load": 5}, "load: found 5, must be a list of tables, each under [[load]]"),
+        ({"time": {"cycles": 2, "duration": 1.0}}, "time: found cycles, duration"),
+        ({"models": {"run": ["reduced"]}, "joint": []}, "models.run: found 'reduced' in a scene"),
+        ({"mesh.file": "other.msh"}, "mesh: is changed by mesh = a NamedMesh"),
+    ],
+)
+def test_a_change_is_checked_as_a_file_is(values, problem):
+    with pytest.raises(InputError, match=f"^changed: {re.escape(problem)}"):
+        scene_of(mesh=BAR).changed(values)
+    if all(name.isidentifier() for name in values):
+        with pytest.raises(InputError, match=f"^changed: {re.escape(problem)}"):
+            scene_of(mesh=BAR).changed(**values)
+
+
+@pytest.mark.parametrize("wrong", [{"values": 5}, {"values": {3: 1.0}}, {"mesh": 5}])
+def test_a_change_is_a_mapping_or_a_mesh(wrong):
+    values = wrong.pop("values", None)
+    with pytest.raises(InputError, match=r"^changed: .*must be a"):
+        scene_of(mesh=BAR).changed(values, **wrong)
+
+
 @pytest.mark.parametrize(
     ("name", "share", "step", "n_steps", "length"),
     [
