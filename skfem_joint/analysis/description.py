@@ -209,8 +209,8 @@ def _moves(
     )
     if share > 1.0:
         draft.doubts.append(
-            f"The loads with what they set in motion come to {share:.3g} times what the joints can "
-            "hold by friction: a joint slips as a whole."
+            f"The loads with what they set in motion come to {share:.3g} times what makes the "
+            "first joint slip as a whole."
         )
 
 
