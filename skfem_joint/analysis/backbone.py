@@ -345,9 +345,7 @@ def _check_levels(
     limit = path.limit(mode.force)
     if slips_at is None:
         counted = path.rows.done
-        supported = bool(np.isinf(limit))
-        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, supported)
-        slips_at = min(limit, slips_at)
+        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit)
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
         path.rows.total += path.rows.done - counted  # how many it takes is known only now

@@ -3,8 +3,8 @@
 The vibration of the structure with stuck joints is the sum of its lowest modes, integrated exactly
 for loads that are linear between the time steps, and of the static response of all other modes. At
 the time of its largest strain energy the loads and the inertia together are the forces that the
-joints have to carry. Limit analysis gives the multiple of them at which the first joint slips as a
-whole, which takes account of moments.
+joints have to carry. `skfem_joint.analysis.gross_slip` gives the multiple of them at which the
+first joint slips as a whole.
 """
 
 from __future__ import annotations
@@ -194,9 +194,8 @@ def _moves(
     path = path.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
     _displaced(structure, system, to.outer(path.follow(to.force(static)[np.newaxis])[0]), draft)
     force = to.force(dynamic)
-    level = path.limit(force)
-    if np.isinf(level):  # supports hold too
-        level = gross_slip_level(path, force, to.inner(vibration.follows @ vibration.most), True)
+    stuck_under_it = to.inner(vibration.follows @ vibration.most)
+    level = gross_slip_level(path, force, stuck_under_it, path.limit(force))
     share = 1.0 / level
     values |= {
         "friction_limit_N": float(system.w.sum()),
@@ -210,8 +209,8 @@ def _moves(
     )
     if share > 1.0:
         draft.doubts.append(
-            f"The loads with what they set in motion come to {share:.3g} times what the joints can "
-            "hold by friction: a joint slips as a whole."
+            f"The loads with what they set in motion come to {share:.3g} times what makes the "
+            "first joint slip as a whole."
         )
 
 

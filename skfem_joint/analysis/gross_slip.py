@@ -30,6 +30,10 @@ class GrossSlipSettings:
         Factor of the load from one trial to the next.
     trials : int
         Most trials, up to 190 times the first load.
+    near : float
+        Where friction alone holds, the level is found to this, relative.
+    below : float
+        Share of the load of limit analysis up to which joints are looked at one by one.
     """
 
     whole: float = 0.99
@@ -37,6 +41,8 @@ class GrossSlipSettings:
     above: float = 0.01
     raised: float = 1.3
     trials: int = 20
+    near: float = 0.02
+    below: float = 0.98
 
 
 SETTINGS = GrossSlipSettings()
@@ -60,14 +66,15 @@ def is_gross(sticking: float) -> bool:
 
 
 def gross_slip_level(
-    path: QuasiStatic, force: FloatArray, stuck: FloatArray, raised: bool
+    path: QuasiStatic, force: FloatArray, stuck: FloatArray, limit: float
 ) -> float:
     """Multiple of a force at which the first joint slips as a whole.
 
-    Where joints alone carry the load, the first one slips when the forces on it, with all joints
-    stuck, add up to its friction limit. Where supports carry a part too, slip moves load to them:
-    then the load is raised from there, in steps, until a joint slips as a whole, and the level is
-    interpolated between the last two steps.
+    The load is raised from that at which the forces on a joint, with all joints stuck, add up to
+    its friction limit: slip moves load to supports and to other joints. Where supports carry a
+    part, the level is interpolated between the last two steps. Where friction alone holds, all
+    joints slip at the load of limit analysis; where one slips as a whole before, the level lies
+    within `GrossSlipSettings.near` above the last one at which none did.
 
     Parameters
     ----------
@@ -77,13 +84,13 @@ def gross_slip_level(
         N, in the unknowns of ``path.to.system``.
     stuck : ndarray, shape (n,)
         Displacement, m, under that force with all joints stuck.
-    raised : bool
-        Whether supports carry a part of the load.
+    limit : float
+        Multiple of the force that friction can just hold, `QuasiStatic.limit`.
 
     Returns
     -------
     float
-        ``inf`` where the force loads no joint.
+        ``limit`` where the force loads no joint.
 
     Raises
     ------
@@ -98,25 +105,70 @@ def gross_slip_level(
     forces = system.slip_norm(np.asarray(rows, dtype=float))
     loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
     if not loaded:
-        return np.inf
+        return limit
     nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
-    if not raised:
+    search = _Search(path, force, loaded)
+    return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit)
+
+
+@dataclass
+class _Search:
+    """Search for the multiple of a force at which one of some joints slips as a whole.
+
+    Attributes
+    ----------
+    path : QuasiStatic
+    force : ndarray, shape (n,)
+        N.
+    joints : list of ndarray of int
+        Points of each joint.
+    """
+
+    path: QuasiStatic
+    force: FloatArray
+    joints: list[IntArray]
+
+    def sticking(
+        self, level: float, start: tuple[FloatArray, FloatArray]
+    ) -> tuple[float, tuple[FloatArray, FloatArray]]:
+        """Least share of a joint's limit that sticks at a level, and the state and force there."""
+        system, load = self.path.to.system, level * self.force
+        self.path.tally.total += 1
+        u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
+        slip = system.slip_norm(system.B @ u)
+        return min(sticking_share(self.path, slip, points) for points in self.joints), (u, load)
+
+    def held(self, nominal: float) -> float:
+        """Level where supports carry a part of the load."""
+        level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
+        state = 0.0 * self.force, 0.0 * self.force
+        for _ in range(SETTINGS.trials):
+            last = sticking
+            sticking, state = self.sticking(level, state)
+            if is_gross(sticking):
+                if last == 1.0:  # at the first trial, or from all sticking to none
+                    return nominal
+                beyond = (1.0 - SETTINGS.whole - sticking) / (last - sticking)
+                return float(level * SETTINGS.raised**-beyond)
+            level *= SETTINGS.raised
+        # The basis of a dense system may not let a joint slip so far.
         return nominal
 
-    level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
-    u = before = 0.0 * force
-    for _ in range(SETTINGS.trials):
-        path.tally.total += 1
-        u = path.follow(level * force[np.newaxis], limit_share=np.inf, start=(u, before))[0]
-        slip = system.slip_norm(system.B @ u)
-        last = sticking
-        sticking = min(sticking_share(path, slip, points) for points in loaded)
-        if is_gross(sticking):
-            if last == 1.0:  # at the first trial, or from all sticking to none
-                return nominal
-            beyond = (1.0 - SETTINGS.whole - sticking) / (last - sticking)
-            return float(level * SETTINGS.raised**-beyond)
-        before = level * force
-        level *= SETTINGS.raised
-    # The basis of a dense system may not let a joint slip so far.
-    return nominal
+    def free(self, nominal: float, limit: float) -> float:
+        """Level where friction alone holds, up to ``limit``."""
+        state = 0.0 * self.force, 0.0 * self.force
+        low, high, last = 0.0, limit, SETTINGS.below * limit
+        level = min(nominal * (1.0 + SETTINGS.above), last)
+        for _ in range(SETTINGS.trials):
+            sticking, reached = self.sticking(level, state)
+            if is_gross(sticking):
+                high = level
+            elif level == last:
+                return limit
+            else:
+                low, state = level, reached
+            if high <= low * (1.0 + SETTINGS.near):
+                break
+            raised = low * SETTINGS.raised if low else np.inf
+            level = min(raised, last) if high == limit else 0.5 * (low + high)
+        return high

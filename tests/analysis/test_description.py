@@ -10,9 +10,11 @@ from scipy import sparse
 from scipy.integrate import trapezoid
 
 from skfem_joint.analysis.description import alike, describe
+from skfem_joint.analysis.gross_slip import sticking_share
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.scene import Scene, load_scene
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.structure import doubts
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
@@ -87,14 +89,47 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
         load=[harmonic("right", 0.1 * limit, 1.0) | {"direction": [0.0, 1.0]}],
         time={"cycles": 1, "steps_per_cycle": 40},
     )
-    found = describe(scene)
+    found, path = describe(scene), QuasiStatic(scene.system())
     a, half = 1.5 * length, 0.5 * length
     turns_at = 2.0 * limit / length * (np.hypot(a, half) - a)
-    assert found.values["load_over_limit"] == pytest.approx(0.1 * limit / turns_at, rel=0.02)
+    force = scene.system().load_vectors()[:, 0]
+    assert path.limit(force) == pytest.approx(turns_at, rel=0.02)
+    assert found.values["load_over_limit"] > 0.1 * limit / turns_at
     assert "Friction alone holds the body with the regions 'joint', 'rest'" in "\n".join(
         found.facts
     )
     assert run_scene(scene).models["full"].run.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize("shares", [(1.0, 1.0), (0.2, 1.0), (1.0, 0.2)])
+def test_of_a_body_held_by_two_joints_the_stated_level_is_that_of_the_first_that_slips(shares):
+    """On the path to it 99 % of that joint's limit slip, and just below of no joint."""
+    strips = [("one", 0.04, 8), ("middle", 0.08, 16), ("two", 0.04, 8)]
+    feet = build_plate(strips, 0.03, 6)
+    scene = plate_scene(
+        "full",
+        mesh=feet,
+        joint=[
+            {"on": name, "pressure": 5e6 * share, "friction": MU, "law": "coulomb"}
+            for name, share in zip(("one", "two"), shares, strict=True)
+        ],
+        support={},
+        load=[harmonic("right", 500.0, 1.0) | {"direction": [0.4, 1.0]}],
+        time={"cycles": 1, "steps_per_cycle": 40},
+    )
+    system, level = scene.system(), 1.0 / describe(scene).values["load_over_limit"]
+    force = 500.0 * system.load_vectors()[:, 0]
+    assert level < 0.95 * QuasiStatic(system).limit(force)  # the whole body slides later
+
+    def slipping(multiple: float) -> list[float]:
+        path = QuasiStatic(system)
+        ramp = np.linspace(0.1, 1.0, 10) * multiple
+        u = path.follow(np.outer(ramp, force), limit_share=np.inf)[-1]
+        slip = system.slip_norm(system.B @ u)
+        return [1.0 - sticking_share(path, slip, points) for points in system.joint_points]
+
+    assert max(slipping(1.01 * level)) >= 0.99
+    assert max(slipping(0.97 * level)) < 0.99
 
 
 @pytest.mark.parametrize(
