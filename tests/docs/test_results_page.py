@@ -68,7 +68,7 @@ def others(results):
 modes = [1]
 levels = 3
 up_to = 0.5
-ring_down = 3
+ring_down = 4
 
 [response]
 frequencies = { from = 2380.0, to = 2420.0, points = 2 }
