@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Tables whose keys are names of points, joints or models.
 NAMED = {
     *["models", "joints", "static_displacement_m", "peak_displacement_m", "offset_m", "files"],
-    *["ring_down_friction_energy_J", "failures"],
+    *["ring_down_friction_energy_J", "failures", "warnings"],
     *["peak_displacement_whole_run_m", "amplitude_m", "drift_per_period_m", "friction_energy_J"],
     *["active_length_m", "active_area_fraction"],
     *["displacement_rms_by_point", "displacement_max_by_point"],
@@ -68,7 +68,7 @@ def others(results):
 modes = [1]
 levels = 3
 up_to = 0.5
-ring_down = 4
+ring_down = 12
 
 [response]
 frequencies = { from = 2380.0, to = 2420.0, points = 2 }
