@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Tables whose keys are names of points, joints or models.
 NAMED = {
     *["models", "joints", "static_displacement_m", "peak_displacement_m", "offset_m", "files"],
+    *["ring_down_friction_energy_J", "failures", "warnings"],
     *["peak_displacement_whole_run_m", "amplitude_m", "drift_per_period_m", "friction_energy_J"],
     *["active_length_m", "active_area_fraction"],
     *["displacement_rms_by_point", "displacement_max_by_point"],
@@ -26,6 +27,9 @@ def keys(content, parent=""):
             if parent not in NAMED:
                 yield key
             yield from keys(value, key)
+    elif isinstance(content, list):
+        for row in content:
+            yield from keys(row, parent)
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +57,48 @@ def results(tmp_path_factory):
     return folder / "out"
 
 
+@pytest.fixture(scope="module")
+def others(results):
+    """What the other commands write of the same scene, short."""
+    folder = results.parent
+    scene = folder / "structure_harmonic.toml"
+    text = scene.read_text(encoding="utf-8").replace('["full", "reduced"]', '["reduced"]')
+    text += """
+[backbone]
+modes = [1]
+levels = 3
+up_to = 0.5
+ring_down = 12
+
+[response]
+frequencies = { from = 2380.0, to = 2420.0, points = 2 }
+levels = [0.003]
+
+[sweep]
+"joint[0].friction" = [0.6, 0.7]
+results = ["peak_displacement_m"]
+"""
+    scene.write_text(text, encoding="utf-8")
+    commands = "backbone", "response", "sweep"
+    for command in commands:
+        workers = ["--workers", "1"] if command == "sweep" else []
+        assert main(["-q", command, str(scene), "--out", str(folder / command), *workers]) == 0
+    return {command: folder / command / "summary.json" for command in commands}
+
+
 def test_every_key_of_the_summary_is_named(results, page):
     content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
     there = set(keys(content))
     assert len(there) > 60
     assert there <= page, sorted(there - page)
+
+
+def test_every_key_of_the_other_summaries_is_named(others, page):
+    for command, least in (("backbone", 12), ("response", 14), ("sweep", 7)):
+        content = json.loads(others[command].read_text(encoding="utf-8"))
+        there = set(keys(content))
+        assert len(there) > least, command
+        assert there <= page, (command, sorted(there - page))
 
 
 def test_every_array_of_the_history_is_named(results, page):
