@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 #: Most names that a message lists, or among which it searches for a similar name.
@@ -73,6 +73,12 @@ def listed(names: Any) -> str:
     shown, more = sorted(names)[:MOST_LISTED], len(names) - MOST_LISTED
     text = ", ".join(f"'{name}'" for name in shown) or "none"
     return text + (f" and {more} more" if more > 0 else "")
+
+
+def first_of(texts: Sequence[str], most: int = 4) -> str:
+    """First texts of a list, and how many more there are."""
+    more = [f"{len(texts) - most} more"] if len(texts) > most else []
+    return ", ".join([*texts[:most], *more]) or "none"
 
 
 def closest(word: str, words: Any) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real, slip_norms
-from skfem_joint.errors import InputError, refuse
+from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
@@ -166,6 +166,29 @@ class System:
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
         refuse(problems)
+
+    def __repr__(self) -> str:
+        """A few lines: what it is, its joints, loads and points."""
+        kind, n_all = (
+            "System",
+            "" if self.T is None else f" for {self.T.shape[0]} degrees of freedom",
+        )
+        if self.made_for:
+            kind = "Reduced model"
+        elif self.T is not None:
+            kind = "Full model" if sparse.issparse(self.T) else "Condensed or projected model"
+        joints = []
+        for name, share in zip(self.joints, as_dense(self.J), strict=True):
+            count, limit = np.count_nonzero(share), float(share @ self.w)
+            joints.append(f"{name} ({count} contact points, limit {limit:.6g} N)")
+        loads = [load.on or "without a name" for load in self.loads]
+        lines = [
+            f"{kind}: {self.n} unknowns{n_all}",
+            f"  joints: {first_of(joints)}",
+            f"  loads: {first_of(loads)}",
+            f"  points: {first_of(self.points)}",
+        ]
+        return "\n".join(lines + [f"  made for: {self.made_for}"] * bool(self.made_for))
 
     def check_any_load(self, what: str) -> None:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.

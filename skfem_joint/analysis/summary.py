@@ -171,7 +171,8 @@ def violated(study: Study, model: Model) -> list[str]:
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
             f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
-            "peaks from the one before. Energies and peaks per cycle are those of the last cycle."
+            "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
+            "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
         )
     if np.any(peaks(run) > 0.0) and run.energy_residual > LIMITS.open:
         warnings.append(

@@ -168,7 +168,7 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
             label = f"friction energy of {name} at bolt {number} over the run, J"
             yield label, "{:.4g}", list(energies), 1.0
         for label, key, scale in (
-            ("largest slip of {}, mm", "largest_slip_m", 1e3),
+            ("largest slip of {} over the run, mm", "largest_slip_m", 1e3),
             ("active length of {}, mm", "active_length_m", 1e3),
             ("active part of {}, %", "active_area_fraction", 100.0),
             ("points of {} that slip, %", "slipping_fraction", 100.0),

@@ -270,6 +270,8 @@ def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) ->
         if (peak / to_support).min() > 0.02 * peak.max() / to_support.max():
             sentences.append(
                 f"Every point of joint '{patch.joint.name}' slips, the least by "
-                f"{peak.min():.3g} m: the paper's assumption of no gross slip is violated."
+                f"{peak.min():.3g} m: gross slip, where no part of the joint sticks. The "
+                "results hold, but reduced models and damping curves, which build on a part that sticks, lose "
+                "their ground."
             )
     return sentences

@@ -170,6 +170,7 @@ class Checkpoints:
     Attributes
     ----------
     folder : Path
+        Made if it does not exist.
     every, resume
         As in `Checkpoint`.
     """
@@ -181,6 +182,15 @@ class Checkpoints:
     def __post_init__(self) -> None:
         if self.every is not None and self.every < 1:
             raise InputError(f"--checkpoint-every: found {self.every}, must be >= 1")
+        object.__setattr__(self, "folder", Path(self.folder))
+        if self.every is not None:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"{self.folder}: cannot be made ({error.strerror or error}); choose another "
+                    "folder"
+                ) from error
         if not self.resume and self.files():
             raise InputError(
                 f"--out {self.folder}: holds {', '.join(path.name for path in self.files())} of a "

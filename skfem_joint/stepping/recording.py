@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, check_like
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, first_of
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
 from skfem_joint.minimise.compiled_step import row_order
@@ -23,8 +23,6 @@ from skfem_joint.values import COUNT, check, check_some
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
 _NUMBERS = ("rows", "field_rows", "halved_steps")
-# Named points and joints that a run shows of itself.
-_SHOWN = 4
 
 
 @dataclass(frozen=True)
@@ -344,9 +342,7 @@ class Run:
 
 def _first_of(values: Mapping[str, float], unit: str) -> str:
     """First named values with their unit, and how many more there are."""
-    shown = [f"{name} {value:.6g} {unit}" for name, value in list(values.items())[:_SHOWN]]
-    more = [f"{len(values) - _SHOWN} more"] if len(values) > _SHOWN else []
-    return ", ".join([*shown, *more]) or "none"
+    return first_of([f"{name} {value:.6g} {unit}" for name, value in values.items()])
 
 
 class StoredRows(NamedTuple):

@@ -33,7 +33,10 @@ from skfem_joint.output import report
 from skfem_joint.output.report import summary
 from skfem_joint.stepping.energy import AT_LIMIT
 
-GROSS, LARGE = "the paper's assumption of no gross slip is violated", "taken to be small"
+GROSS, LARGE = (
+    "gross slip, where no part of the joint sticks. The results hold, but",
+    "taken to be small",
+)
 MULTI_HARMONIC = {
     "on": "free_end",
     "kind": "multi_harmonic",

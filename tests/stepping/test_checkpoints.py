@@ -14,7 +14,7 @@ import pytest
 from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
-from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
+from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.stepping.schemes import generalized_alpha
 
 JOINT = LapJoint(elements=30)
@@ -288,3 +288,12 @@ def test_arrays_exchanged_without_the_sum_of_all_are_refused(tmp_path):
     np.savez(checkpoint.path, **arrays)
     with pytest.raises(sj.InputError, match="its arrays are not those that were written"):
         sj.integrate(JOINT.system, **TIMING, checkpoint=checkpoint)
+
+
+def test_the_folder_of_checkpoints_is_made_or_refused_at_once(tmp_path):
+    saved = Checkpoints(tmp_path / "new" / "folder", every=10)
+    assert saved.folder.is_dir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file/folder: cannot be made .*choose another folder"):
+        Checkpoints(tmp_path / "file" / "folder", every=10)
+    assert Checkpoints(str(tmp_path), every=10).files() == []
