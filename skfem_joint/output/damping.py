@@ -81,7 +81,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
-    lines, changes = [], _normal_changes(backbone)
+    lines = []
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
@@ -90,17 +90,16 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
                 f"{state[0]} to {state[-1]} slip."
             )
-            if change := changes.pop(curve.mode, None):
-                lines.append(
-                    f"Mode {curve.mode} at its highest level changes the normal force by "
-                    f"{change.text}."
-                )
         if model.name != "full":
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
             lines.append(
                 f"It errs by {worst['frequency']:.2g} % in frequency and by "
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
+    lines += [
+        f"Mode {mode} at its highest level changes the normal force by {change.text}."
+        for mode, change in _normal_changes(backbone).items()
+    ]
     return lines
 
 
