@@ -19,6 +19,7 @@ from scipy import sparse
 from skfem_joint import modes
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
+from skfem_joint.analysis.normal_force import NormalChange
 from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
@@ -49,8 +50,7 @@ class DescriptionSettings:
     large_strain : float
         Strain that is not small.
     large : float
-        Displacement over the structure's length, or change of the normal force over that force,
-        that is not small.
+        Displacement over the structure's length that is not small.
     """
 
     shown: int = 3
@@ -224,19 +224,12 @@ def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft:
     most = np.zeros(acts.force.size)
     for some in np.array_split(vibration.history, 1 + vibration.history.shape[1] // 256, axis=1):
         np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
-    share = most / acts.force
-    worst = int(share.argmax())
-    draft.values["normal_force_change"] = float(share[worst])
-    text = (
-        f"{100.0 * share[worst]:.3g} % of what presses it, most in "
-        f"{structure.pressed_at(int(acts.dof[worst]))}"
+    found = NormalChange.of(structure, acts, most)
+    draft.values["normal_force_change"] = found.share
+    draft.facts.append(
+        f"Vibration of the stuck structure changes the normal force by {found.text}."
     )
-    draft.facts.append(f"Vibration of the stuck structure changes the normal force by {text}.")
-    if share[worst] > SETTINGS.large:
-        draft.doubts.append(
-            f"Vibration of the stuck structure would change the normal force by {text}: that it "
-            "stays as the clamping makes it, which all models assume, is doubtful there."
-        )
+    draft.doubts.extend(found.doubts())
 
 
 def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _Draft) -> None:

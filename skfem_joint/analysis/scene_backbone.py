@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
+from skfem_joint.analysis.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import options_of, origin_of
@@ -65,12 +66,16 @@ class SceneBackbone:
     models : list of ModelBackbone
     warnings : tuple of str
         Of the structure, the full model's curves, and the smaller models.
+    normal : list of NormalChange or None
+        Of each mode the change of the normal force at the highest level; None where no contact is
+        closed.
     """
 
     scene: Scene
     largest: list[float]
     models: list[ModelBackbone]
     warnings: tuple[str, ...]
+    normal: list[NormalChange | None] = field(default_factory=list)
 
 
 def scene_backbone(
@@ -102,6 +107,15 @@ def scene_backbone(
     full = backbone(system, table.modes, table.levels, table.up_to, progress=report, rows=rows)
     warnings = [*doubts(scene.structure(), system)]
     warnings += [warning for curve in full for warning in curve.warnings]
+    structure = scene.structure()
+    acts = structure.reactions(scene.loads())
+    normal = [
+        normal_change_of_mode(structure, acts, c.shape, c.stuck_frequency, c.amplitude[-1])
+        for c in full
+    ]
+    for curve, change in zip(full, normal, strict=True):
+        if change is not None:
+            warnings += change.doubts(f"Mode {curve.mode}: at the highest level ")
     start = None
     if table.ring_down and table.released == "loads":
         mark = rows.mark("loads' end", origin_of(scene))
@@ -120,7 +134,7 @@ def scene_backbone(
             if table.ring_down:
                 model.ring_downs.append(_ring_down(name, scene, own, progress, rows))
         models.append(model)
-    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings))
+    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
 
 
 @dataclass(frozen=True)

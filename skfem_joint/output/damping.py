@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.analysis.history import QUANTITIES
+from skfem_joint.analysis.normal_force import NormalChange
 from skfem_joint.analysis.response import SETTINGS, Curve
 from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.scene_response import SceneResponse
@@ -64,9 +65,12 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         ]
         tables["ring_down.csv"] = [header, *rows]
     joints = [patch.joint.name for patch in structure.patches]
+    changes = _normal_changes(backbone)
     content = {
         "models": {
-            model.name: {"modes": [_mode(model, k, joints) for k in range(len(model.curves))]}
+            model.name: {
+                "modes": [_mode(model, k, joints, changes) for k in range(len(model.curves))]
+            }
             for model in backbone.models
         },
         "warnings": list(backbone.warnings),
@@ -92,6 +96,10 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"It errs by {worst['frequency']:.2g} % in frequency and by "
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
+    lines += [
+        f"Mode {mode} at its highest level changes the normal force by {change.text}."
+        for mode, change in _normal_changes(backbone).items()
+    ]
     return lines
 
 
@@ -108,7 +116,16 @@ def _active_lengths(
     return [f"active_length_{name}_m" for name in safe_names(joints)], rows
 
 
-def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]:
+def _normal_changes(backbone: SceneBackbone) -> dict[int, NormalChange]:
+    """Change of the normal force at the highest level of each mode, where a contact is closed."""
+    curves = backbone.models[0].curves
+    pairs = zip(curves, backbone.normal, strict=False)
+    return {curve.mode: change for curve, change in pairs if change is not None}
+
+
+def _mode(
+    model: ModelBackbone, k: int, joints: Sequence[str], changes: Mapping[int, NormalChange]
+) -> dict[str, Any]:
     c = model.curves[k]
     content: dict[str, Any] = {
         "mode": c.mode,
@@ -119,6 +136,8 @@ def _mode(model: ModelBackbone, k: int, joints: Sequence[str]) -> dict[str, Any]
         "largest_damping_ratio": float(c.damping_ratio.max()),
         "lowest_frequency_Hz": float(c.frequency.min()),
     }
+    if c.mode in changes:
+        content["normal_force_change"] = changes[c.mode].share
     if model.name != "full":
         content["error"] = model.errors[k]
     for d in model.ring_downs[k : k + 1]:
@@ -135,13 +154,13 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
     modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
-    figure = new_figure(7.5, 3.2 * len(first))
+    figure = new_figure(7.5, 3.3 * len(first))
     panels = figure.subplots(len(first), 2, squeeze=False)
     for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
             unit, size = prefixed_unit("m", [largest[k] * curve.amplitude])
-            label, scale = f"amplitude where the mode moves most, {unit}", size / largest[k]
+            label, scale = f"amplitude where the mode\nmoves most, {unit}", size / largest[k]
         for model, colour in zip(models, _COLOURS, strict=False):
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
             x = c.amplitude / scale

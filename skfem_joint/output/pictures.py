@@ -71,7 +71,7 @@ def warp_factor(frames: Frames) -> float:
 
 
 def frame_to_show(frames: Frames) -> tuple[int, str]:
-    """Number of the frame with most slip, or else with the largest displacement, and why.
+    """Number of the frame where most points slip, or else the displacement is largest, and why.
 
     It is a frame of the second half of the run, which has settled, unless less than half as many
     points slip there as in the first half.
@@ -80,7 +80,7 @@ def frame_to_show(frames: Frames) -> tuple[int, str]:
     slipping = np.count_nonzero(first.slip_state[:count] == 1, axis=1)
     if slipping.any():
         late = count // 2 if 2 * slipping[count // 2 :].max() >= slipping.max() else 0
-        return late + int(slipping[late:].argmax()), "most slip"
+        return late + int(slipping[late:].argmax()), "most points slip"
     moves = np.abs(first.displacement[:count]).max(axis=(1, 2))
     return int(moves.argmax()), "largest displacement" if moves.any() else "nothing moves"
 

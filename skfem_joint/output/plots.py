@@ -374,10 +374,11 @@ def active_region_figure(
     nodes = np.concatenate([patch.nodes, patch.held_nodes])
     slip = np.concatenate([largest_slip / scale, np.zeros(held)])
     active = np.concatenate([active, np.zeros(held, dtype=bool)])
-    place, corners = body.nodes[nodes], patch.cells.shape[1]
+    length, size = prefixed_unit("m", [body.nodes[nodes]])
+    place, corners = body.nodes[nodes] / size, patch.cells.shape[1]
     # A line along its longest direction; an area in its two longest.
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
-    names = [f"{'xyz'[axis]}, m" if body.dim > 1 else "position, m" for axis in axes]
+    names = [f"{'xyz'[axis] if body.dim > 1 else 'position'}, {length}" for axis in axes]
     label = f"largest slip, {unit}"
     if corners == 2:
         figure, (panel,) = _panels(7.5, 3.5)
@@ -411,7 +412,7 @@ def _line(panel: Any, place: FloatArray, slip: FloatArray, active: BoolArray, la
 def _area(
     panel: Any, place: FloatArray, cells: Any, slip: FloatArray, active: BoolArray, label: str
 ) -> None:
-    """Colour an area by its slip, outline its active region and fade the rest."""
+    """Colour an area by its slip, fade what is not active and draw the border between."""
     from matplotlib.tri import Triangulation
 
     cells = cells[np.all(cells >= 0, axis=1)]
@@ -426,7 +427,8 @@ def _area(
     panel.set(aspect="equal")
     panel.use_sticky_edges = False
     panel.margins(0.02)
-    panel.set_title("outlined; the rest is faded", fontsize="small")
+    some = "all of it active" if active.all() else "faded: not active; red line: border between"
+    panel.set_title(some if active.any() else "faded: nothing is active", fontsize="small")
     wide, tall = np.ptp(place, axis=0)
     side = "bottom" if wide > tall else "right"
     panel.figure.colorbar(drawn, ax=panel, label=label, location=side, aspect=40)

@@ -36,13 +36,17 @@ def test_a_mode_across_the_load_is_drawn_over_where_it_moves_most(tmp_path):
     figure = backbone_figure(found.models, found.largest)
     for panel in figure.axes:
         x = np.asarray(panel.get_lines()[0].get_xdata())
-        assert panel.get_xlabel() == "amplitude where the mode moves most, µm"
+        assert panel.get_xlabel() == "amplitude where the mode\nmoves most, µm"
         assert np.all(np.diff(x) > 0.0)
         assert x == pytest.approx(1e6 * found.largest[0] * curve.amplitude, rel=1e-12)
         assert x[-1] == pytest.approx(1e6 * moved.max(), rel=0.1)  # but for a change of its shape
     assert {path.name for path in write_backbone(tmp_path, found)} == {
         "backbone.csv", "backbone.png", "summary.json"
     }  # fmt: skip
+    figure.draw_without_rendering()
+    for panel in figure.axes:  # nothing is cut at the edges
+        box = panel.xaxis.label.get_window_extent()
+        assert 0.0 < box.x0 < box.x1 < figure.bbox.width
     without = backbone_figure(found.models)
     assert without.axes[0].get_xlabel() == "modal amplitude, m·√kg"
     np.testing.assert_array_equal(without.axes[0].get_lines()[0].get_xdata(), curve.amplitude)

@@ -91,9 +91,9 @@ def test_the_frame_that_is_drawn_says_why_it_was_taken():
     assert pictures.frame_to_show(frames) == (2, "largest displacement")
     state[0, nodes] = 1  # before the run has settled
     state[7, nodes[: nodes.size // 2 + 1]] = 1
-    assert pictures.frame_to_show(frames) == (7, "most slip")
+    assert pictures.frame_to_show(frames) == (7, "most points slip")
     state[7, nodes[1:]] = 0  # after a pulse
-    assert pictures.frame_to_show(frames) == (0, "most slip")
+    assert pictures.frame_to_show(frames) == (0, "most points slip")
     state[:, nodes] = 0
     frames.fields[0].displacement[:] = 0.0
     assert pictures.frame_to_show(frames) == (0, "nothing moves")

@@ -201,7 +201,19 @@ def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined
     assert scale.get_xlabel() == "largest slip, nm"
     contours = [c for c in panel.collections if len(getattr(c, "levels", [])) == 1]
     outline = np.vstack([path.vertices for path in contours[-1].get_paths()])
-    np.testing.assert_allclose(outline[:, 0], 0.27)  # half way between the columns
+    np.testing.assert_allclose(outline[:, 0], 270.0)  # half way between the columns
+
+
+@pytest.mark.parametrize(
+    ("beyond", "said"),
+    [(0.27, "red line: border"), (-1.0, "all of it active"), (9.0, "nothing is active")],
+)
+def test_the_caption_says_what_is_faded(beyond, said):
+    made = lap()
+    x = made.nodes[made.patches[0].nodes, 0]
+    figure = plots.active_region_figure(made.body, made.patches[0], 1e-6 * x, x > beyond)
+    assert said in figure.axes[0].get_title()
+    assert ("faded" in figure.axes[0].get_title()) == (beyond > 0.0)
 
 
 def joint_of(length: float, width: float) -> sj.Structure:
@@ -222,12 +234,14 @@ def test_a_plate_or_a_face_is_drawn_in_its_plane(made, ends):
         made.body, made.patches[0], np.linspace(0, 1e-6, k), np.arange(k) < 9
     )
     panel = figure.axes[0]
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("x, m", "y, m")
-    assert panel.get_xlim() == pytest.approx(ends, abs=0.03 * (ends[1] - ends[0]))
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("x, mm", "y, mm")
+    assert panel.get_xlim() == pytest.approx(
+        [1e3 * x for x in ends], abs=30.0 * (ends[1] - ends[0])
+    )
 
 
 @pytest.mark.parametrize(
-    ("made", "share", "name"), [(side(), "100.0", "x, m"), (bar(), "87.5", "position, m")]
+    ("made", "share", "name"), [(side(), "100.0", "x, mm"), (bar(), "87.5", "position, mm")]
 )
 def test_the_active_part_of_a_line_is_a_share_of_its_area(made, share, name):
     patch = made.patches[0]

@@ -1,0 +1,62 @@
+"""Change of the normal forces by vibration with stuck joints, which all models leave out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.structure import AnyStructure
+from skfem_joint.structure.reactions import Reactions
+
+#: Change of the normal force over that force that is not small.
+LARGE = 0.1
+
+
+@dataclass(frozen=True)
+class NormalChange:
+    """Largest change of the normal force on a contact.
+
+    Attributes
+    ----------
+    share : float
+        Of the normal force that presses there at rest.
+    text : str
+        The same in words, with its place.
+    """
+
+    share: float
+    text: str
+
+    @classmethod
+    def of(cls, structure: AnyStructure, acts: Reactions, most: FloatArray) -> NormalChange:
+        """By the largest changes ``most`` (k,), N, of the reactions."""
+        share = most / acts.force
+        worst = int(share.argmax())
+        where = structure.pressed_at(int(acts.dof[worst]))
+        text = f"{100.0 * share[worst]:.3g} % of what presses it, most in {where}"
+        return cls(float(share[worst]), text)
+
+    def doubts(self, when: str = "") -> list[str]:
+        """What is doubtful if the change is large; ``when`` begins the sentence."""
+        if self.share <= LARGE:
+            return []
+        return [
+            f"{when}{'v' if when else 'V'}ibration of the stuck structure would change the normal "
+            f"force by {self.text}: that it stays as the clamping makes it, which all models "
+            "assume, is doubtful there."
+        ]
+
+
+def normal_change_of_mode(
+    structure: AnyStructure, acts: Reactions | None, shape: FloatArray, frequency: float, q: float
+) -> NormalChange | None:
+    """Change by a mode ``shape`` (n,) of a frequency, Hz, at the modal amplitude q, m kg^1/2.
+
+    None where no contact is closed.
+    """
+    if acts is None:
+        return None
+    change = acts.K @ shape - (2.0 * np.pi * frequency) ** 2 * (acts.M @ shape)
+    return NormalChange.of(structure, acts, q * np.abs(change))
