@@ -107,7 +107,8 @@ class Backbone:
     stuck_frequency : float
         Its frequency, Hz.
     slips_at : float
-        Level at which the first joint slips as a whole, m/s² kg^1/2.
+        Level at which the first joint slips as a whole, m/s² kg^1/2. Where friction alone holds
+        the structure: at most that at which the forces on a stuck joint add up to its limit.
     level : ndarray, shape (levels,)
         Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
     amplitude : ndarray, shape (levels,)
@@ -345,7 +346,9 @@ def _check_levels(
     limit = path.limit(mode.force)
     if slips_at is None:
         counted = path.rows.done
-        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit)
+        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
+        if np.isfinite(limit):
+            path.forget()  # the levels of the curve do not depend on the search
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
         path.rows.total += path.rows.done - counted  # how many it takes is known only now

@@ -66,7 +66,7 @@ def is_gross(sticking: float) -> bool:
 
 
 def gross_slip_level(
-    path: QuasiStatic, force: FloatArray, stuck: FloatArray, limit: float
+    path: QuasiStatic, force: FloatArray, stuck: FloatArray, limit: float, raised: bool = True
 ) -> float:
     """Multiple of a force at which the first joint slips as a whole.
 
@@ -86,6 +86,9 @@ def gross_slip_level(
         Displacement, m, under that force with all joints stuck.
     limit : float
         Multiple of the force that friction can just hold, `QuasiStatic.limit`.
+    raised : bool
+        Where friction alone holds: whether levels are looked at beyond that at which the forces on
+        a stuck joint add up to its limit; it is returned if not, unless a joint slips before.
 
     Returns
     -------
@@ -108,7 +111,7 @@ def gross_slip_level(
         return limit
     nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
     search = _Search(path, force, loaded)
-    return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit)
+    return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit, raised)
 
 
 @dataclass
@@ -154,7 +157,7 @@ class _Search:
         # The basis of a dense system may not let a joint slip so far.
         return nominal
 
-    def free(self, nominal: float, limit: float) -> float:
+    def free(self, nominal: float, limit: float, raised: bool) -> float:
         """Level where friction alone holds, up to ``limit``."""
         state = 0.0 * self.force, 0.0 * self.force
         low, high, last = 0.0, limit, SETTINGS.below * limit
@@ -164,11 +167,12 @@ class _Search:
             if is_gross(sticking):
                 high = level
             elif level == last:
-                return limit
+                return limit if raised else min(nominal, limit)
+            elif not raised and high == limit:
+                return nominal
             else:
                 low, state = level, reached
             if high <= low * (1.0 + SETTINGS.near):
                 break
-            raised = low * SETTINGS.raised if low else np.inf
-            level = min(raised, last) if high == limit else 0.5 * (low + high)
+            level = min(low * SETTINGS.raised, last) if high == limit else 0.5 * (low + high)
         return high
