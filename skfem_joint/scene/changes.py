@@ -9,7 +9,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.scene.messages import Location, key_parts, key_path
 
 # Keys that a given key takes the place of, by table.
-_IN_PLACE_OF = {
+_IN_PLACE_OF: dict[str, dict[str, tuple[str, ...]]] = {
     "time": {
         "cycles": ("until", "duration", "step"),
         "until": ("cycles", "duration", "step"),

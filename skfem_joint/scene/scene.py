@@ -272,9 +272,10 @@ class Scene(SceneTable):
         """
         if mesh is not None and not isinstance(mesh, NamedMesh):
             raise InputError("changed: mesh: must be a NamedMesh, such as load_mesh(file) returns")
-        values = {} if values is None else values
-        if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
+        given: Any = {} if values is None else values
+        if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
             raise InputError("changed: must be a mapping of keys to values, and tables by name")
+        values = dict(given)
         names = {str((key_parts(key) or (key,))[0]) for key in values} | keys_of.keys()
         if "mesh" in names:
             raise InputError("changed: mesh: is changed by mesh = a NamedMesh, not by its keys")
