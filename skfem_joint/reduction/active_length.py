@@ -271,7 +271,7 @@ def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) ->
             sentences.append(
                 f"Every point of joint '{patch.joint.name}' slips, the least by "
                 f"{peak.min():.3g} m: gross slip, where no part of the joint sticks. The "
-                "results hold, but reduced models and damping curves, which build on a part that sticks, lose "
-                "their ground."
+                "results hold, but reduced models and damping curves, which build on a part that "
+                "sticks, lose their ground."
             )
     return sentences

@@ -294,6 +294,6 @@ def test_the_folder_of_checkpoints_is_made_or_refused_at_once(tmp_path):
     saved = Checkpoints(tmp_path / "new" / "folder", every=10)
     assert saved.folder.is_dir()
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="file/folder: cannot be made .*choose another folder"):
+    with pytest.raises(sj.InputError, match=r"file/folder: cannot be made .*choose another folder"):
         Checkpoints(tmp_path / "file" / "folder", every=10)
     assert Checkpoints(str(tmp_path), every=10).files() == []
