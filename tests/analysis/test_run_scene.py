@@ -34,7 +34,7 @@ from skfem_joint.output.report import summary
 from skfem_joint.stepping.energy import AT_LIMIT
 
 GROSS, LARGE = (
-    "gross slip, where no part of the joint sticks. The results hold, but",
+    "gross slip, where no part of the joint sticks",
     "taken to be small",
 )
 MULTI_HARMONIC = {

@@ -58,7 +58,7 @@ def test_a_system_is_shown_in_a_few_lines(run):
     lines = repr(system).splitlines()
     assert lines[0].startswith(f"Full model: {system.n} unknowns for {system.n + 1} degrees of")
     assert lines[1] == f"  joints: joint ({system.w.size} contact points, limit {limit})"
-    assert lines[2:] == ["  loads: free_end", f"  points: {', '.join(system.points)}"]
+    assert lines[2:] == ["  loads: end", f"  points: {', '.join(system.points)}"]
     assert str(sj.condense(system)).startswith("Condensed or projected model: ")
     reduced = repr(sj.reduce(system, modes=3)).splitlines()
     assert reduced[0].startswith("Reduced model: ")
