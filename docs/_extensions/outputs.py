@@ -4,13 +4,14 @@ import re
 
 from docutils import nodes
 
-_RULE = re.compile(r"^-{20,}$", re.MULTILINE)
+# A line of a printed table: a rule, or words apart by three spaces or more.
+_COLUMNS = re.compile(r"^-{20,}$|\S {3,}\S.*$", re.MULTILINE)
 
 
 def mark(app, document):
     """Give each block of printed sentences the class ``wraps``, which the style sheet wraps."""
     for block in document.findall(nodes.literal_block):
-        if block.get("language") == "text" and not _RULE.search(block.astext()):
+        if block.get("language") == "text" and len(_COLUMNS.findall(block.astext())) < 3:
             block["classes"].append("wraps")
 
 
