@@ -175,4 +175,4 @@ class _Search:
             if high <= low * (1.0 + SETTINGS.near):
                 break
             level = min(low * SETTINGS.raised, last) if high == limit else 0.5 * (low + high)
-        return high
+        return high if high < limit else low  # up to ``low`` none slips as a whole

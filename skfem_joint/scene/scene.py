@@ -271,7 +271,7 @@ class Scene(SceneTable):
             For unknown tables and keys, and for values that are not allowed.
         """
         if mesh is not None and not isinstance(mesh, NamedMesh):
-            raise InputError("changed: mesh: must be a NamedMesh, such as load_mesh(file) returns")
+            raise InputError("changed: mesh: must be a NamedMesh, as load_meshes(file) gives")
         given: Any = {} if values is None else values
         if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
             raise InputError("changed: must be a mapping of keys to values, and tables by name")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.output.preview import colours
@@ -109,12 +110,5 @@ def placed(
 def _side_by_side(wanted: FloatArray, widths: FloatArray, width: float) -> FloatArray:
     """Middles of labels of given widths in a row, as near to the ascending wanted ones as fits."""
     before = np.cumsum(widths) - 0.5 * widths  # of labels that stand edge to edge
-    groups: list[tuple[float, int]] = []  # mean of the shifts of a group of neighbours, and size
-    for shift in wanted - before:
-        mean, size = float(shift), 1
-        while groups and groups[-1][0] > mean:
-            other, count = groups.pop()
-            mean, size = (size * mean + count * other) / (size + count), size + count
-        groups.append((mean, size))
-    shifts = np.repeat([mean for mean, _ in groups], [size for _, size in groups])
+    shifts = isotonic_regression(wanted - before).x if wanted.size else before
     return np.asarray(before + np.clip(shifts, 0.0, max(width - widths.sum(), 0.0)))
