@@ -59,8 +59,11 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import AppliedLoad, System
 
-#: Sources of error, as a summary names them.
-SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
+#: Sources of error, as a summary names them. The distance from Coulomb's law is in no total, see
+#: `skfem_joint.analysis.against_coulomb`.
+SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total", "coulomb")
+#: What a table calls those whose names say too little.
+NAMES = {"coulomb": "against Coulomb's law"}
 
 
 @dataclass(frozen=True)
@@ -164,8 +167,8 @@ class Estimate:
     Attributes
     ----------
     parts : mapping
-        Errors by source ("basis", "law", "points", "mesh", "time_step", "full_run", "total") and
-        by quantity; a source that is not there is not estimated.
+        Errors by source (see `SOURCES`) and by quantity; a source that is not there is not
+        estimated.
     missing : MissingModes, optional
         Modes that a reduced model misses.
     unmeasured : mapping, optional
