@@ -135,16 +135,19 @@ def bracket(
         {"on": "foot", "pressure": held, "friction": friction, **law},
         {"on": "strip", "against": "arm", "pressure": lapped, "friction": friction, **law},
     ]
-    return Plates(sj.merged([lower, upper]), _tables(joints), "pulled", (0.0, 1.0))
+    return Plates(sj.merged([lower, upper]), structure_tables(joints), "pulled", (0.0, 1.0))
 
 
-def _tables(joints, fixed=(), thickness=0.008):
+def structure_tables(
+    joints: Sequence[Mapping[str, Any]], fixed: Sequence[str] = (), thickness: float = 0.008
+) -> dict[str, Any]:
+    """Tables of a steel structure with joints, held at the boundaries ``fixed``."""
     return {
         "mesh": {"file": "made by shapes.py"},
         "material": dict(STEEL),
         "section": {"thickness": thickness},
         "support": {"fixed": list(fixed)} if fixed else {},
-        "joint": joints,
+        "joint": list(joints),
     }
 
 
