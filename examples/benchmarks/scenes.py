@@ -321,8 +321,8 @@ def _base(rng, folder):
     if not tables["support"]:
         tables["support"] = {"fixed": ["left"]}
     axes = ["x"] if made.mesh.dim == 1 or rng.random() < 0.6 else ["y"]
-    if "contact" in {joint["on"] for joint in tables["joint"]}:
-        axes = ["x"]
+    if {"contact", "upper_face"} & {joint["on"] for joint in tables["joint"]}:
+        axes = ["x"]  # along the contact
     places = [{"base": axes[0]}, *made.places]
     return Parts(tables, made.mesh, places, made.observed, made.cheap)
 
@@ -599,6 +599,8 @@ def _reduction(rng, kind):
         table["friction_points"] = "all"
     if kind != "plates-bolted" and rng.random() < 0.1:
         table["reference"] = "self"
+    elif kind == "bars" and rng.random() < 0.1:
+        table |= {"reference": "paper", "modes": int(rng.integers(4, 13))}
     return table
 
 
