@@ -247,6 +247,8 @@ class Results:
         Energy dissipated by friction, J.
     loop_energy : float
         Work of the loads, J.
+    by_joint : ndarray, shape (joints,)
+        Energy dissipated by friction in each joint, J.
     """
 
     points: tuple[str, ...]
@@ -254,6 +256,7 @@ class Results:
     peak_displacement: float
     friction_energy: float
     loop_energy: float
+    by_joint: FloatArray
 
     def most_moving(self, like: Results | None = None) -> Results:
         """Results with the history of the point alone that moves most, here or in ``like``."""
@@ -270,13 +273,17 @@ class Results:
         # Durations that are no whole steps differ in their last rows.
         rows = min(len(x.point_u) for x in (self, first, second))
         u = self.point_u[:rows] + factor * (first.point_u[:rows] - second.point_u[:rows])
-        return replace(self, point_u=u, **numbers)
+        by_joint = self.by_joint + factor * (first.by_joint - second.by_joint)
+        return replace(self, point_u=u, by_joint=by_joint, **numbers)
 
 
 def results(run: Run, every: int = 1) -> Results:
     """Results of a run, with each ``every``-th of its stored rows."""
     peak = float(peaks(run).max(initial=0.0))
-    return Results(run.system.points, run.point_u[::every], peak, *energies(run))
+    cycles = run.cycles
+    by_joint = cycles.by_joint[-1] if cycles.friction.size else list(run.friction_energy.values())
+    u = run.point_u[::every]
+    return Results(run.system.points, u, peak, *energies(run), np.asarray(by_joint, dtype=float))
 
 
 def difference(reference: Results, other: Results) -> dict[str, float | None]:
