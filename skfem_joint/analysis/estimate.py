@@ -42,7 +42,14 @@ from functools import cached_property, partial
 import numpy as np
 
 from skfem_joint.analysis.condensed_reference import CondensedReference
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
+from skfem_joint.analysis.history import (
+    QUANTITIES,
+    Results,
+    difference,
+    extrapolation,
+    joint_differences,
+    results,
+)
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
@@ -133,6 +140,9 @@ SETTINGS = EstimateSettings()
 #: Relative errors by quantity; None: not known, or zero in the result.
 Parts = dict[str, float | None]
 
+#: Error of each joint's friction energy, over that of all joints and over its own.
+ByJoint = Mapping[str, tuple[float | None, float | None]]
+
 
 @dataclass(frozen=True)
 class MissingModes:
@@ -153,7 +163,7 @@ class MissingModes:
     slips: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """Estimated relative errors of one model's results.
 
@@ -174,12 +184,13 @@ class Estimate:
     parts: Mapping[str, Parts]
     missing: MissingModes | None = field(default=None, repr=False)
     unmeasured: Parts | None = field(default=None, repr=False)
-    by_joint: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    by_joint: ByJoint = field(default_factory=dict)
 
-    def beside(self, full_run: Parts) -> Estimate:
+    def beside(self, full_run: Parts, by_joint: ByJoint | None = None) -> Estimate:
         """Copy with the distances from a run of the full model; no total is less than they are.
 
         A total that is not known is then that distance, without the full model's own error.
+        ``by_joint`` has the distances of the joints' friction energies.
         """
         stated = self.parts.get("total", {})
         total: Parts = {}
@@ -187,11 +198,39 @@ class Estimate:
             known = [e for errors in (stated, full_run) if (e := errors.get(name)) is not None]
             total[name] = max(known, default=None)
         parts = {**self.parts, "full_run": full_run, "total": total}
-        return replace(self, parts=parts, unmeasured=dict(stated))
+        joints = dict(self.by_joint)
+        for name, measured in (by_joint or {}).items():
+            joints[name] = _larger(measured, joints.get(name, (None, None)))
+        return replace(self, parts=parts, unmeasured=dict(stated), by_joint=joints)
+
+    def __repr__(self) -> str:
+        lines = ["Estimate of relative errors:"]
+        for source, errors in self.parts.items():
+            known = {name: e for name, e in errors.items() if e is not None}
+            shown = ", ".join(f"{name} {100.0 * e:.2g} %" for name, e in known.items())
+            lines.append(f"  {source.replace('_', ' ')}: {shown or 'not known'}")
+        return "\n".join(lines)
+
+    @property
+    def worst_joint(self) -> str | None:
+        """Joint whose friction energy errs most in relation to its own; None if not known."""
+        known = {name: own for name, (_, own) in self.by_joint.items() if own is not None}
+        return max(known, key=lambda name: known[name], default=None)
 
     def of(self, source: str, quantity: str) -> float | None:
         """Error of a quantity from a source; None where it is not known."""
         return self.parts.get(source, {}).get(quantity)
+
+
+def _larger(
+    first: tuple[float | None, float | None], second: tuple[float | None, float | None]
+) -> tuple[float | None, float | None]:
+    """The larger ones of two pairs of errors that may be unknown."""
+    a, b = (
+        max((e for e in pair if e is not None), default=None)
+        for pair in zip(first, second, strict=True)
+    )
+    return a, b
 
 
 def verification_run(
@@ -255,7 +294,8 @@ def of_reduced(
     base = results(run)
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
-    if reference is not None and reference.affords(plan, run.steady.periods if run.steady else 1):
+    periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
+    if reference is not None and reference.affords(plan, periods, steeper):
         return _by_reference(points, reference, steepest, plan, base, verify)
     start, merged = _merged(points, steepest, plan, verify)
     changes, bases, last = _enriched(points, steepest, plan, start, verify)
@@ -283,7 +323,9 @@ def of_reduced(
     total = added(difference(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, truth, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    return Estimate(parts, missing, by_joint=_by_joint(reduced, truth, base, left))
+    return Estimate(
+        parts, missing, by_joint=joint_differences(truth, base, system.joints, _rest(left))
+    )
 
 
 def _by_reference(
@@ -323,7 +365,9 @@ def _by_reference(
     most = max(2 * SETTINGS.added, V.shape[1] // 2)
     wide, velocities = reference.missing_modes(V, run, most)
     missing = MissingModes(wide, velocities, _slips(system, wide[:, V.shape[1] :]))
-    return Estimate(parts, missing, by_joint=_by_joint(system, finest, base, left))
+    return Estimate(
+        parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(left))
+    )
 
 
 def _settles(run: Run) -> int:
@@ -512,18 +556,9 @@ def _enriched(
     return changes, bases, run
 
 
-def _by_joint(
-    system: System, truth: Results, base: Results, left: Parts
-) -> dict[str, tuple[float | None, float | None]]:
-    """Errors of each joint's friction energy, over that of all joints and over its own."""
-    rest, errors = left["friction_energy"] or 0.0, {}
-    for name, better, own in zip(system.joints, truth.by_joint, base.by_joint, strict=True):
-        error = abs(better - own) + rest * abs(better)
-        errors[name] = (
-            float(error / abs(truth.friction_energy)) if truth.friction_energy else None,
-            float(error / abs(better)) if better else None,
-        )
-    return errors
+def _rest(left: Parts) -> float:
+    """What is left of the friction energy; zero where it is not known."""
+    return left["friction_energy"] or 0.0
 
 
 def _left(changes: list[Parts], least: float = 0.0) -> Parts:

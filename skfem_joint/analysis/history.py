@@ -301,6 +301,23 @@ def difference(reference: Results, other: Results) -> dict[str, float | None]:
     return errors
 
 
+def joint_differences(
+    reference: Results, other: Results, joints: Sequence[str], left: float = 0.0
+) -> dict[str, tuple[float | None, float | None]]:
+    """Differences of the friction energy of each joint, by its name.
+
+    Relative to the friction energy of all joints of the reference, and to the joint's own; ``left``
+    is a relative difference of all of them that is added. None where the reference is zero.
+    """
+    errors: dict[str, tuple[float | None, float | None]] = {}
+    whole = abs(reference.friction_energy)
+    for name, ours, theirs in zip(joints, reference.by_joint, other.by_joint, strict=True):
+        own = abs(float(ours))
+        error = abs(float(ours - theirs)) + left * own
+        errors[name] = error / whole if whole else None, error / own if own else None
+    return errors
+
+
 def extrapolation(ratio: float) -> float:
     """Factor of Richardson's extrapolation, 1 / (1 - 1 / ratio).
 

@@ -71,6 +71,16 @@ def estimate_table(content: Mapping[str, Any]) -> str:
             if any(value is not None for value in values):
                 shown = [_shown(value, "{:.2g}", 100.0) for value in values]
                 rows[f"{name} model, {source.replace('_', ' ')}"] = shown
+        joints = {
+            joint: value
+            for joint, results in model["joints"].items()
+            if (value := results["friction_energy_error_of_own"]) is not None
+        }
+        if len(joints) > 1:  # errors of joints may cancel in the sum
+            worst = max(joints, key=lambda joint: joints[joint])
+            shown = ["-"] * len(errors)
+            shown[QUANTITIES.index("friction_energy")] = _shown(joints[worst], "{:.2g}", 100.0)
+            rows[f"{name} model, joint {worst} alone"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
     return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
