@@ -2,9 +2,9 @@
 
 A longer step says nothing of what the step itself does not follow: friction and kinks of loads
 excite higher modes, which a coarse run leaves at rest, and one with twice the step all the more.
-(It stated 80 % of quantities between a half and three times the truth, one half step 93 %, a half
-and a quarter all of them: 91 quantities of 32 random scenes.) So the run is compared with runs of
-half and of a quarter of the step,
+(Of 412 quantities of 141 random scenes twice the step stated 86 % between a half and three times the
+truth, a half step 94 %, a half and a quarter 99 %.) So the run is compared with runs of half and of
+a quarter of the step,
 
     error = |u(h/4) - u(h)| + rest,    rest = |u(h/4) - u(h/2)| r / (1 - r),
 
@@ -16,7 +16,8 @@ reduced model beside them that takes the three steps: modes of its static slip p
 natural modes with the contact held and with it loose, and all contact points (merged ones, where
 they are very many). What this model errs by itself is in all three runs and cancels. Its run with
 the step asked for is compared with the full model's. If they differ by more than the steps, it is
-no model of these errors, and the full one is run once more with half the step.
+no model of these errors, and the full one is run once more with half the step. (Of 479 quantities
+of 160 plates and solids 99 % were stated as above; 6 scenes in 179 took the full model.)
 """
 
 from __future__ import annotations
