@@ -2,9 +2,9 @@
 
 A longer step says nothing of what the step itself does not follow: friction and kinks of loads
 excite higher modes, which a coarse run leaves at rest, and one with twice the step all the more.
-(Of 412 quantities of 141 random scenes twice the step stated 86 % between a half and three times the
-truth, a half step 94 %, a half and a quarter 99 %.) So the run is compared with runs of half and of
-a quarter of the step,
+(Of 412 quantities of 141 random scenes twice the step stated 86 % between a half and three times
+the truth, a half step 94 %, a half and a quarter 99 %.) So the run is compared with runs of half
+and of a quarter of the step,
 
     error = |u(h/4) - u(h)| + rest,    rest = |u(h/4) - u(h/2)| r / (1 - r),
 
