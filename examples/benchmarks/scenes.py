@@ -625,14 +625,17 @@ def _follows(scene: Scene) -> bool:
 def draw(kind: str, seed: int, number: int, folder: Path) -> Drawn:
     """Draw one scene of a class; files that it needs are written into ``folder``.
 
+    Of as many scenes as there are kinds of load each has another one.
+
     Raises
     ------
     JointError
         If the load that makes a joint slip is not found.
     """
-    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed, number])
+    own, (turn, place) = zlib.crc32(kind.encode()), divmod(number, len(LOADS))
+    rng = np.random.default_rng([own, seed, number])
+    load = LOADS[np.random.default_rng([own, seed, turn, 1]).permutation(len(LOADS))[place]]
     parts = CLASSES[kind](rng, folder)
-    load = str(rng.choice(LOADS))
     share, others = _share(rng, kind), {"damping": _damping(rng)} | parts.tables
     rho, reduction = _rho(rng), _reduction(rng, kind)
     if parts.mesh is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks import estimates
 from benchmarks.estimates import Row, report, table
-from benchmarks.scenes import CLASSES, draw
+from benchmarks.scenes import CLASSES, LOADS, draw
 from benchmarks.shapes import bracket, plate, share_of_slip
 
 from skfem_joint.analysis.history import QUANTITIES
@@ -24,6 +24,11 @@ def test_a_scene_is_drawn_by_its_class_seed_and_number_alone(kind, tmp_path):
     dumped = [drawn.scene.model_dump(warnings=False) for drawn in (one, same, other)]
     assert dumped[0] == dumped[1] != dumped[2]
     assert one.scene.system().contact_points > 0
+
+
+def test_all_kinds_of_load_are_drawn_alike(tmp_path):
+    drawn = [draw("matrices", 4, number, tmp_path).load for number in range(len(LOADS))]
+    assert sorted(drawn) == sorted(LOADS)
 
 
 @pytest.mark.parametrize("kind", ["bars", "plates-bolted", "solids"])
