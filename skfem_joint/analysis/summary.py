@@ -111,6 +111,8 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
     work = run.friction_work if shares is None else shares.T @ run.friction_work
     for k, patch in enumerate(study.structure.patches):
         name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
+        known = {} if model.estimate is None else model.estimate.by_joint
+        of_all, of_own = known.get(name, (None, None))
         by_name[name] = {
             "friction_energy_J": run.friction_energy[name],
             "friction_energy_per_cycle_J": per_cycle[k],
@@ -118,6 +120,8 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             "slipping_fraction": model.slipping_fraction.get(name),
             "active_length_m": model.active_length.get(name),
             "active_area_fraction": model.active_area_fraction.get(name),
+            "friction_energy_error": of_all,
+            "friction_energy_error_of_own": of_own,
         }
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
