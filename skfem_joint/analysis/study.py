@@ -22,7 +22,7 @@ from skfem_joint.analysis.accuracy import Choice, choose, shortened_steps, state
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.description import describe
-from skfem_joint.analysis.history import compare, difference, results
+from skfem_joint.analysis.history import compare, difference, joint_differences, results
 from skfem_joint.analysis.models import Failure, Model, Study
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of, plan_of
 from skfem_joint.analysis.summary import violated
@@ -195,8 +195,9 @@ def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> Mo
             compiled += model.compilation_s
             model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
     if model.estimate is not None and model.errors is not None:
-        apart = difference(results(study.models["full"].run), results(model.run))
-        model = replace(model, estimate=model.estimate.beside(apart))
+        runs = results(study.models["full"].run), results(model.run)
+        joints = joint_differences(*runs, study.system.joints)
+        model = replace(model, estimate=model.estimate.beside(difference(*runs), joints))
     return replace(result, model=model, notes=notes, interrupted=interrupted)
 
 

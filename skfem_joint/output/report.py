@@ -72,6 +72,16 @@ def estimate_table(content: Mapping[str, Any]) -> str:
                 shown = [_percent(value) for value in values]
                 label = NAMES.get(source, source.replace("_", " "))
                 rows[f"{name} model, {label}"] = shown
+        joints = {
+            joint: value
+            for joint, results in model["joints"].items()
+            if (value := results["friction_energy_error_of_own"]) is not None
+        }
+        if len(joints) > 1:  # errors of joints may cancel in the sum
+            worst = max(joints, key=lambda joint: joints[joint])
+            shown = ["-"] * len(errors)
+            shown[QUANTITIES.index("friction_energy")] = _percent(joints[worst])
+            rows[f"{name} model, joint {worst} alone"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
     return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
