@@ -237,6 +237,8 @@ CLAIMS = {
     "steady-others": Claim(
         f"{BENCHMARKS}/steady.py sundials balances", 600, {"steady-others": printed}, timed=True
     ),
+    "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
+    "laws": Claim(f"{BENCHMARKS}/laws.py", 150, {"laws": printed}),
 }
 
 
