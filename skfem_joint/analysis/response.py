@@ -29,7 +29,6 @@ from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import PER_PERIOD
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
@@ -187,14 +186,21 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=tuple(loads))
 
 
-def steady_plan(period: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
-    """Plan of a search for steady vibration with a period (s)."""
+def steady_plan(system: System, steps_per_cycle: int) -> Plan:
+    """Plan of a search for the steady vibration of a system under its harmonic loads.
+
+    Steps are of the trapezoidal rule, exact at the frequency of the strongest harmonic.
+    """
+    amplitudes = [load.amplitude for load in system.loads]
+    period = common_period(amplitudes) or 1.0
+    parts = [part for amplitude in amplitudes for part in amplitude.harmonics]
+    strongest = max(parts, key=lambda part: (abs(part.amplitude), -part.frequency))
     return Plan(
         step=period / steps_per_cycle,
         n_steps=steps_per_cycle,
-        scheme=scheme or generalized_alpha(),
         cycle_steps=steps_per_cycle,
         until="steady",
+        exact_at=strongest.frequency,
     )
 
 
@@ -211,7 +217,6 @@ def response(
     levels: Sequence[float] = (1.0,),
     *,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
@@ -229,8 +234,9 @@ def response(
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
         Factors of the loads' amplitudes.
-    steps_per_cycle, scheme
-        As `integrate` takes them.
+    steps_per_cycle : int
+        Time steps in a period of the loads. They are of the trapezoidal rule, exact at the
+        frequency of the strongest harmonic for linear vibration (:mod:`skfem_joint.stepping.warp`).
     refined : bool
         Whether points are added around peaks and where a curve is steep.
     estimated : bool
@@ -281,7 +287,7 @@ def response(
         _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)
         for level in levels
     ]
-    return _curves(searches, system, scheme, executor, tally, rows)
+    return _curves(searches, system, executor, tally, rows)
 
 
 @dataclass(frozen=True)
@@ -297,16 +303,10 @@ class _Request:
     start: State | None
     with_state: bool
 
-    def compute(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
+    def compute(self, system: System, progress: Progress) -> SteadyPoint:
         """The vibration of a system."""
         point = steady_point(
-            system,
-            self.frequency,
-            self.level,
-            self.steps_per_cycle,
-            scheme,
-            self.start,
-            progress,
+            system, self.frequency, self.level, self.steps_per_cycle, self.start, progress
         )
         return point if self.with_state else replace(point, state=None, course=None)
 
@@ -318,7 +318,6 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
-    scheme: Scheme | None,
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
@@ -327,7 +326,7 @@ def _curves(
 
     Each steady vibration is a row, named by all that it depends on.
     """
-    origin = rows.mark("steady point", system, scheme)
+    origin = rows.mark("steady point", system)
     curves: dict[int, Curve] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -338,10 +337,10 @@ def _curves(
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    future = executor.submit(request.compute, system, scheme, silent)
+                    future = executor.submit(request.compute, system, silent)
                     running[future] = number, mark, time.perf_counter()
                     return
-                point = rows.row(mark, partial(request.compute, system, scheme, tally.within))
+                point = rows.row(mark, partial(request.compute, system, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -431,7 +430,6 @@ def steady_point(
     frequency: float,
     level: float = 1.0,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     start: State | None = None,
     progress: Progress = silent,
 ) -> SteadyPoint:
@@ -441,9 +439,7 @@ def steady_point(
     given. The other arguments are those of :func:`response`.
     """
     system = at_frequency(system, frequency, level)
-    period = common_period(load.amplitude for load in system.loads) or 1.0 / frequency
-    plan = steady_plan(period, steps_per_cycle, scheme)
-    plan = replace(plan, save=Save(fields=system.is_dense))
+    plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress)
     except ConvergenceError as error:
