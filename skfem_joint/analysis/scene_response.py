@@ -15,9 +15,9 @@ from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
     at_frequency,
-    follows_twice,
     response,
     steady_plan,
+    suited_steps,
 )
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of, origin_of
@@ -151,7 +151,7 @@ def scene_response(
     stuck, loose = (linear_response(system, fine, held) for held in (True, False))
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
-        of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
+        of_a_curve += 1 + frequencies.size
     rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
@@ -204,7 +204,7 @@ def _prepared(name: str, scene: Scene, table: ResponseTable, resonance: float) -
         basis = condensed_basis(loaded)
         return _Prepared(name, condensed_system(loaded, basis.V), basis, level)
     loaded, options = at_frequency(system, resonance, level), options_of(scene)
-    plan = steady_plan(loaded, scene.time.steps_per_cycle)
+    plan = steady_plan(loaded, suited_steps(loaded, scene.time.steps_per_cycle))
     plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
     basis = make_reduced(scene.structure(), loaded, options, plan)
     small = reduced_system(loaded, basis, **options.friction)
@@ -255,14 +255,13 @@ def _checked(
     """Errors at the peak of each curve, if they are asked for, and what to beware of."""
     estimates: list[Estimate] = []
     notes: list[str] = []
-    steps = scene.time.steps_per_cycle
     for curve in curves:
         notes += _frequencies_without(model.name, curve)
         if scene.accuracy.estimate:
             errors, not_estimated = _estimate(model, scene, curve, progress, rows)
             estimates.append(errors)
             notes += not_estimated
-            notes += step_error_notes(model.name, curve, model.system, steps)
+            notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
 
 
@@ -302,6 +301,6 @@ def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> d
     frequency = curve.peak[0]
     full = at_frequency(scene.system(), frequency, curve.level)
     loaded = at_frequency(model.system, frequency, curve.level / model.level)
-    plan = steady_plan(full, scene.time.steps_per_cycle)
+    plan = steady_plan(full, suited_steps(full, scene.time.steps_per_cycle))
     run = integrate_plan(loaded, plan, progress=report)
     return dict(estimate.of_run(full, model.basis, run, plan, progress=report).parts)

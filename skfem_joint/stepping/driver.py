@@ -12,8 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import numpy as np
-
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.stepping.arrangement import arranged, choose
@@ -83,11 +81,11 @@ class Driver:
         start: tuple[FloatArray, FloatArray],
         tolerance: float,
     ) -> None:
-        self.given, self.plan, self.to = given, plan, arranged(given)
-        # Time runs slower by this factor in the equations that are stepped, see `Plan.exact_at`.
-        self.warp = plan.warp
-        self.system, self.h = warped(self.to.system, self.warp), plan.step
-        self.n_steps, self.done = plan.n_steps, 0
+        self.given, self.plan = given, plan
+        # Velocities in the equations that are stepped are the true ones over `warp`.
+        self.warp, self.to = plan.warp, arranged(given)
+        self.to = replace(self.to, system=warped(self.to.system, self.warp))
+        self.system, self.h, self.n_steps, self.done = self.to.system, plan.step, plan.n_steps, 0
         self.loads = LoadSteps(self.system, self.h, self.n_steps)
         self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h)
         u, v = self.to.inner(start[0]), self.to.inner(start[1]) / self.warp

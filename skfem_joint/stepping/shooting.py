@@ -25,7 +25,13 @@ from skfem_joint.stepping.steady import (
     turns_over,
     unstrained,
 )
-from skfem_joint.stepping.transition import advanced, moving_unknowns, state_of, transition
+from skfem_joint.stepping.transition import (
+    Transition,
+    advanced,
+    moving_unknowns,
+    state_of,
+    transition,
+)
 
 
 @dataclass(frozen=True)
@@ -52,20 +58,29 @@ class ShootingSettings:
 NEWTON = ShootingSettings()
 
 
-@dataclass(frozen=True)
-class _Factor:
-    """Newton's step for the fixed point of a map with a derivative, see `steady.Derivative`.
+class _Derivative:
+    """Derivative of the map of a period, see `steady.Derivative`.
 
     Unknowns that stick all the time take the mean of both ends of the passage.
     """
 
-    part: Callable[[FloatArray], FloatArray]
-    extended: Callable[[FloatArray, FloatArray], FloatArray]
-    solve: Callable[[FloatArray], FloatArray]
+    def __init__(self, transition: Transition, sign: float) -> None:
+        self.transition, self.sign = transition, sign
+        self.held, self.solve = np.nan, None
 
-    def step(self, change: FloatArray) -> FloatArray:
-        """Newton's step for a change (2 n,) by the map."""
-        return self.extended(0.5 * change, self.solve(self.part(change)))
+    def step(self, change: FloatArray, held: float) -> FloatArray:
+        """Step (2 n,) for a change by the map."""
+        if held != self.held:
+            matrix = -self.sign * self.transition.matrix
+            matrix[np.diag_indices_from(matrix)] += 1.0 + held
+            if self.sign < 0.0 or held > 0.0:
+                factor = lu_factor(matrix, overwrite_a=True, check_finite=False)
+                self.solve = partial(lu_solve, factor, check_finite=False)
+            else:
+                self.solve = partial(_least, matrix)
+            self.held = held
+        part = self.solve(self.transition.restricted(change))
+        return self.transition.extended(0.5 * change, part)
 
 
 class Shooting:
@@ -120,7 +135,7 @@ class Shooting:
         """State at the end of the last passage, its sign changed if the map does that."""
         return State(*(self.sign * part for part in self.driver.stepper.now))
 
-    def derivative(self) -> _Factor | None:
+    def derivative(self) -> _Derivative | None:
         """Derivative where it went through last; None if a step was halved, or too much moves."""
         driver, recorder = self.driver, self.driver.recorder
         if recorder.halved_steps or not recorder.field_rows:
@@ -129,13 +144,7 @@ class Shooting:
         if moving_unknowns(driver.system, v).size > NEWTON.unknowns:
             return None
         J = transition(driver.system, driver.to.kind, driver.h, v, omega)
-        matrix = np.eye(len(J.matrix)) - self.sign * J.matrix
-        if self.parts == 2:
-            factor = lu_factor(matrix, overwrite_a=True, check_finite=False)
-            solve = partial(lu_solve, factor, check_finite=False)
-        else:
-            solve = partial(_least, matrix)
-        return _Factor(J.restricted, J.extended, solve)
+        return _Derivative(J, self.sign)
 
 
 def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:

@@ -83,12 +83,14 @@ class SteadySettings:
         A factor of Newton's method is used again where the last iteration reduced the change to
         less than this share.
     patience : int
-        Newton steps in turn that may fail to reduce the least change. Where points begin to slip
-        or to stick the change grows up to fivefold on the way: of 90 frequencies of a lapped solid
-        all converged so, in at most 10 steps, and one did not in 100 with steps that were shortened
+        Newton steps in turn that may fail to become shorter. Where points begin to slip or to stick
+        the change grows up to fivefold on the way: of 90 frequencies of a lapped solid all
+        converged so, in at most 10 steps, and one did not in 100 with steps that were shortened
         until the change fell.
-    rest : int
-        Mixtures before Newton's method is tried again.
+    held, freer, tighter : float
+        How far Newton steps are held back at first where full ones fail, and the factors of that.
+    good : float
+        What is left of the change, over what was, after a step that is as good as predicted.
     odd : float
         Share of the largest force by which halves of a period may differ and count as mirror
         images.
@@ -105,7 +107,10 @@ class SteadySettings:
     growth: float = 2.0
     reuse: float = 0.1
     patience: int = 8
-    rest: int = 20
+    held: float = 0.1
+    freer: float = 0.2
+    tighter: float = 4.0
+    good: float = 0.3
     odd: float = 1e-10
 
 
@@ -205,10 +210,10 @@ class Passage(NamedTuple):
 
 
 class Derivative(Protocol):
-    """Derivative of the map at its last argument, factorised."""
+    """Derivative J of the map where it was gone through last."""
 
-    def step(self, change: FloatArray) -> FloatArray:
-        """Newton's step (k,) from what the map changes of its argument, (k,)."""
+    def step(self, change: FloatArray, held: float) -> FloatArray:
+        """Solution (k,) of ``((1 + held) I - J) step = change``: Newton's step if held is zero."""
 
 
 class PeriodMap(Protocol):
@@ -219,7 +224,7 @@ class PeriodMap(Protocol):
     parts : int
         2 where it goes through half a period and changes the sign, else 1.
     patience : int or None
-        Periods before Newton's method is tried; None where it is not.
+        Passages before Newton's method is tried; None where it is not.
     """
 
     parts: int
@@ -230,6 +235,73 @@ class PeriodMap(Protocol):
 
     def derivative(self) -> Derivative | None:
         """Derivative where it went through last; None if there is none."""
+
+
+class Base(NamedTuple):
+    """State that a Newton step starts from, what the map changes of it, and the derivative there.
+
+    ``size`` is the norm of the change.
+    """
+
+    x: FloatArray
+    change: FloatArray
+    size: float
+    derivative: Derivative
+
+
+@dataclass
+class Newton:
+    """Newton's method for the fixed point of a map, held back where it leads astray.
+
+    Full steps are taken first, whatever becomes of the change. If they do not come closer, the
+    search goes back to the least change and takes proximal steps: each is Newton's for the state z
+    with ``z - g(z) + held (z - x) = 0``, which is unique and near x, and whose change is no larger
+    than that of x (R. T. Rockafellar, SIAM J. Control Optim. 14, 1976). It is an implicit step of
+    1 / held passages along the transient. ``held`` falls as long as the steps are as good as
+    predicted, and rises where they are not.
+
+    Attributes
+    ----------
+    norm : callable
+        Size of a state.
+    held : float
+        How far steps are held back; zero for full ones.
+    tried : int
+        Full steps since the least change.
+    base : Base, optional
+        Where steps start: of full ones that of the least change.
+    """
+
+    norm: Callable[[FloatArray], float]
+    held: float = 0.0
+    tried: int = 0
+    base: Base | None = None
+
+    def next(
+        self, x: FloatArray, change: FloatArray, derivative: Callable[[], Derivative | None]
+    ) -> FloatArray | None:
+        """State to try after ``x``, whose change is known; None if there is no derivative."""
+        size, base = self.norm(change), self.base
+        left = self.norm(self.held * (x - base.x) - change) if self.held and base else 0.0
+        if base is not None and self.held and not left <= base.size:
+            self.held *= SETTINGS.tighter
+            return base.x + base.derivative.step(base.change, self.held)
+        new = derivative()
+        if new is None:
+            return None
+        if self.held:
+            if base is not None and left <= SETTINGS.good * base.size:
+                self.held *= SETTINGS.freer
+            self.base = base = Base(x, change, size, new)
+        else:
+            if base is None or size < base.size:
+                self.base, self.tried = Base(x, change, size, new), 0
+                base = self.base
+            self.tried += 1
+            if self.tried <= SETTINGS.patience:
+                return x + new.step(change, 0.0)
+            self.held = SETTINGS.held
+        return base.x + base.derivative.step(base.change, self.held)
 
 
 def periodic_state(
@@ -262,9 +334,15 @@ def periodic_state(
         return float(np.sqrt(max(2.0 * system.stored_energy(x[:n], x[n : 2 * n]), 0.0)))
 
     x = plain = without_rigid(start)
-    least, left, tried, wait = np.inf, np.inf, 0, through.patience
-    derivative: Derivative | None = None
-    before = np.inf
+    least = before = left = np.inf
+    newton, known = Newton(norm), None
+
+    def derivative() -> Derivative | None:
+        """Derivative of the last passage, or an earlier one that still serves."""
+        nonlocal known
+        known = known or through.derivative()
+        return known
+
     for count in range(through.parts * SETTINGS.periods):
         end, energy, work, friction = through(x)
         after = without_rigid(end)
@@ -275,33 +353,25 @@ def periodic_state(
         gained = system.stored_energy(after[:n], after[n : 2 * n])
         gained -= system.stored_energy(x[:n], x[n : 2 * n])
         settled = left <= SETTINGS.change and abs(gained) <= SETTINGS.energy * work
-        newton = wait is not None and count >= wait
-        if settled and not newton:
-            mixed = mixing.mixed()
-            if norm(mixed - x) <= SETTINGS.distance * scale:
-                return np.asarray(end[:n] - after[:n])
-        step = None
-        if newton:
-            if derivative is None or not (settled or size <= SETTINGS.reuse * before):
-                derivative = through.derivative()
-            if derivative is not None:
-                step = derivative.step(after - x)
-            if settled and (step is None or norm(step) <= SETTINGS.distance * scale):
-                return np.asarray(end[:n] - after[:n])
-        if size < least:
-            least, plain, tried = size, after, 0
+        following = through.patience is not None and count >= through.patience
+        if not (settled or (newton.held == 0.0 and size <= SETTINGS.reuse * before)):
+            known = None
         before = size
-        if step is not None and tried < SETTINGS.patience:
-            tried += 1
-            x = without_rigid(x + step)
+        if settled:
+            last = mixing.mixed() - x
+            if following and (factor := derivative()) is not None:
+                last = factor.step(after - x, 0.0)
+            if norm(last) <= SETTINGS.distance * scale:
+                return np.asarray(end[:n] - after[:n])
+        if following and (step := newton.next(x, after - x, derivative)) is not None:
+            x = without_rigid(step)
             continue
-        if step is not None:
-            wait, tried, derivative = count + SETTINGS.rest, 0, None
+        if size > SETTINGS.growth * least and x is not plain:
             x = plain
-        elif size > SETTINGS.growth * least and x is not plain:
-            x = plain
-        else:
-            x = mixing.mixed()
+            continue
+        if size <= least:
+            least, plain = size, after
+        x = mixing.mixed()
     raise ConvergenceError(
         f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes by "
         f"{left:.2g} of its size over the last. Is there damping that every motion feels? Light "
