@@ -238,7 +238,7 @@ CLAIMS = {
         f"{BENCHMARKS}/steady.py sundials balances", 600, {"steady-others": printed}, timed=True
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
-    "laws": Claim(f"{BENCHMARKS}/laws.py", 150, {"laws": printed}),
+    "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
 }
 
 

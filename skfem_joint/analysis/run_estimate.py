@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.analysis import step_estimate
-from skfem_joint.analysis.estimate import Estimate, of_reduced
+from skfem_joint.analysis.against_coulomb import against_coulomb
+from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import Basis, Origin
 from skfem_joint.stepping.plan import Plan
@@ -20,7 +22,8 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
 
     A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
-    friction points and its time step, without a run of the full model.
+    friction points and its time step, without a run of the full model. Of a law with a finite beta
+    the distance from Coulomb's law stands apart, as ``parts["coulomb"]``.
 
     Parameters
     ----------
@@ -63,9 +66,19 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
                 "loaded from a file or projected by hand. Give a run of a model as reduce or "
                 "condense return it"
             )
-        return step_estimate.of_full(system, run, plan, progress)
+        errors = step_estimate.of_full(system, run, plan, progress)
+        return _with_coulomb(errors, against_coulomb(system, run, plan, progress=progress))
     _check_origin(system, origin)
-    return of_reduced(origin.system, origin.basis, system, plan, run, progress)
+    errors = of_reduced(origin.system, origin.basis, system, plan, run, progress)
+    V = None if errors.missing is None else errors.missing.V
+    return _with_coulomb(
+        errors, against_coulomb(origin.system, run, plan, origin.basis, V, progress)
+    )
+
+
+def _with_coulomb(errors: Estimate, apart: Parts | None) -> Estimate:
+    """Copy with the distance from Coulomb's law, if that is not the law itself."""
+    return errors if apart is None else replace(errors, parts={**errors.parts, "coulomb": apart})
 
 
 def _check_origin(system: System, origin: Origin) -> None:
