@@ -190,7 +190,7 @@ CLAIMS = {
             "estimates-loads": lines(r"^- .*, by "),
             "estimates-cases": lines("^- (stated|refused)"),
         },
-        short=f"{ESTIMATES} bars matrices --seed 3 --count 2",
+        short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
     ),
     "estimates-clock": Claim(
         f"{ESTIMATES} all --seed clock {DRAWN}",
