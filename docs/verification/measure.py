@@ -144,7 +144,7 @@ BENCHMARKS = "python examples/benchmarks"
 STABILITY = "python examples/stability"
 ESTIMATES = f"{BENCHMARKS}/estimates.py"
 #: Scenes of each class, processes, and where rows are kept.
-DRAWN = "--count 2 --jobs 2 --out {out}/rows.jsonl"
+DRAWN = "--count 1 --jobs 2 --out {out}/rows.jsonl"
 CLAIMS = {
     "paper": Claim(
         "python examples/paper/reproduce.py --out {out}",
@@ -190,7 +190,7 @@ CLAIMS = {
             "estimates-loads": lines(r"^- .*, by "),
             "estimates-cases": lines("^- (stated|refused)"),
         },
-        short=f"{ESTIMATES} bars matrices --seed 3 --count 2",
+        short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
     ),
     "estimates-clock": Claim(
         f"{ESTIMATES} all --seed clock {DRAWN}",
