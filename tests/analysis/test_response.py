@@ -236,7 +236,6 @@ def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
 
 
 @pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-4])
-@pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-4])
 def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(share):
     joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=np.inf)
     system = arm(sj.Harmonic(1.0, 1000.0), joint, (10, 10), damping_ratio=1e-5)
