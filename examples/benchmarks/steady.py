@@ -98,7 +98,12 @@ def periods(systems, memory):
     """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
     halves = shooting.turns_over if memory else lambda loads: False
     settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
-    with patch.object(steady, "SETTINGS", settings), patch.object(shooting, "turns_over", halves):
+    newton = shooting.NEWTON if memory else shooting.ShootingSettings(0, 0)
+    with (
+        patch.object(steady, "SETTINGS", settings),
+        patch.object(shooting, "turns_over", halves),
+        patch.object(shooting, "NEWTON", newton),
+    ):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     return sum(run.steady.periods for run in runs)
 
