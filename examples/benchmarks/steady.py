@@ -38,7 +38,7 @@ from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
-from skfem_joint.stepping import driver, steady
+from skfem_joint.stepping import shooting, steady
 
 RESONANCE, STEPS = 2500.0, 200  # Hz, per period
 #: Share of the friction limit, frequency (Hz), periods that SUNDIALS marches: at the peaks and
@@ -96,9 +96,14 @@ def backbones(quick):
 
 def periods(systems, memory):
     """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
-    halves = driver.turns_over if memory else lambda loads: False
+    halves = shooting.turns_over if memory else lambda loads: False
     settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
-    with patch.object(steady, "SETTINGS", settings), patch.object(driver, "turns_over", halves):
+    newton = shooting.NEWTON if memory else shooting.ShootingSettings(0, 0)
+    with (
+        patch.object(steady, "SETTINGS", settings),
+        patch.object(shooting, "turns_over", halves),
+        patch.object(shooting, "NEWTON", newton),
+    ):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     return sum(run.steady.periods for run in runs)
 
@@ -117,7 +122,7 @@ def responses(quick):
         state = None
         for frequency in frequencies.tolist():
             begin = time.perf_counter()
-            point = response.steady_point(system, frequency, level, STEPS, None, state)
+            point = response.steady_point(system, frequency, level, STEPS, state)
             times.append(time.perf_counter() - begin)
             state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]

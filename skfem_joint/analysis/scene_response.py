@@ -167,6 +167,8 @@ def scene_response(
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
     warnings = (*doubts(scene.structure(), system), *of_models)
+    if scene.time.rho_infinity < 1.0:
+        warnings += ("time.rho_infinity has no effect on responses: their steps are trapezoidal.",)
     return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
 
 

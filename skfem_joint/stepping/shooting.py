@@ -40,8 +40,9 @@ class ShootingSettings:
 
     Attributes
     ----------
-    unknowns : int
-        Most unknowns, of those that move, for which the derivative is a dense matrix.
+    unknowns, dense : int
+        Most unknowns, of those that move, for which the derivative is a dense matrix: of a chain,
+        and of other systems (``dense``), whose matrices take as long for fewer.
     chain : int
         Periods of mixing before Newton's method is tried on a chain, whose steps are so cheap that
         a derivative costs as much as many of them.
@@ -51,6 +52,7 @@ class ShootingSettings:
     """
 
     unknowns: int = 1200
+    dense: int = 300
     chain: int = 40
     singular: float = 1e-11
 
@@ -101,7 +103,10 @@ class Shooting:
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
-        small = driver.system.n <= NEWTON.unknowns or driver.to.kind == "contact"
+        self.most = NEWTON.unknowns if driver.to.kind == "chain" else NEWTON.dense
+        small = driver.system.n <= self.most or (
+            driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
+        )
         self.patience: int | None = None
         if self.trapezoidal and equal and small and driver.to.kind != "linear":
             self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
@@ -141,7 +146,7 @@ class Shooting:
         if recorder.halved_steps or not recorder.field_rows:
             return None
         v, omega = recorder.stored.v[1 : recorder.field_rows], 2.0 * np.pi / driver.plan.duration
-        if moving_unknowns(driver.system, v).size > NEWTON.unknowns:
+        if moving_unknowns(driver.system, v).size > self.most:
             return None
         J = transition(driver.system, driver.to.kind, driver.h, v, omega)
         return _Derivative(J, self.sign)

@@ -27,7 +27,7 @@ from skfem_joint.system import System
 
 
 def warp_factor(omega: float, h: float) -> float:
-    """Factor kappa for a frequency omega (rad/s) and steps of ``h`` seconds; 1 for omega 0."""
+    """Factor kappa at a frequency omega (rad/s) for steps of ``h`` seconds; 1 for zero."""
     half = 0.5 * omega * h
     return half / math.tan(half) if half > 0.0 else 1.0
 

@@ -218,24 +218,44 @@ def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
     assert not model.curves[0].column("amplitude").any()
 
 
-@pytest.mark.parametrize(("steps", "estimated"), [(15, False), (16, True)])
-def test_the_error_of_a_step_is_not_estimated_where_twice_the_step_is_too_long(steps, estimated):
-    scene = bar_scene(
-        "full",
-        bar="short_lap_joint",
-        joint=[joint()],
-        time={"cycles": 1, "steps_per_cycle": steps},
-        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 2}, "levels": [1.0]},
-    )
-    response = scene_response(scene)
-    (curve,) = response.models[0].curves
-    assert np.isfinite(curve.column("step_error")).all() == estimated
-    assert ("twice the step does not follow" in " ".join(response.warnings)) != estimated
-    assert response.models[0].estimates[0].of("time_step", "friction_energy") > 0.0
+def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
+    """The trapezoidal rule is warped: unwarped it loses 71 % of the peak at a ratio of 1e-4."""
+    for ratio in (1e-4, 1e-5):
+        system = arm(sj.Harmonic(1.0, 1000.0), None, (10, 10), damping_ratio=ratio)
+        K, C, M = (A.toarray() for A in (system.K, system.C, system.M))
+        omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min())
+        for near in (1.0 - ratio, 1.0, 1.01):
+            frequency = near * omega / (2.0 * np.pi)
+            w = 2.0 * np.pi * frequency
+            u = system.P @ np.linalg.solve(K + 1j * w * C - w**2 * M, system.loads[0].vector)
+            point = module.steady_point(system, frequency, 1.0, 100)
+            assert point.harmonics[:, 0] == pytest.approx(u / 1j, rel=2e-5)
+            # Of a hundred samples in a period the highest may miss the crest by half a step.
+            assert point.amplitude == pytest.approx(np.abs(u), rel=6e-4)
+            assert point.input_energy == pytest.approx(np.pi * np.abs(u.imag[0]), rel=1e-4)
 
 
-def test_errors_of_the_step_are_explained_by_their_cause():
-    """Of a stuck bar with light damping by the shift of its frequency, else by friction."""
+@pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-4])
+def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(share):
+    joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=np.inf)
+    system = arm(sj.Harmonic(1.0, 1000.0), joint, (10, 10), damping_ratio=1e-5)
+    still = np.setdiff1d(np.arange(system.n), system.B.indices)
+    K, M = (A.toarray()[np.ix_(still, still)] for A in (system.K, system.M))
+    frequency = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min()) / (2.0 * np.pi)
+    level = share * float(system.w.sum())
+    point = module.steady_point(system, frequency, level, 100)
+    assert point.failure is None
+    exact = linear_response(system, np.array([frequency]), stuck=True)[0] * level
+    if share == 1e-9:
+        assert point.friction_energy == 0.0
+        assert point.amplitude == pytest.approx(exact, rel=5e-3)
+    else:
+        assert 0.0 < point.friction_energy < point.input_energy
+        assert (point.amplitude < exact).all()
+
+
+def test_errors_of_the_step_are_those_of_friction_alone():
+    """A stuck bar with light damping has none; friction's harmonics that meet a mode have."""
     mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
     pressed = joint(law="coulomb", normal_force="consistent")
 
@@ -252,9 +272,6 @@ def test_errors_of_the_step_are_explained_by_their_cause():
         return "\n".join(scene_response(scene).warnings)
 
     light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
-    assert "where damping is light" in light
-    assert "lower the natural frequency by 0.033 %" in light  # (2 pi / 100)^2 / 12
-    assert "harmonics of friction" not in light
-    strong = said(0.3, 1785.0, 1795.0, 100, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    assert "step alone" not in light
+    strong = said(0.3, 1785.0, 1795.0, 60, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
     assert "harmonics of friction" in strong
-    assert "damping is light" not in strong

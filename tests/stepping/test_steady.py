@@ -8,8 +8,11 @@ from bodies import pressed, structure
 from stepping_systems import arm, struts
 
 import skfem_joint as sj
-from skfem_joint.stepping import steady
+from skfem_joint.analysis.response import steady_plan
+from skfem_joint.stepping import shooting, steady
 from skfem_joint.stepping.checkpoint import Checkpoints
+from skfem_joint.stepping.driver import Driver
+from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system import AppliedLoad
@@ -201,7 +204,55 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
 
 
 def test_vibration_that_friction_does_not_reach_is_no_fixed_point(monkeypatch):
-    monkeypatch.setattr(steady, "SETTINGS", steady.SteadySettings(periods=100))
+    monkeypatch.setattr(steady, "SETTINGS", steady.SteadySettings(periods=10))
     stuck = replace(bar(2000.0, 1e-9), C=None)
     with pytest.raises(sj.ConvergenceError, match=r"no steady vibration.* give more of it"):
         sj.integrate(stuck, until="steady", steps_per_cycle=100)
+
+
+@pytest.mark.parametrize("beta", [np.inf, 1e4])
+@pytest.mark.parametrize("kind", ["chain", "contact", "dense"])
+def test_the_transition_is_the_derivative_of_a_period(kind, beta):
+    system = bar(1790.0, 0.3, 10, beta=beta) if kind != "contact" else on_base()
+    if kind == "contact":
+        system = replace(system, beta=np.full_like(system.beta, beta))
+    if kind == "dense":
+        _, V = np.linalg.eigh(system.K.toarray())
+        system = replace(system.project(V[:, :12]), beta=np.full_like(system.beta, 1e4))
+    plan = steady_plan(system, 100)
+    driver = Driver(system, plan, (np.zeros(system.n), np.zeros(system.n)), 1e-13)
+    assert driver.to.kind == kind
+    through = shooting.Shooting(driver, lambda: None)
+    through.patience = 0
+    x = through.coordinates(driver.stepper.now)
+    for _ in range(4):
+        x = through(x).end
+    through(x)
+    derivative = through.derivative()
+    assert derivative is not None
+    matrix, part = derivative.transition, derivative.transition.restricted(x)
+    random, k = np.random.default_rng(0), part.size // 2
+    scale = np.repeat([np.abs(part[:k]).max(), np.abs(part[k:]).max()], k)
+    for _ in range(3):
+        d = 1e-8 * random.normal(size=2 * k) * scale
+        ends = [matrix.restricted(through(matrix.extended(x, part + e)).end) for e in (d, -d)]
+        change = 0.5 * (ends[0] - ends[1])
+        expected = -matrix.matrix @ d  # half a period, its sign changed
+        assert np.abs(change - expected).max() < 1e-4 * np.abs(change).max()
+
+
+def test_newtons_method_finds_what_mixing_finds_in_few_periods(monkeypatch):
+    system = dense(bar(2025.0, 0.1, beta=1e4))
+    found = sj.integrate(system, until="steady", steps_per_cycle=200)
+    monkeypatch.setattr(shooting, "NEWTON", shooting.ShootingSettings(dense=0))
+    mixed = sj.integrate(system, until="steady", steps_per_cycle=200)
+    assert 2 * found.steady.periods < mixed.steady.periods
+    assert amplitude(found) == pytest.approx(amplitude(mixed), rel=1e-4)
+
+
+def test_warped_steps_have_true_velocities_and_energies():
+    system = bar(2490.0, 0.0)
+    run = integrate_plan(system, steady_plan(system, 40))
+    omega = 2.0 * np.pi * 2490.0
+    assert np.ptp(run.point_v) == pytest.approx(omega * np.ptp(run.point_u), rel=1e-6)
+    assert run.energy_residual < 1e-9
