@@ -49,7 +49,7 @@ def sampled(reference, u, v):
     way = system.load_vectors().T @ np.diff(u, axis=0).T
     work = float(np.sum(0.5 * (load[:, 1:] + load[:, :-1]) * way))
     peak, lost = float(np.abs(point_u[first:]).max(initial=0.0)), slip_work(system, u, v)
-    return Results(system.points, point_u[::SAMPLES], peak, lost, work)
+    return Results(system.points, point_u[::SAMPLES], peak, lost, work, np.array([lost]))
 
 
 def sample_times(reference):

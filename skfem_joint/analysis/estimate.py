@@ -358,7 +358,8 @@ def _by_reference(
         law = extrapolation(SETTINGS.steeper)
     run = reference.run(plan, verify)
     same, half = results(run), results(reference.run(plan.finer(2), verify))
-    finest, left = same.plus(extrapolation(2.0**2), half, same), dict.fromkeys(QUANTITIES, 0.0)
+    finest = same.plus(extrapolation(2.0**2), half, same)
+    left: Parts = dict.fromkeys(QUANTITIES, 0.0)
     steps = difference(half, same)
     if max((e for e in steps.values() if e is not None), default=0.0) > SETTINGS.large:
         finest = results(reference.run(plan.finer(4), verify))

@@ -195,7 +195,7 @@ def reduced_for_steps(system: System, plan: Plan) -> System:
     if plan.until == "steady":
         whole = replace(plan, n_steps=plan.n_steps * SETTINGS.periods, until="end")
     basis = make_basis(system, Options(modes=SETTINGS.joint_modes), whole, enriched=True)
-    V = orthonormal(np.hstack([basis.V, *_natural_modes(system)]), system.M)
+    V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))
     small = reduced_system(
         system, wide, friction_points="all", periodic=plan.cycle_steps is not None
@@ -212,12 +212,12 @@ def _merged(system: System, basis: Basis) -> tuple[FloatArray, FloatArray]:
     return merged.shares, merged.w
 
 
-def _natural_modes(system: System) -> tuple[FloatArray, FloatArray]:
-    """Lowest natural modes with the contact held, and with it loose, (n, k) each."""
+def _natural_modes(system: System) -> FloatArray:
+    """Lowest natural modes with the contact held, then with it loose, (n, k)."""
     B = system.B[np.flatnonzero(system.on_rows(system.w))]
     held = system.K + SETTINGS.held * float(system.K.diagonal().mean()) * (B.T @ B)
     count = min(SETTINGS.natural_modes, system.n)
-    return tuple(lowest_modes(K, system.M, count)[1] for K in (held, system.K))
+    return np.hstack([lowest_modes(K, system.M, count)[1] for K in (held, system.K)])
 
 
 def _apart(fine: Run, coarse: Run) -> Parts:
