@@ -226,10 +226,10 @@ def compare_with_coulomb(study: Study, result: ModelResult, progress: Progress) 
     if apart is None:
         return result
     took, compiled = watch.read()
-    seconds = {"estimate_s": model.estimate_s + took}
-    seconds["compilation_s"] = model.compilation_s + compiled
     errors = replace(errors, parts={**errors.parts, "coulomb": apart})
-    return replace(result, model=replace(model, estimate=errors, **seconds))
+    model = replace(model, estimate=errors, estimate_s=model.estimate_s + took)
+    model = replace(model, compilation_s=model.compilation_s + compiled)
+    return replace(result, model=model)
 
 
 def with_model(study: Study, result: ModelResult) -> Study:

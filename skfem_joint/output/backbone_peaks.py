@@ -74,14 +74,14 @@ def peaks_figure(
             panel.semilogy(x, y, _LINES[model.name], color=colour, label=label)
     low, high = response.frequencies[[0, -1]]
     least = min(float(np.nanmin(column)) for column in columns) / scale
-    for curve in curves:
-        f, error = np.r_[curve.stuck_frequency, curve.frequency], np.r_[0.0, backbone_errors(curve)]
+    for mode in curves:
+        f, error = np.r_[mode.stuck_frequency, mode.frequency], np.r_[0.0, backbone_errors(mode)]
         if f.max() < low or f.min() > high:
             continue
-        moved = np.maximum.accumulate(np.abs(curve.displacement[:, most])) / scale
+        moved = np.maximum.accumulate(np.abs(mode.displacement[:, most])) / scale
         y = np.geomspace(min(least, moved[0]), moved[-1], 200)
         f, error = (np.interp(y, np.r_[0.0, moved], values) for values in (f, error))
-        panel.plot(f, y, color="#444444", label=f"backbone of mode {curve.mode}")
+        panel.plot(f, y, color="#444444", label=f"backbone of mode {mode.mode}")
         panel.fill_betweenx(y, f * (1.0 - error), f * (1.0 + error), color="#999999", alpha=0.4)
     for p in peaks:
         panel.errorbar(
