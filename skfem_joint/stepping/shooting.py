@@ -68,7 +68,8 @@ class _Derivative:
 
     def __init__(self, transition: Transition, sign: float) -> None:
         self.transition, self.sign = transition, sign
-        self.held, self.solve = np.nan, None
+        self.held = np.nan
+        self.solve: Callable[[FloatArray], FloatArray]
 
     def step(self, change: FloatArray, held: float) -> FloatArray:
         """Step (2 n,) for a change by the map."""
@@ -108,7 +109,7 @@ class Shooting:
             driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
         )
         self.patience: int | None = None
-        if self.trapezoidal and equal and small and driver.to.kind != "linear":
+        if self.trapezoidal and equal and small:
             self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
         self.passed = 0
 

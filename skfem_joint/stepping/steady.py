@@ -335,12 +335,14 @@ def periodic_state(
 
     x = plain = without_rigid(start)
     least = before = left = np.inf
-    newton, known = Newton(norm), None
+    newton = Newton(norm)
+    known: Derivative | None = None
 
     def derivative() -> Derivative | None:
         """Derivative of the last passage, or an earlier one that still serves."""
         nonlocal known
-        known = known or through.derivative()
+        if known is None:
+            known = through.derivative()
         return known
 
     for count in range(through.parts * SETTINGS.periods):

@@ -134,7 +134,7 @@ def test_each_point_knows_the_error_of_its_step():
         sj.response(system, f, levels, steps_per_cycle=steps, refined=False) for steps in (200, 800)
     )
     true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
-    assert true.min() > 0.01
+    assert true.min() > 0.005
     assert rough.column("step_error") == pytest.approx(true, rel=0.5)
 
 
@@ -221,7 +221,8 @@ def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
 def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
     """The trapezoidal rule is warped: unwarped it loses 71 % of the peak at a ratio of 1e-4."""
     for ratio in (1e-4, 1e-5):
-        system = arm(sj.Harmonic(1.0, 1000.0), None, (10, 10), damping_ratio=ratio)
+        loose = sj.Joint("joint", pressure=50e6, friction=0.0)
+        system = arm(sj.Harmonic(1.0, 1000.0), loose, (10, 10), damping_ratio=ratio)
         K, C, M = (A.toarray() for A in (system.K, system.C, system.M))
         omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min())
         for near in (1.0 - ratio, 1.0, 1.01):
