@@ -49,7 +49,7 @@ class ReferenceSettings:
     """
 
     rows: int = 700
-    work: float = 1.5e8
+    work: float = 6e8
     work_smooth: float = 2e7
     modes: int = 24
     instants: int = 200
