@@ -24,6 +24,7 @@ from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
@@ -100,6 +101,8 @@ class System:
     made_for : str
         Loads that a reduced model is restricted to, in words; empty for a system that may be loaded
         in any way.
+    serves : Served, optional
+        Range of loads and limits that a reduced model serves, if it was made for one.
 
     Raises
     ------
@@ -124,6 +127,7 @@ class System:
     shares: Matrix = field(default=None)
     notes: tuple[str, ...] = ()
     made_for: str = ""
+    serves: Served | None = None
 
     def __post_init__(self) -> None:
         for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
@@ -173,7 +177,7 @@ class System:
             "System",
             "" if self.T is None else f" for {self.T.shape[0]} degrees of freedom",
         )
-        if self.made_for:
+        if self.made_for or self.serves:
             kind = "Reduced model"
         elif self.T is not None:
             kind = "Full model" if sparse.issparse(self.T) else "Condensed or projected model"
@@ -188,7 +192,8 @@ class System:
             f"  loads: {first_of(loads)}",
             f"  points: {first_of(self.points)}",
         ]
-        return "\n".join(lines + [f"  made for: {self.made_for}"] * bool(self.made_for))
+        made_for = self.made_for or (str(self.serves) if self.serves else "")
+        return "\n".join(lines + [f"  made for: {made_for}"] * bool(made_for))
 
     def check_any_load(self, what: str) -> None:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.
