@@ -1,13 +1,10 @@
 """Points of a range: the system of one frequency, level and set of friction limits.
 
-The steepness of a reduced law is that of the system, but no steeper than the modes resolve slip
-velocities. At a point these are about
-
-    v = v_max g (f / f_max) (s / s_max)²,
-
-with the frequency f, the share of slip s and the geometric mean g of the factors on all joints'
-limits: quasi-static slip in micro-slip grows with the square of the load. A factor common to the
-loads and all limits scales v alike, so that the solution is rescaled exactly.
+Coulomb's law is approached by a law so steep that slip velocities are resolved down to 2e-7 of the
+largest one in the range: slow points of it creep far less than the largest velocity says. (On plates
+and solids friction energies came out 0.2 to 0.5 % closer than with 1e-5, for the same to 1.4 times the
+cost.) It is less steep by the geometric mean of the factors on all joints' limits: a factor common
+to the loads and all limits then rescales the solution exactly.
 """
 
 from __future__ import annotations
@@ -34,6 +31,8 @@ class PointSettings:
 
     Attributes
     ----------
+    steeper : float
+        Steepness of the larger model's law over that of the model.
     cycles, steps : int
         Cycles from rest within which a joint may slip as a whole, and fewest steps of each.
     still : float
@@ -52,6 +51,7 @@ class PointSettings:
         Relative distance from a range that is round-off.
     """
 
+    steeper: float = 5.0
     cycles: int = 4
     steps: int = 50
     still: float = 1e-2
@@ -131,16 +131,14 @@ def point_of(system: System, point: Point, factors: FloatArray) -> System:
     serves = system.serves
     assert serves is not None
     mean = float(np.exp(np.log(factors).mean())) if factors.size else 1.0
-    range_ = serves.range
-    slower = mean * point.frequency / range_.frequency[1] * (point.slip / range_.slip[1]) ** 2
-    law = serves.law / slower
+    law = serves.law / mean
 
-    def there(model: System) -> System:
+    def there(model: System, law: float) -> System:
         model = placed(model, point.frequency, point.level, factors, serves.period)
         return replace(model, beta=np.minimum(model.beta, law))
 
-    larger = replace(there(serves.larger), serves=None)
-    return replace(there(system), serves=replace(serves, larger=larger, point=point))
+    larger = replace(there(serves.larger, SETTINGS.steeper * law), serves=None)
+    return replace(there(system, law), serves=replace(serves, larger=larger, point=point))
 
 
 def placed(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -38,23 +39,29 @@ class TrainingSettings:
     modes : int
         Number that `slip_path` is asked for: more than its levels tell apart, so that it follows
         the path through time too.
+    rough : int
+        Joint modes of the model that the levels of further points come from.
+    kept : int
+        Proper orthogonal modes that stand for a path's snapshots in the pool.
     times : int
         Velocities that are kept of each path.
     interface : int
         Most fixed-interface modes.
     resolved : float
-        Share of the largest slip velocity below which modes do not resolve velocities.
+        Share of the largest slip velocity down to which the law resolves velocities.
     """
 
-    first: int = 8
+    first: int = 6
     more: int = 8
     beyond: float = 1.1
     cycles: int = 3
     steps: int = 200
     modes: int = 30
+    rough: int = 14
+    kept: int = 40
     times: int = 60
     interface: int = 16
-    resolved: float = 1e-5
+    resolved: float = 2e-7
 
 
 SETTINGS = TrainingSettings()
@@ -72,7 +79,7 @@ class Place:
 def spread(system: System, range_: Range, count: int) -> list[Place]:
     """Points spread over a range by Sobol's sequence, the same ones at each call.
 
-    Shares of slip are even in the square, frequencies even, factors even in their logarithms.
+    Shares of slip and frequencies are even, factors even in their logarithms.
     """
     pairs = intervals(system, range_.limits)
     free = [k for k, (low, high) in enumerate(pairs) if high > low]
@@ -85,7 +92,7 @@ def spread(system: System, range_: Range, count: int) -> list[Place]:
         factors = np.array([pair[0] for pair in pairs])
         for k, share in zip(free, x[2:], strict=True):
             factors[k] = pairs[k][0] * (pairs[k][1] / pairs[k][0]) ** share
-        slip = float(np.sqrt(low**2 + (high**2 - low**2) * x[1]))
+        slip = low + (high - low) * float(x[1])
         places.append(Place(slow + (fast - slow) * float(x[0]), slip, factors))
     return places
 
@@ -101,14 +108,20 @@ class Pool:
     path : QuasiStatic
         Its quasi-static path, whose factors all points use.
     stuck : StuckVibration
+    energy : sparse array, shape (n, n)
+        Inner product of the proper orthogonal modes.
     paths : list of StaticPath
+    snapshots : list of ndarray, shape (s, n)
+        Of each path, compressed: its proper orthogonal modes times their singular values.
     places : list of Place
     """
 
     system: System
     path: QuasiStatic
     stuck: StuckVibration
+    energy: Any
     paths: list[StaticPath] = field(default_factory=list)
+    snapshots: list[FloatArray] = field(default_factory=list)
     places: list[Place] = field(default_factory=list)
 
     @staticmethod
@@ -116,7 +129,7 @@ class Pool:
         """Pool without paths."""
         path = QuasiStatic(system, 3e-5)
         stuck = StuckVibration.of(system, path, range_.frequency[1], SETTINGS.interface)
-        return Pool(system, path, stuck)
+        return Pool(system, path, stuck, shifted(system.K, system.M))
 
     def nominal(self, place: Place) -> float:
         """Level at which the first joint slips as a whole, about, by the stuck vibration."""
@@ -130,7 +143,10 @@ class Pool:
         plan = Plan(step, round(cycles * period / step))
         limited = self.path.with_limits(self._limits(there))
         found = slip_path(there, plan, SETTINGS.modes, limited)
-        self.paths.append(found)
+        own = proper_decomposition(found.snapshots, self.energy)
+        kept = own.modes[:, : SETTINGS.kept] * own.singular_values[: SETTINGS.kept]
+        self.snapshots.append(kept.T)
+        self.paths.append(replace(found, snapshots=kept.T[:0]))
         self.places.append(place)
         return found
 
@@ -140,8 +156,7 @@ class Pool:
 
     def proper(self) -> ProperModes:
         """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
-        snapshots = np.vstack([path.snapshots for path in self.paths])
-        return proper_decomposition(snapshots, shifted(self.system.K, self.system.M))
+        return proper_decomposition(np.vstack(self.snapshots), self.energy)
 
     def basis(self, proper: ProperModes, modes: int) -> FloatArray:
         """Basis (n, j): the first proper modes, static responses, rigid and interface motions."""
@@ -165,20 +180,16 @@ class Pool:
             return unmerged
         return merged_points(unmerged, self.velocities(V), points, count)
 
-    def law(self, range_: Range) -> float:
-        """Steepness that the modes resolve, s/m, at the highest frequency and slip.
-
-        The slip velocities of all paths are brought there by the rule of `points`.
-        """
-        fastest = 0.0
+    def law(self) -> float:
+        """Steepness that resolves slip velocities, s/m, with the limits of the system."""
+        velocities = []
         for path, place in zip(self.paths, self.places, strict=True):
             B = np.asarray(path.run.system.B)
             velocity = float(path.run.system.slip_norm(path.run.v @ B.T).max(initial=0.0))
             mean = float(np.exp(np.log(place.factors).mean())) if place.factors.size else 1.0
-            share = place.slip / range_.slip[1]
-            slower = mean * place.frequency / range_.frequency[1] * share**2
-            fastest = max(fastest, velocity / slower)
-        return 1.0 / (SETTINGS.resolved * max(fastest, 1e-12))
+            velocities.append(velocity / mean)
+        # The median: preliminary models of some paths may slip as a whole.
+        return 1.0 / (SETTINGS.resolved * max(float(np.median(velocities)), 1e-12))
 
 
 def scaled(places: Sequence[Place], levels: Sequence[float]) -> FloatArray:
