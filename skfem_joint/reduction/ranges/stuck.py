@@ -10,6 +10,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
+from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
@@ -51,7 +52,7 @@ class StuckVibration:
         count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
         modes = np.asarray(F @ shapes[:, :count])
         static = F @ solve(np.asarray(F.T @ system.load_vectors()))
-        W = np.hstack([modes, np.reshape(static, (system.n, -1))])
+        W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
         small = [np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K)]
         inner = path.to.system
 
@@ -76,7 +77,7 @@ class StuckVibration:
         for harmonic, number in parts:
             omega = 2.0 * np.pi * harmonic.frequency
             Z = self.K - omega**2 * self.M + 1j * omega * self.C
-            x = np.linalg.lstsq(Z, self.loads[:, number].astype(complex))[0]
+            x = np.linalg.solve(Z, self.loads[:, number].astype(complex))
             load, M, C, K = self.rows
             row = load[:, number] - (K @ x - omega**2 * (M @ x) + 1j * omega * (C @ x))
             forces += abs(harmonic.amplitude) * system.slip_norm(np.abs(row))
