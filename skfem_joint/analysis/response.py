@@ -28,8 +28,6 @@ from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.resolution import PER_PERIOD
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
@@ -187,22 +185,47 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=tuple(loads))
 
 
-def steady_plan(period: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
-    """Plan of a search for steady vibration with a period (s)."""
+def steady_plan(system: System, steps_per_cycle: int) -> Plan:
+    """Plan of a search for the steady vibration of a system under its harmonic loads.
+
+    Steps are of the trapezoidal rule, exact at the frequency of the strongest harmonic.
+    """
+    amplitudes = [load.amplitude for load in system.loads]
+    period = common_period(amplitudes) or 1.0
+    parts = [part for amplitude in amplitudes for part in amplitude.harmonics]
+    strongest = max(parts, key=lambda part: (abs(part.amplitude), -part.frequency))
     return Plan(
         step=period / steps_per_cycle,
         n_steps=steps_per_cycle,
-        scheme=scheme or generalized_alpha(),
         cycle_steps=steps_per_cycle,
         until="steady",
+        exact_at=strongest.frequency,
     )
 
 
-def follows_twice(system: System, steps_per_cycle: int) -> bool:
-    """Whether twice the step still follows each load of a system, see `check_resolution`."""
-    period = common_period(load.amplitude for load in system.loads) or 0.0
-    fastest = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    return steps_per_cycle // 2 >= PER_PERIOD * fastest * period * (1.0 - 1e-9)
+def suited_steps(system: System, steps_per_cycle: int) -> int:
+    """Least number of steps in a period, from the one asked for on, that suits the search.
+
+    The trapezoidal rule turns the sign of the force at sticking points from step to step, for ever.
+    A period, or half of one with a change of sign, must not end with the sign that it began with:
+    else Newton's method has no unique step.
+    """
+    if _turns_over(system):
+        return 4 * -(-steps_per_cycle // 4)
+    return steps_per_cycle + 1 - steps_per_cycle % 2
+
+
+def half_steps(system: System, steps_per_cycle: int) -> int:
+    """Number of steps of half the length, or slightly less, that suits the search."""
+    return suited_steps(system, 2 * steps_per_cycle)
+
+
+def _turns_over(system: System) -> bool:
+    """Whether the loads change their sign every half period."""
+    amplitudes = [load.amplitude for load in system.loads]
+    half = 0.5 * (common_period(amplitudes) or 0.0)
+    parts = [part.frequency * half for amplitude in amplitudes for part in amplitude.harmonics]
+    return all(round(2.0 * turns) % 2 == 1 for turns in parts)
 
 
 def response(
@@ -211,7 +234,6 @@ def response(
     levels: Sequence[float] = (1.0,),
     *,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
@@ -229,13 +251,14 @@ def response(
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
         Factors of the loads' amplitudes.
-    steps_per_cycle, scheme
-        As `integrate` takes them.
+    steps_per_cycle : int
+        Time steps in a period of the loads, at least; the next number from there is taken that
+        `suited_steps` allows. They are of the trapezoidal rule, exact at the frequency of the
+        strongest harmonic for linear vibration (:mod:`skfem_joint.stepping.warp`).
     refined : bool
         Whether points are added around peaks and where a curve is steep.
     estimated : bool
-        Whether each point is computed with twice the step too, which gives the error of its step;
-        not done where `follows_twice` says that twice the step is too long.
+        Whether each point is computed with half the step too, which gives the error of its step.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
@@ -268,7 +291,7 @@ def response(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
-    estimated = estimated and follows_twice(system, steps_per_cycle)
+    steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, at_each_frequency = rows or Rows(), 2 if estimated else 1
     tally = Tally(progress, at_each_frequency * frequencies.size * len(levels))
 
@@ -277,11 +300,12 @@ def response(
         tally.total += at_each_frequency
         rows.total += at_each_frequency
 
+    finer = half_steps(system, steps_per_cycle) if estimated else None
     searches = [
-        _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)
+        _search(frequencies, level, steps_per_cycle, finer, refined, expect_more)
         for level in levels
     ]
-    return _curves(searches, system, scheme, executor, tally, rows)
+    return _curves(searches, system, executor, tally, rows)
 
 
 @dataclass(frozen=True)
@@ -297,16 +321,10 @@ class _Request:
     start: State | None
     with_state: bool
 
-    def compute(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
+    def compute(self, system: System, progress: Progress) -> SteadyPoint:
         """The vibration of a system."""
         point = steady_point(
-            system,
-            self.frequency,
-            self.level,
-            self.steps_per_cycle,
-            scheme,
-            self.start,
-            progress,
+            system, self.frequency, self.level, self.steps_per_cycle, self.start, progress
         )
         return point if self.with_state else replace(point, state=None, course=None)
 
@@ -318,7 +336,6 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
-    scheme: Scheme | None,
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
@@ -327,7 +344,7 @@ def _curves(
 
     Each steady vibration is a row, named by all that it depends on.
     """
-    origin = rows.mark("steady point", system, scheme)
+    origin = rows.mark("steady point", system)
     curves: dict[int, Curve] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -338,10 +355,10 @@ def _curves(
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    future = executor.submit(request.compute, system, scheme, silent)
+                    future = executor.submit(request.compute, system, silent)
                     running[future] = number, mark, time.perf_counter()
                     return
-                point = rows.row(mark, partial(request.compute, system, scheme, tally.within))
+                point = rows.row(mark, partial(request.compute, system, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -373,13 +390,14 @@ def _search(
     frequencies: FloatArray,
     level: float,
     steps_per_cycle: int,
+    finer: int | None,
     refined: bool,
-    estimated: bool,
     expect_more: Callable[[], None],
 ) -> _Search:
-    """Request the points of a curve: those asked for, those added, then all with twice the step.
+    """Request the points of a curve: those asked for, those added, then all with a finer step.
 
-    ``expect_more`` is called for each frequency that is added.
+    ``finer`` is the number of steps in a period then, None for no estimate. ``expect_more`` is
+    called for each frequency that is added.
     """
     points: list[SteadyPoint] = []
     state: State | None = None
@@ -399,15 +417,15 @@ def _search(
         points.append((yield _Request(added, level, steps_per_cycle, state, True)))
         points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
-    if not estimated:
+    if finer is None:
         return curve
-    coarse, largest = steps_per_cycle // 2, curve.largest
-    order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
+    # All schemes are of second order.
+    largest, share = curve.largest, 1.0 / (1.0 - (steps_per_cycle / finer) ** 2)
     for k, point in enumerate(points):
         if point.failure is None:
-            other = yield _Request(point.frequency, level, coarse, point.state, False)
+            other = yield _Request(point.frequency, level, finer, point.state, False)
             change = relative(other.amplitude[largest], point.amplitude[largest])
-            error = np.nan if change is None else abs(change) / order
+            error = np.nan if change is None else abs(change) * share
             points[k] = replace(point, step_error=error)
     return Curve(level, tuple(points))
 
@@ -431,7 +449,6 @@ def steady_point(
     frequency: float,
     level: float = 1.0,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     start: State | None = None,
     progress: Progress = silent,
 ) -> SteadyPoint:
@@ -441,9 +458,7 @@ def steady_point(
     given. The other arguments are those of :func:`response`.
     """
     system = at_frequency(system, frequency, level)
-    period = common_period(load.amplitude for load in system.loads) or 1.0 / frequency
-    plan = steady_plan(period, steps_per_cycle, scheme)
-    plan = replace(plan, save=Save(fields=system.is_dense))
+    plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress)
     except ConvergenceError as error:

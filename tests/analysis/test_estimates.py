@@ -14,7 +14,6 @@ from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
-from skfem_joint.analysis.step_estimate import of_full
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.mesh import build_bar
@@ -145,25 +144,6 @@ def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at
         one, other = stated[name] or 0.0, true[name] or 0.0
         assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SETTINGS.sure
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
-
-
-@pytest.mark.parametrize("steps", [8, 25, 50])
-def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
-    resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
-    scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
-    plan, system = plan_of(scene), scene.system()
-    run = verification_run(system, plan)
-    stated = of_full(system, run, plan).of("total", "displacement_rms") or 0.0
-    truth = results(verification_run(system, plan.finer(16)))
-    true = difference(truth, results(run))["displacement_rms"] or 0.0
-    assert true > 0.04
-    assert 0.5 * true < stated < 2.0 * true
-
-
-def test_a_full_estimate_takes_half_and_quarter_steps(monkeypatch):
-    taken = steps_taken(monkeypatch, estimate)
-    run_scene(bar_scene("full", joint=[joint(law="coulomb")], time={"cycles": 2}))
-    assert taken == [800, 1600]
 
 
 @pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
