@@ -180,8 +180,7 @@ class _Maker:
                 factor /= float(np.sqrt(TRAINING.raised))
         known = scaled(places[: TRAINING.first], levels)
         rough = self._with(pool, pool.proper(), TRAINING.rough, known)
-        levels = []
-        for place in places:
+        for place in places[TRAINING.first :]:
             level, guess = searched_level(rough, place.frequency, place.factors)
             levels.append(TRAINING.missed * guess if level is None else level)
         known = scaled(places, levels)
