@@ -172,8 +172,8 @@ class _Maker:
         levels, factor = [], 1.0
         for place in places[: TRAINING.first]:
             levels.append(factor * pool.nominal(place))
-            slip = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
-            sticks = least_share(self.system, slip <= THRESHOLD * slip.max())
+            peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
+            sticks = least_share(self.system, peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:

@@ -53,15 +53,15 @@ class StuckVibration:
         modes = np.asarray(F @ shapes[:, :count])
         static = F @ solve(np.asarray(F.T @ system.load_vectors()))
         W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
-        small = [np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K)]
+        M, C, K = (np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K))
         inner = path.to.system
 
         def on_rows(forces: FloatArray) -> FloatArray:
             return np.asarray(inner.B @ path.to.force(forces))
 
-        motions = (on_rows(A @ W) for A in (system.M, system.C, system.K))
-        rows = on_rows(system.load_vectors()), *motions
-        return StuckVibration(modes, *small, W.T @ system.load_vectors(), rows)
+        loads = system.load_vectors()
+        rows = on_rows(loads), on_rows(system.M @ W), on_rows(system.C @ W), on_rows(system.K @ W)
+        return StuckVibration(modes, M, C, K, W.T @ loads, rows)
 
     def level(self, system: System) -> float:
         """Factor on the loads of a system at which the forces on a joint add up to its limit.
