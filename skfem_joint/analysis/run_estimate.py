@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis import step_estimate
+from skfem_joint.analysis import range_estimate, step_estimate
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
 from skfem_joint.errors import InputError
@@ -22,8 +22,9 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
 
     A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
-    friction points and its time step, without a run of the full model. Of a law with a finite beta
-    the distance from Coulomb's law stands apart, as ``parts["coulomb"]``.
+    friction points and its time step, without a run of the full model; a point of a range by the
+    larger model that it carries. Of a law with a finite beta the distance from Coulomb's law stands
+    apart, as ``parts["coulomb"]``.
 
     Parameters
     ----------
@@ -58,6 +59,8 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         )
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
+    if system.serves is not None:
+        return range_estimate.of_range(run, plan, progress)
     origin = system.origin
     if origin is None:
         if system.made_for or not (system.T is None or sparse.issparse(system.T)):

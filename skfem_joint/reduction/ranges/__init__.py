@@ -1,0 +1,8 @@
+"""One reduced model for a range of slip, frequency and friction limits.
+
+`model` makes it: `levels` finds the load that makes the first joint slip as a whole, `training`
+follows static slip paths at points spread over the range and pools their modes. `points` takes the
+system of one point. How far a run of a point errs is estimated in
+`skfem_joint.analysis.range_estimate`, by the larger model that such a model carries.
+``docs/theory/ranges.md`` has the method with its formulas.
+"""
