@@ -31,7 +31,7 @@ import skfem_joint as sj
 
 parts = [("arm", 0.1, 20), ("first", 0.05, 25), ("middle", 0.1, 20), ("second", 0.05, 25)]
 ends = {"wall": 0.0, "first_edge": 0.15, "second_edge": 0.3}
-pressed = {"pressure": 20e6, "friction": 0.7, "beta": float("inf")}  # Coulomb friction
+pressed = {"pressure": 20e6, "friction": 0.7}  # by Coulomb's law
 structure = sj.Structure(
     sj.build_bar(parts, ends),
     sj.Material(E=200e9, density=8000.0),

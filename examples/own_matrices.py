@@ -47,7 +47,6 @@ points = { end = 7 }
 on = "foot"
 pressure = 2e6                   # Pa, on 1e-3 m2
 friction = 0.3
-law = "coulomb"
 
 [[load]]
 on = "end"

@@ -29,7 +29,7 @@ structure = sj.Structure(
     width=0.05,
     thickness=0.01,
     fixed=["fixed"],
-    joints=[sj.Joint("joint", pressure=50e6, friction=0.7, normal_force="equal")],
+    joints=[sj.Joint("joint", pressure=50e6, friction=0.7, beta=1e5, normal_force="equal")],
     stiffness_damping=1e-5,
 )
 timing = {"cycles": 6, "steps_per_cycle": 200, "save": sj.Save(fields=True, fields_every=10)}

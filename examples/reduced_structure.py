@@ -39,7 +39,7 @@ structure = sj.Structure(
     width=0.05,
     thickness=0.01,
     fixed=["fixed"],
-    joints=[sj.Joint("joint", pressure=50e6, friction=0.7, normal_force="equal")],
+    joints=[sj.Joint("joint", pressure=50e6, friction=0.7, beta=1e5, normal_force="equal")],
     stiffness_damping=1e-5,
 )
 system = structure.system([sj.Load("free_end", sj.Harmonic(87.5e3, 500.0))])

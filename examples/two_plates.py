@@ -49,6 +49,7 @@ MESHES = Path(sys.argv[0]).resolve().parents[1] / "meshes"
 STEEL = Material(E=200e9, density=8000.0, poisson=0.3)
 WIDTH, THICKNESS, DAMPING = 0.05, 0.01, 1e-5
 PRESSURE, FRICTION, FORCE, FREQUENCY, STEPS = 50e6, 0.7, 87.5e3, 500.0, 100  # steps per period
+BETA = 1e5  # of the arctan law, s/m
 ARM, HALF = 0.5, 0.1  # length beside the joint and half of the overlap, m
 EA, TAU = STEEL.E * WIDTH * THICKNESS, FRICTION * PRESSURE * WIDTH
 
@@ -89,7 +90,7 @@ def strut_b(elements=50, arm=50):
     """Fig. 18(b): held at the cut, pressed on a rigid base."""
     points = {"cut": 0.0, "edge": HALF, "end": HALF + ARM}
     mesh = build_bar([("joint", HALF, elements), ("arm", ARM, arm)], points)
-    joint = Joint("joint", PRESSURE, FRICTION)
+    joint = Joint("joint", PRESSURE, FRICTION, beta=BETA)
     return model("(b) strut", mesh, joint, HALF, {"end": 1}, fixed=["cut"], points=["edge"])
 
 
@@ -99,7 +100,7 @@ def strut_a(elements=50, arm=50, held=False):
     upper = build_bar(parts, {"upper_end": 0.0}, origin=(-ARM, 0.0, 0.0))
     points = {"middle": HALF, "edge": 2 * HALF, "end": 2 * HALF + ARM}
     lower = build_bar([("lower_joint", 2 * HALF, 2 * elements), ("lower_arm", ARM, arm)], points)
-    joint = Joint("upper_joint", PRESSURE, FRICTION, against="lower_joint")
+    joint = Joint("upper_joint", PRESSURE, FRICTION, against="lower_joint", beta=BETA)
     name, mesh = "(a) struts, one end held" if held else "(a) struts", merged([upper, lower])
     pulls = {"end": 1} if held else {"end": 1, "upper_end": -1}
     ways = {"fixed": ["upper_end"], "middle": "middle"} if held else {"free": True}
@@ -121,7 +122,7 @@ def strut_in_series(elements=50, arm=50):
     M, K = (G.T @ sparse.block_diag(matrices) @ G for matrices in zip(*parts, strict=True))
     limits = TAU * HALF / elements * np.r_[1.0, np.full(elements - 1, 2.0), 1.0]
     slips, none = sparse.eye_array(k, size, k=n, format="csr"), sparse.csr_array((0, size))
-    ways = {"contact": SlipRows(slips, limits, np.full(k, 2e5), np.ones(k, dtype=int), none)}
+    ways = {"contact": SlipRows(slips, limits, np.full(k, 2 * BETA), np.ones(k, dtype=int), none)}
     ways |= {"loads": {"end": (0, Harmonic(FORCE, FREQUENCY))}, "stiffness_damping": DAMPING}
     points = {"edge": edge.toarray()[0]}
     system = System.from_matrices(M, K, fixed=[size - 1], points=points, **ways)
@@ -136,7 +137,8 @@ def plate_b(side=False):
     centre = {"centre": (0.0, 0.5 * height)}
     mesh = build_plate(strips, height, 8, boundaries=edges, points=centre)
     ways = {"fixed_x": ["cut"], "fixed_y": ["end" if side else "centre"], "thickness": thickness}
-    name, joint = f"(b) plate, {'side' if side else 'plan'}", Joint("joint", PRESSURE, FRICTION)
+    name = f"(b) plate, {'side' if side else 'plan'}"
+    joint = Joint("joint", PRESSURE, FRICTION, beta=BETA)
     return model(name, mesh, joint, HALF, {"end": 1}, **ways)
 
 
@@ -155,7 +157,7 @@ def plate_a(side=False):
     ways = {"fixed": ["middle"], "fixed_y": ["far"], "thickness": THICKNESS}
     if side:
         ways = {"fixed_x": ["middle"], "fixed_y": ["upper_end", "lower_end"], "thickness": WIDTH}
-    joint = Joint(f"upper_{part}", PRESSURE, FRICTION, against=f"lower_{part}")
+    joint = Joint(f"upper_{part}", PRESSURE, FRICTION, against=f"lower_{part}", beta=BETA)
     name, pulls = f"(a) plates, {'side' if side else 'plan'}", {"lower_end": 1, "upper_end": -1}
     return model(name, mesh, joint, ARM + 2 * HALF, pulls, **ways)
 

@@ -48,7 +48,7 @@ def models():
         "columns": replace(system, K=sparse.csc_array(system.K), T=T),
         "condensed": sj.condense(system),
         "reduced": sj.reduce(system, modes=6),
-        "projected": system.project(modes),
+        "projected": system.project(modes).with_beta(1e5),
     }  # fmt: skip
 
 

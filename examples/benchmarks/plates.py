@@ -43,12 +43,13 @@ def system_of(along, across, width, bolted):
     pressed = round(0.4 * along)
     strips = [("joint", 0.2, pressed), ("linear", 0.3, along - pressed)]
     bolts = tuple(sj.Bolt((x, 0.5 * width), BOLT_FORCE, 0.009, 0.0055) for x in (0.05, 0.15))
+    pressure = sj.Bolts(bolts, reach=0.01) if bolted else PRESSURE
     structure = sj.Structure(
         sj.build_plate(strips, width, across),
         sj.Material(E=200e9, density=8000.0, poisson=0.3),
         thickness=0.01,
         fixed=["left"],
-        joints=[sj.Joint("joint", sj.Bolts(bolts, reach=0.01) if bolted else PRESSURE, FRICTION)],
+        joints=[sj.Joint("joint", pressure, FRICTION, beta=1e5)],
         stiffness_damping=1e-5,
     )
     limit = FRICTION * (2 * BOLT_FORCE if bolted else PRESSURE * 0.2 * width)

@@ -76,7 +76,7 @@ def bending():
         sj.Material(E=200e9, density=8000.0, poisson=0.3),
         thickness=0.01,
         fixed=["left"],
-        joints=[sj.Joint("joint", 100e6, 0.5)],
+        joints=[sj.Joint("joint", 100e6, 0.5, beta=1e5)],
         stiffness_damping=1e-5,
     )
     system = structure.system([sj.Load("right", sj.Harmonic(20e3, 500.0), (1.0, 0.0))], [])

@@ -89,6 +89,7 @@ fixed = ["end"]
 on = "joint"
 pressure = 50e6
 friction = 0.7
+beta = 1e5
 [[load]]
 on = "tip"
 kind = "harmonic"

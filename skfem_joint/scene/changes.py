@@ -39,11 +39,15 @@ def replaced(table: Any, parts: Location, value: Any, where: str, depth: int = 0
 
 
 def with_changes(
-    tables: Mapping[str, Any], values: Mapping[str, Any], keys_of: Mapping[str, Any]
+    tables: Mapping[str, Any],
+    values: Mapping[str, Any],
+    keys_of: Mapping[str, Any],
+    where: str = "changed: ",
 ) -> dict[str, Any]:
     """Tables of a scene with other values, which are not checked here.
 
-    ``values`` and ``keys_of`` are as for `Scene.changed`. InputError for keys of missing tables.
+    ``values`` and ``keys_of`` are as for `Scene.changed`. InputError for keys of missing tables,
+    which begins with ``where``.
     """
     changes: dict[Location, Any] = {}
     by_path = {key: key_parts(key) for key in values}
@@ -64,7 +68,7 @@ def with_changes(
     for parts, value in changes.items():
         # Numbers and arrays of numpy become those of Python.
         given = value.tolist() if hasattr(value, "tolist") else value
-        changed = replaced(changed, parts, given, f"changed: {key_path(parts)}")
+        changed = replaced(changed, parts, given, f"{where}{key_path(parts)}")
     return changed
 
 
@@ -74,4 +78,6 @@ def _excluded(place: list[int | str], key: int | str, value: Any) -> tuple[str, 
         return ()
     if (place[0], key, value) == ("joint", "law", "coulomb"):
         return ("beta",)
+    if (place[0], key) == ("joint", "beta"):
+        return ("law",)
     return _IN_PLACE_OF.get(str(place[0]), {}).get(str(key), ())

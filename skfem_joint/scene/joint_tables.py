@@ -102,9 +102,10 @@ class JointTable(SceneTable):
     )
     friction: NotNegative = key("friction coefficient")
     law: Literal["arctan", "coulomb"] = key(
-        "friction law: arctan of the slip velocity, or exact Coulomb friction", "arctan"
+        "friction law: Coulomb's, or the arctan of the slip velocity, which it is if beta is given",
+        "coulomb",
     )
-    beta: Positive = key("steepness of the arctan law, s/m", 1e5)
+    beta: Positive | None = key("steepness of the arctan law, s/m", None)
     normal_force: Literal["consistent", "equal"] = key(
         "normal forces of the nodes: integrals of the pressure, or all equal", "consistent"
     )
@@ -114,13 +115,22 @@ class JointTable(SceneTable):
     )
 
     @model_validator(mode="after")
-    def _has_beta_only_with_arctan(self) -> Self:
-        if self.law == "coulomb" and "beta" in self.model_fields_set:
+    def _has_beta_with_arctan_alone(self) -> Self:
+        given = "law" in self.model_fields_set
+        if self.beta is None and self.law == "arctan":
             raise mistake(
-                f"found {self.beta:g} beside law = 'coulomb', which has no beta; "
-                "leave it out or choose law = 'arctan'",
+                "missing beside law = 'arctan', which needs its steepness in s/m; give beta, or "
+                "leave law out for Coulomb's",
                 "beta",
             )
+        if self.beta is not None and self.law == "coulomb":
+            if given:
+                raise mistake(
+                    f"found {self.beta:g} beside law = 'coulomb', which has no beta; "
+                    "leave one of them out: beta alone means the arctan law",
+                    "beta",
+                )
+            object.__setattr__(self, "law", "arctan")  # the default beside beta; still not given
         return self
 
     def to_joint(self) -> structure.Joint:
@@ -128,7 +138,7 @@ class JointTable(SceneTable):
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
             values["pressure"] = self.pressure.to_pressure()
-        if self.law == "coulomb":
+        if self.beta is None:
             values["beta"] = math.inf
         return structure.Joint(**values)
 

@@ -14,8 +14,8 @@ from pydantic import TypeAdapter, ValidationError
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
-from skfem_joint.scene.changes import replaced
-from skfem_joint.scene.messages import key_parts, key_path, sentences, value_text
+from skfem_joint.scene.changes import replaced, with_changes
+from skfem_joint.scene.messages import sentences, value_text
 from skfem_joint.scene.scene import (
     TABLES_OF_STRUCTURE,
     TABLES_OF_SYSTEM,
@@ -216,10 +216,7 @@ def load_sweep(path: str | Path) -> Swept:
     values = sweep.combinations()
     for row in values:
         try:
-            changed: dict[str, Any] = tables
-            for name, value in row.items():
-                where = f"{path}: sweep.{key_path((name,))}"
-                changed = replaced(changed, key_parts(name) or (), value, where)
+            changed = with_changes(tables, row, {}, f"{path}: sweep: ")
             mesh_table = repr(changed.get("mesh"))
             if mesh_table not in meshes:
                 meshes[mesh_table] = _read_mesh(changed, path.parent)

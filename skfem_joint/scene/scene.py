@@ -263,7 +263,7 @@ class Scene(SceneTable):
             ``joint``, ``bolt`` and ``load`` are set in each of these tables; a list takes the place
             of all of them. ``title`` takes a text. A value of None leaves its key out. ``cycles``,
             ``until`` and ``duration`` take each other's place, a damping ``ratio`` that of its
-            factors, and ``law="coulomb"`` that of ``beta``.
+            factors, ``law="coulomb"`` that of ``beta``, and ``beta`` that of ``law``.
 
         Raises
         ------

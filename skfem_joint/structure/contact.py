@@ -86,7 +86,7 @@ def contact(
     *,
     pressure: Pressure,
     friction: float,
-    beta: float = 1e5,
+    beta: float = np.inf,
     against: str | None = None,
     width: float = 1.0,
     thickness: float = 1.0,

@@ -34,7 +34,7 @@ class Joint:
     against : str, optional
         Region or boundary of another body; a rigid base if not given.
     beta : float
-        Steepness of the arctan law, s/m; ``inf`` is Coulomb.
+        Steepness of the arctan law, s/m; ``inf``, the default, is Coulomb's law.
     normal_force : {"consistent", "equal"}
         Nodal forces are integrals of pressure times hat function, which converge with the square
         of the element size; or, as in the paper, the total force divided equally among the nodes
@@ -48,7 +48,7 @@ class Joint:
     pressure: Pressure | str
     friction: float
     against: str | None = None
-    beta: float = 1e5
+    beta: float = np.inf
     normal_force: str = "consistent"
     axis: tuple[float, ...] | None = None
 

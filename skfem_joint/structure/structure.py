@@ -215,11 +215,12 @@ class Structure:
     def at_rest(self) -> list[str]:
         """Sentences about the preload, and about bodies that friction alone holds."""
         loose = loose_bodies(self.body, self.held, self.patches, self.cuts, friction=False)
-        pressed = self.preload
+        pressed, creep = self.preload, ", and creeps under the arctan law"
+        steep = all(np.isinf(patch.joint.beta) for patch in self.patches)
         return [
             *(() if pressed is None else pressed.sentences(self.joints, self.bolts)),
             *(
-                f"Friction alone holds {label}: it may slip away, and creeps under the arctan law."
+                f"Friction alone holds {label}: it may slip away{'' if steep else creep}."
                 for label in loose
             ),
         ]

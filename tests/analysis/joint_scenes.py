@@ -50,7 +50,8 @@ def harmonic(
 
 
 def joint(on: str = "joint", **changes: Any) -> dict[str, Any]:
-    return {"on": on, "pressure": 50e6, "friction": MU, "normal_force": "equal"} | changes
+    law = {} if "law" in changes else {"beta": 1e5}
+    return {"on": on, "pressure": 50e6, "friction": MU, "normal_force": "equal"} | law | changes
 
 
 def bar_tables(*run: str, **changes: Any) -> dict[str, Any]:
@@ -95,7 +96,7 @@ def plate_tables(*run: str, **changes: Any) -> dict[str, Any]:
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.0},
         "section": {"thickness": THICKNESS},
         "support": {"fixed": ["left"]},
-        "joint": [{"on": "joint", "pressure": 8e6, "friction": MU}],
+        "joint": [{"on": "joint", "pressure": 8e6, "friction": MU, "beta": 1e5}],
         "damping": {"stiffness": 1e-5},
         "load": [harmonic("right", 63e3, 1000.0) | {"direction": [1.0, 0.0]}],
         "time": {"cycles": 3, "steps_per_cycle": 100},
@@ -118,7 +119,7 @@ def two_plates(*run: str, **changes: Any) -> Scene:
     strips = [("upper_joint", 0.1, 5), ("upper_linear", 0.1, 3)]
     upper = build_plate(strips, WIDTH, 2, origin=(0.1, 0.0), prefix="upper_")
     values: dict[str, Any] = {
-        "joint": [{"on": "upper_joint", "against": "joint", "pressure": 8e6, "friction": MU}],
+        "joint": [joint("upper_joint", against="joint", pressure=8e6, normal_force="consistent")],
         "load": [harmonic("upper_right", 14e3, 1000.0) | {"direction": [1.0, 0.0]}],
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
     }

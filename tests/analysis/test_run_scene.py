@@ -315,7 +315,7 @@ def test_reduced_plates_follow_the_full_ones(plates_study):
 
 
 def test_modes_of_the_paper_laid_along_the_axis_of_a_joint():
-    contact = {"on": "joint", "pressure": 8e6, "friction": MU, "axis": [-1.0, 0.0]}
+    contact = {"on": "joint", "pressure": 8e6, "friction": MU, "beta": 1e5, "axis": [-1.0, 0.0]}
     load = [harmonic("right", 30e3, 1000.0) | {"direction": [1.0, 0.0]}]
     active = []
     for length in ({}, {"active_length": 0.15}, {"active_length": {"joint": 0.15}}):

@@ -27,7 +27,9 @@ from skfem_joint.scene import Swept, load_sweep
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
 ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'
 FULL = ('"full", "reduced"', '"full"')
-WORDS = 'combine = "list"\n"joint[0].law" = ["arctan", "coulomb"]\n"time.cycles" = [1, 2]'
+WORDS = (
+    'combine = "list"\n"joint[0].normal_force" = ["consistent", "equal"]\n"time.cycles" = [1, 2]'
+)
 
 
 def sweep_file(folder: Path, sweep: str, *changes: tuple[str, str]) -> Path:
@@ -87,7 +89,7 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
         np.testing.assert_allclose(line.get_xdata(), [1e3, 1e4, 1e5])
         np.testing.assert_allclose(line.get_ydata(), [0, 100, 200])
     (panel,) = drawn(WORDS, [row(0, 1e-4), row(1, 2e-4)]).axes
-    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["arctan", "coulomb"]
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["consistent", "equal"]
     rows = [row(k, 1e-4 * k) for k in (0, 1, 2, 4, 5)] + [row(3, failure="step 3")]
     figure = drawn(PRODUCT, rows)
     grid = figure.axes[0].images[0].get_array().filled(np.nan)

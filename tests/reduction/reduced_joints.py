@@ -31,7 +31,7 @@ def bar(
     points |= {
         f"after {name}": float(x) for (name, _, _), x in zip(regions[:-1], ends[:-1], strict=True)
     }
-    pressed = [sj.Joint(name, 50e6, MU, **options) for name in joints]
+    pressed = [sj.Joint(name, 50e6, MU, **({"beta": 1e5} | options)) for name in joints]
     made = structure(sj.build_bar(regions, points), pressed, fixed, stiffness_damping=1e-5)
     return made, made.system([sj.Load(on, amplitude) for on, amplitude in loads])
 
@@ -54,7 +54,7 @@ def case_i(frequency: float = 2000.0) -> tuple[sj.Structure, sj.System]:
 def case(name: str, poisson: float = 0.3) -> tuple[sj.Structure, sj.System, float]:
     """Structure, system and time step of a plate, of which three periods are run."""
     on, direction, frequency, held = "right", (1.0, 0.0), 500.0, "left"
-    pressed: dict[str, Any] = {"pressure": 50e6, "friction": MU, "axis": (1.0, 0.0)}
+    pressed: dict[str, Any] = {"pressure": 50e6, "friction": MU, "beta": 1e5, "axis": (1.0, 0.0)}
     if name == "lap":  # the paper's reference system
         mesh = sj.build_plate([("joint", 0.25, 40)], 0.05, 4)
         pressed["pressure"], force, frequency = 8e6, 63e3, 1000.0

@@ -234,6 +234,7 @@ def test_a_change_reaches_every_key_of_a_scene():
         ({"damping": {"stiffness": 1e-5, "mass": 2.0}}, {"damping": {"ratio": 0.01}}),
         ({"damping": {"ratio": 0.01}}, {"damping": {"mass": 2.0}}),
         ({"joint": {"beta": 1e4}}, {"joint": {"law": "coulomb"}}),
+        ({"joint": {"law": "coulomb"}}, {"joint": {"beta": 1e4}}),
     ],
 )
 def test_a_change_leaves_out_what_it_excludes(first, then):

@@ -34,7 +34,9 @@ def test_a_list_goes_through_all_keys_at_once_even_where_the_scene_leaves_them_o
     by_list = 'combine = "list"\n"load[0].amplitude" = {from = 1, to = 100, points = 3,'
     by_list += ' scale = "log"}\n"damping.mass" = [1, 2, 2]\n"joint[0].law" = ["arctan", '
     by_list += '"coulomb", "coulomb"]'
-    swept = read(by_list, ("amplitude = 87.5e3\n", ""))
+    swept = read(
+        by_list, ("amplitude = 87.5e3\n", ""), ("friction = 0.7", "friction = 0.7\nbeta = 1e5")
+    )
     loads: list[Any] = [scene.load[0] for scene in swept.scenes]
     assert [load.amplitude for load in loads] == [1, 10, 100]
     assert [scene.damping.mass for scene in swept.scenes] == [1, 2, 2]

@@ -83,6 +83,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
     ],
     "friction = 0.7": [
         ('friction = 0.7\nlaw = "coulomb"\nbeta = 1e5', "joint[0].beta", "100000", "'coulomb'"),
+        ('friction = 0.7\nlaw = "arctan"', "joint[0].beta", "missing", "leave law out"),
         ('friction = 0.7\nnormal_force = "even"', "joint[0].normal_force", "or 'equal'"),
         ("friction = 0.7\naxis = [0, 0.0]", "joint[0].axis", "no direction"),
         ("friction = 0.7\naxis = [1, 0, 0, 0]", "joint[0].axis", "a list of 4"),
@@ -209,10 +210,24 @@ def test_steps_must_resolve_every_harmonic_of_the_common_period():
     ],
 )
 def test_a_joint_arrives_as_given(text, expected):
-    laws = ("friction = 0.7", 'friction = 0.7\nlaw = "coulomb"\nagainst = "b"\naxis = [-2, 0]')
+    laws = ("friction = 0.7", 'friction = 0.7\nagainst = "b"\naxis = [-2, 0]')
     joint = scene_of((PRESSURE, f"pressure = {text}"), laws).joint[0].to_joint()
     assert (joint.on, joint.pressure, joint.beta) == ("joint", expected, math.inf)
     assert (joint.against, joint.axis) == ("b", (-2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("keys", "law", "beta"),
+    [
+        ("", "coulomb", math.inf),
+        ('law = "coulomb"', "coulomb", math.inf),
+        ("beta = 2e4", "arctan", 2e4),
+        ('beta = 2e4\nlaw = "arctan"', "arctan", 2e4),
+    ],
+)
+def test_the_law_is_coulombs_unless_beta_is_given(keys, law, beta):
+    scene = scene_of(("friction = 0.7", f"friction = 0.7\n{keys}"))
+    assert (scene.joint[0].law, scene.joint[0].to_joint().beta) == (law, beta)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def matrices(basis: Any) -> tuple[Any, Any]:
 
 
 def same_up_to_order(one: System, two: System) -> None:
-    """Natural frequencies, limits and directions agree."""
+    """Natural frequencies, limits, directions and laws agree."""
     how = {"k": 6, "sigma": 0.0, "return_eigenvectors": False}
     values = [
         np.sort(sparse.linalg.eigsh(s.K + 1e3 * s.M, M=s.M, v0=np.ones(s.n), **how))
@@ -44,6 +44,7 @@ def same_up_to_order(one: System, two: System) -> None:
     np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
     np.testing.assert_allclose(np.sort(one.w), np.sort(two.w), rtol=1e-12)
     np.testing.assert_array_equal(np.sort(one.directions), np.sort(two.directions))
+    assert np.isinf([one.beta, two.beta]).all()  # the default law is Coulomb's
 
 
 @pytest.mark.parametrize(("shape", "order"), [kind for kind in ELEMENTS if kind[0] != "line"])
