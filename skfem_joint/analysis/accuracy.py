@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import estimate, step_estimate
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
 from skfem_joint.errors import ConvergenceError, InputError
@@ -177,7 +177,7 @@ def with_steps_of(scene: Scene, basis: Basis) -> Scene:
     for _ in range(SETTINGS.rounds):
         plan = plan_of(scene)
         run = estimate.verification_run(reduced, plan)
-        finer = shorter(scene, estimate.of_full(reduced, run, plan))
+        finer = shorter(scene, step_estimate.of_full(reduced, run, plan))
         if finer is None:
             break
         scene = finer
@@ -288,7 +288,7 @@ def shortened_steps(
     for _ in range(SETTINGS.rounds):
         if run.interrupted:
             return scene, run, None
-        errors = estimate.of_full(system, run, plan_of(scene))
+        errors = step_estimate.of_full(system, run, plan_of(scene))
         finer = shorter(scene, errors)
         if finer is None:
             return scene, run, errors

@@ -17,8 +17,8 @@ points
     All contact points in place of its few friction points.
 time step
     Half of it, with the first of the missing modes: on a poor basis the motion is too smooth, and
-    the error of the step too small. (Twice the step, as for full models, showed only a fifth of an
-    error in energy of 2.7 % with 60 steps a period.)
+    the error of the step too small. (Twice the step showed only a fifth of an error in energy of
+    2.7 % with 60 steps a period.)
 
 A condensed model has the law and the points of the full one: only its basis and its time step err.
 Verification runs end with the cycle in which the reduced run has become steady; if it does not they
@@ -30,10 +30,7 @@ The verification runs lead step by step from the model asked for to the best one
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
 plus what the last run of each kind still leaves.
 
-A full model is run again with twice the step. If that is too long for the load, or shows large
-errors, it is run with half the step: the estimate by twice the step is then poor (the friction
-energy of a resonant structure with 50 steps a period was 4.3 % off; twice the step estimated 2.0 %,
-half the step 4.3 %). If the step itself is too long, a quarter of it is used.
+Errors of a full model are those of its time step, see :mod:`skfem_joint.analysis.step_estimate`.
 """
 
 from __future__ import annotations
@@ -104,12 +101,6 @@ class EstimateSettings:
         The step is doubled where twice the step is at most this share of the longest step that the
         load allows (20 steps in a period): longer ones may agree with each other and miss the
         joint's higher harmonics.
-    smooth : float
-        Error of a step over the difference to twice the step: 1/3 for second order, more with
-        friction.
-    large : float
-        Relative difference to twice the step from which on half the step is run: errors this large
-        do not yet fall with the square of the step.
     """
 
     settled: float = 0.01
@@ -128,8 +119,6 @@ class EstimateSettings:
     chance: float = 0.7
     at_least: float = 0.1
     follows: float = 0.4
-    smooth: float = 0.45
-    large: float = 0.05
 
 
 SETTINGS = EstimateSettings()
@@ -209,19 +198,6 @@ def verification_run(
     return integrate_plan(system, plan, progress=progress).finished()
 
 
-def of_run(
-    system: System,
-    basis: Basis | None,
-    run: Run,
-    plan: Plan,
-    progress: Callable[..., None] | None = None,
-) -> Estimate:
-    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's."""
-    if basis is None:
-        return of_full(system, run, plan, progress)
-    return of_reduced(system, basis, run.system, plan, run, progress)
-
-
 def of_reduced(
     system: System,
     basis: Basis,
@@ -270,19 +246,19 @@ def of_reduced(
         "time_step": change(other, steep, halved),
     }
     total = added(difference(truth, base), left, change(steep, grown, law), merged)
-    parts["total"] = _at_least(total, truth, base, *parts.values())
+    parts["total"] = at_least(total, truth, base, *parts.values())
     return Estimate(parts, MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :])))
 
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
-    series = np.stack(_by_cycle(run))
+    series = np.stack(by_cycle(run))
     last = series[:, -1:]
     changes = np.any(np.abs(series - last) > SETTINGS.settled * np.abs(last), axis=0)
     return max(SETTINGS.fewest_cycles, int(np.flatnonzero(changes).max(initial=-1)) + 2)
 
 
-def _by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Peak, friction energy and work of the loads of each cycle."""
     cycles = run.cycles
     return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
@@ -412,7 +388,7 @@ def _friction(system: System, v: FloatArray) -> FloatArray:
     return np.vstack([(limits * force) @ B for force in forces])
 
 
-def _at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
+def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
     """Errors of peaks and energies with lower bounds, because parts may cancel by chance.
 
     The bounds are a share of the largest part, and a share of the error in the displacement history
@@ -487,53 +463,3 @@ def _slips(system: System, modes: FloatArray) -> bool:
         return False
     slip = float(np.abs(system.B @ modes[:, 0]).max(initial=0.0))
     return slip > 0.5 * float(np.abs(modes[:, 0]).max())
-
-
-def of_full(
-    system: System, run: Run, plan: Plan, progress: Callable[..., None] | None = None
-) -> Estimate:
-    """Errors of a full model's run from its time step.
-
-    ConvergenceError if a step of the other run does not converge, KeyboardInterrupt if it is
-    interrupted.
-    """
-    verify = partial(verification_run, system, progress=progress)
-    errors = _of_twice(system, run, plan, verify)
-    if errors is None:
-        follows = plan.step <= SETTINGS.follows * longest_step(system, plan.duration)
-        factor = 2.0 if follows else 4.0
-        apart = _steps_apart(verify(plan.finer(factor)), run)
-        errors = _times(extrapolation(factor**2), apart)
-    return Estimate({"time_step": errors, "total": errors})
-
-
-def _of_twice(system: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts | None:
-    """Errors of a full model's run by twice its step; None where that is too long to estimate."""
-    if not _twice(system, plan):
-        return None
-    thinner = replace(plan, save=replace(plan.save, every=2 * plan.save.every))
-    apart = _steps_apart(run, verify(thinner.finer(0.5)), 2)
-    if max((e for e in apart.values() if e is not None), default=0.0) > SETTINGS.large:
-        return None
-    return _times(SETTINGS.smooth, apart)
-
-
-def _times(factor: float, parts: Parts) -> Parts:
-    return {name: None if e is None else factor * e for name, e in parts.items()}
-
-
-def _steps_apart(fine: Run, coarse: Run, every: int = 1) -> Parts:
-    """Difference of two runs of one model; the other has each ``every``-th row of the first.
-
-    Energies and peaks of different runs may agree by chance in the last cycle. The root mean square
-    of their differences in the last quarter of the cycles is therefore a lower bound, unless the
-    difference of the displacement histories is smaller.
-    """
-    errors = difference(results(fine, every), results(coarse))
-    last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]
-    for name, ours, theirs in zip(QUANTITIES[1:], _by_cycle(fine), _by_cycle(coarse), strict=True):
-        error = errors[name]
-        if error is not None and ours.size:
-            mean = float(np.sqrt(np.mean((ours - theirs)[-last:] ** 2))) / abs(float(ours[-1]))
-            errors[name] = max(error, mean if motion is None else min(mean, motion))
-    return _at_least(errors, results(fine, every), results(coarse))

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import run_estimate
 from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import (
@@ -313,4 +313,4 @@ def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> d
     full = at_frequency(scene.system(), frequency, curve.level)
     loaded = at_frequency(model.system, frequency, curve.level / model.level)
     run = integrate_plan(loaded, plan, progress=report)
-    return dict(estimate.of_run(full, model.basis, run, plan, progress=report).parts)
+    return dict(run_estimate.of_run(full, model.basis, run, plan, progress=report).parts)

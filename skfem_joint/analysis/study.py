@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import run_estimate
 from skfem_joint.analysis.accuracy import Choice, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.description import describe
@@ -180,7 +180,7 @@ def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> Mo
         watch, report = Stopwatch(), partial(progress, f"errors of the {model.name} model")
         of_model = study.system, model.basis, model.run, plan_of(scene)
         try:
-            errors = estimate.of_run(*of_model, progress=report)
+            errors = run_estimate.of_run(*of_model, progress=report)
         except JointError as error:
             notes = (*notes, f"The errors of the {model.name} model are not estimated: {error}")
         except KeyboardInterrupt:
