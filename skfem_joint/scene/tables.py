@@ -17,6 +17,7 @@ from skfem_joint import loads
 from skfem_joint.errors import InputError
 from skfem_joint.load_tables import read_table
 from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.values import (
     LARGEST_COUNT,
     Auto,
@@ -371,6 +372,22 @@ class ReductionTable(SceneTable):
         "auto",
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
     )
+    range: ServedRangeTable | None = key(
+        "table { slip, frequency, \"joint[0].friction\" }: loads and friction limits that one "
+        "reduced model serves, which is made once and used by run, sweep, response and backbone",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _range_stands_alone(self) -> Self:
+        others = sorted(self.model_fields_set - {"range"})
+        if self.range is not None and others:
+            raise mistake(
+                f"found beside {' and '.join(others)}; a model for a range takes its modes, "
+                "friction points and law from the range. Leave out either of them",
+                "range",
+            )
+        return self
 
 
 class AccuracyTable(SceneTable):
