@@ -205,7 +205,7 @@ def certify(
     model = study.models[name]
     known = model.estimate or Estimate({})
     parts = dict(known.parts)
-    if model.basis is None:
+    if name == "full":
         sources = mesh_and_law(study.scene, results(model.run), progress, executor)[0]
         parts |= {error.source: error.errors for error in sources}
         # Where that of the time step is not known, neither is the total.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skfem_joint.analysis import estimate, step_estimate
+from skfem_joint.analysis import estimate, range_estimate, step_estimate
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.stepping.plan import Plan
@@ -19,7 +19,12 @@ def of_run(
     plan: Plan,
     progress: Callable[..., None] | None = None,
 ) -> Estimate:
-    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's."""
+    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
+
+    Those of a model for a range are estimated by what it carries.
+    """
+    if run.system.serves is not None:
+        return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
     return estimate.of_reduced(system, basis, run.system, plan, run, progress)

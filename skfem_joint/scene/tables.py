@@ -325,7 +325,8 @@ class ReductionTable(SceneTable):
         "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
-        "number of joint modes; 'auto' is 12, and 5 with reference = 'paper'",
+        "number of joint modes; 'auto' is 12, 5 with reference = 'paper', and with range as many as "
+        "its accuracy takes",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
@@ -380,11 +381,12 @@ class ReductionTable(SceneTable):
 
     @model_validator(mode="after")
     def _range_stands_alone(self) -> Self:
-        others = sorted(self.model_fields_set - {"range"})
+        others = sorted(self.model_fields_set - {"range", "modes"})
         if self.range is not None and others:
             raise mistake(
-                f"found beside {' and '.join(others)}; a model for a range takes its modes, "
-                "friction points and law from the range. Leave out either of them",
+                f"found beside {' and '.join(others)}; a model for a range takes its friction "
+                "points, law and all but the number of joint modes from the range. Leave out "
+                "either of them",
                 "range",
             )
         return self
