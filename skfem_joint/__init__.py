@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.active_region import active_region as active_region
     from skfem_joint.analysis.backbone import Backbone as Backbone
     from skfem_joint.analysis.backbone import backbone as backbone
+    from skfem_joint.analysis.estimate import Estimate as Estimate
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
     from skfem_joint.analysis.models import Model as Model
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.ring_down import RingDown as RingDown
     from skfem_joint.analysis.ring_down import ring_down as ring_down
     from skfem_joint.analysis.rows import Rows as Rows
+    from skfem_joint.analysis.run_estimate import estimate as estimate
     from skfem_joint.analysis.stress import StressHistory as StressHistory
     from skfem_joint.analysis.stress import stress_history as stress_history
     from skfem_joint.analysis.study import run_scene as run_scene
@@ -122,12 +124,14 @@ if TYPE_CHECKING:
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
+    "analysis.estimate": "Estimate",
     "analysis.history": "Errors compare",
     "analysis.models": "Model Study",
     "analysis.natural_modes": "NaturalModes natural_modes",
     "analysis.response": "Curve SteadyPoint response",
     "analysis.ring_down": "RingDown ring_down",
     "analysis.rows": "Rows",
+    "analysis.run_estimate": "estimate",
     "analysis.stress": "StressHistory stress_history",
     "analysis.study": "run_scene",
     "analysis.sweep": "Row sweep",

@@ -180,7 +180,7 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--certify",
         action="store_true",
-        help="also estimate the errors of mesh and beta, and check a reduced model by a short full "
+        help="also estimate the error of the mesh, and check a reduced model by a short full "
         "run; the executor runs them",
     )
     run.add_argument(

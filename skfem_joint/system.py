@@ -100,6 +100,9 @@ class System:
     made_for : str
         Loads that a reduced model is restricted to, in words; empty for a system that may be loaded
         in any way.
+    origin : Origin, optional
+        What a reduced or condensed model was made of, by which `skfem_joint.estimate` finds its
+        errors; not saved to files.
 
     Raises
     ------
@@ -124,6 +127,7 @@ class System:
     shares: Matrix = field(default=None)
     notes: tuple[str, ...] = ()
     made_for: str = ""
+    origin: Any = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
@@ -339,6 +343,7 @@ class System:
             loads=tuple(replace(load, vector=T.T @ load.vector) for load in self.loads),
             P=self.P @ T,
             T=T if self.T is None else self.T @ T,
+            origin=None,
         )
 
     @staticmethod

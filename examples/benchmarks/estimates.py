@@ -1,208 +1,435 @@
-"""Stated over true errors of results, for scenes drawn at random.
+"""Stated over true errors of results, for scenes drawn at random by class.
 
-    python examples/benchmarks/estimates.py SEED COUNT            reduced models, COUNT scenes
-    python examples/benchmarks/estimates.py SEED COUNT full       time steps of full models
-    python examples/benchmarks/estimates.py SEED COUNT accuracy   1 % and 2 % asked for
+    python examples/benchmarks/estimates.py plates-bolted --seed clock --count 40 --jobs 2
+    python examples/benchmarks/estimates.py bars solids --seed 7 --model full reduced
+    python examples/benchmarks/estimates.py plates-bolted --seed 7 --model accuracy
+    python examples/benchmarks/estimates.py bars --seed 7 --only 12
+    python examples/benchmarks/estimates.py all --out rows.jsonl
 
-Bars with one to three joints and plates, loaded at ends and inside by one harmonic or several, by
-pulses that may set in late, near resonance and in gross slip too; reduced by 1 to 20 modes. The
-truth is the full model at an eighth of the step, of plates at a quarter.
+Each model of a scene is run alone, as its user would, and compared with the truth: the full model
+at 8 times the steps of bars, 4 times those of plates and solids, extrapolated from half as many.
+With ``--out`` rows are kept as they come; scenes that the file has are not run again.
 """
 
+import argparse
+import json
 import os
 import sys
 import time
-from dataclasses import dataclass
-from typing import get_args
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
-from skfem_joint import build_bar, build_plate, run_scene
+from benchmarks.scenes import CLASSES, Drawn, draw
+from skfem_joint import run_scene
 from skfem_joint.analysis.estimate import verification_run
-from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.errors import JointError
-from skfem_joint.modes import straining_modes
-from skfem_joint.scene import scene_from, tables
+from skfem_joint.processes import Spawn
+from skfem_joint.scene import Scene
 
-#: Errors below the first are not judged; large and huge errors are reported apart.
-JUDGED, LARGE, HUGE = 3e-3, 2e-2, 0.2
-WIDTH = 0.05  # m
-REFERENCES = get_args(tables.ReductionTable.model_fields["reference"].annotation)
-#: Steps in a period or rise of full models.
-STEPS = (8, 12, 20, 40, 80, 150, 400)
-
-
-def _bar(rng):
-    """Bar of one to three joints with plain parts between; names of joints and of loaded points."""
-    regions, ends, joints, x = [], {}, [], 0.0
-    for k in range(rng.integers(1, 4)):
-        beside = rng.choice([0.0, 1.0], p=(0.3, 0.7))
-        for name in (f"joint_{k}", f"plain_{k}") if beside else (f"joint_{k}",):
-            length = round(float(rng.uniform(0.05, 0.25)), 3)
-            regions.append((name, length, int(rng.integers(10, 31))))
-            ends[f"end_{name}"] = x = x + length
-        joints.append(f"joint_{k}")
-    return build_bar(regions, {"fixed": 0.0} | ends), joints, list(ends)
-
-
-def _shape(rng, force, natural, steps):
-    """Tables of load and time of a scene whose first natural frequency is ``natural`` (Hz)."""
-    ratios = [rng.uniform(0.03, 0.7), rng.uniform(0.9, 1.1), rng.uniform(1.2, 2.5)]
-    base = float(rng.choice(ratios, p=(0.6, 0.2, 0.2))) * natural
-    kind = rng.choice(["harmonic", "multi_harmonic", "pulse"], p=(0.45, 0.2, 0.35))
-    cycles = {"cycles": int(rng.integers(3, 9))}
-    cycles["steps_per_cycle"] = steps or int(rng.choice([60, 100, 200]))
-    if kind == "harmonic":
-        return {"kind": kind, "amplitude": force, "frequency": base}, cycles
-    if kind == "multi_harmonic":
-        parts = [(1, 0.7), (int(rng.integers(2, 5)), 0.4)]
-        component = [
-            {"amplitude": a * force, "frequency": n * base / 2.0, "phase": rng.uniform(0, 6.28)}
-            for n, a in parts
-        ]
-        if steps:
-            cycles["steps_per_cycle"] = steps * parts[1][0]
-        return {"kind": kind, "components": component}, cycles
-    rise = rng.uniform(0.05, 0.6) / natural
-    start = float(rng.choice([0.0, 3.0], p=(0.7, 0.3))) / natural
-    step = rise / (steps or rng.integers(10, 41))
-    shape = str(rng.choice(["triangle", "half_sine", "versine"]))
-    load = {"kind": shape, "peak": force, "rise_time": rise, "start": start}
-    return load, {"duration": start + rng.uniform(3.0, 8.0) / natural, "step": float(step)}
-
-
-def natural_frequency(scene):
-    """Lowest natural frequency with the contact held, Hz."""
-    system = scene.system()
-    held = np.unique(system.B.indices)
-    if held.size == system.n:  # a bar in contact throughout: as if half of it moved
-        held = np.arange(system.n // 2)
-    return float(straining_modes(system.K, system.M, held, 1)[0][0])
-
-
-def scenes(seed, count, steps=()):
-    """Scenes drawn at random; the steps in a period or rise are drawn from ``steps``, if given."""
-    rng = np.random.default_rng(seed)
-    for _ in range(count):
-        flat = rng.random() < 0.2
-        if flat:
-            long, wide = int(rng.integers(8, 17)), int(rng.integers(2, 4))
-            strips = [("joint", 0.2, long // 2), ("linear", 0.2, long // 2)]
-            mesh, joints, places = build_plate(strips, WIDTH, wide), ["joint"], ["right"]
-        else:
-            mesh, joints, places = _bar(rng)
-        pressed = {"pressure": rng.uniform(2e6, 2e7), "friction": 0.7}
-        arctan = rng.random() >= 0.15
-        pressed |= {"beta": 10 ** rng.uniform(3.5, 6)} if arctan else {"law": "coulomb"}
-        pull = {"on": places[0], "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
-        values = {
-            "mesh": {"file": "none"},
-            "material": {"E": 200e9, "density": 8000.0} | ({"poisson": 0.3} if flat else {}),
-            "section": {"thickness": 0.01} | ({} if flat else {"width": WIDTH}),
-            "support": {"fixed": ["left" if flat else "fixed"]},
-            "joint": [{"on": on} | pressed for on in joints],
-            "damping": {"stiffness": 10 ** rng.uniform(-6.5, -5)},
-            "load": [pull | ({"direction": [1.0, 0.0]} if flat else {})],
-            "time": {"cycles": 1},
-        }
-        plain = scene_from(values, mesh)
-        place = str(rng.choice(places[-2:] if rng.random() < 0.7 else places))
-        direction = {"direction": [1.0, float(rng.choice([0.0, 0.3]))]} if flat else {}
-        level = rng.uniform(1.05, 1.5) if rng.random() < 0.12 else rng.uniform(0.1, 0.9)
-        limit = float(plain.system().w.sum()) * (1.0 if flat else 1.0 / len(joints))
-        per_cycle = int(rng.choice(steps)) if steps else None
-        load, times = _shape(rng, level * limit, natural_frequency(plain), per_cycle)
-        modes = int(rng.integers(1, 21))
-        apart = not flat and {f"end_plain_{k}" for k in range(len(joints) - 1)} <= set(places)
-        reference = str(rng.choice([name for name in REFERENCES if name != "paper" or apart]))
-        most = 12 if reference == "paper" else 20
-        reduction = {"reference": reference, "modes": min(modes, most)}
-        reduction |= {"interface_modes": int(rng.integers(0, 4))} if rng.random() < 0.4 else {}
-        reduction |= {"friction_points": "all"} if rng.random() < 0.3 else {}
-        values |= {"load": [{"on": place} | direction | load], "time": times}
-        values |= {"reduction": reduction, "models": {"run": ["full" if steps else "reduced"]}}
-        yield scene_from(values, mesh)
+MODELS = ("full", "reduced", "condensed")
+#: Largest errors that are asked for with ``--model accuracy``.
+ASKED = (0.02, 0.01, 0.005)
+#: True errors above the first are judged; those down to the second, and above the third, apart.
+JUDGED, SMALL, LARGE = 3e-3, 1e-3, 2e-2
+#: Stated over true error that counts as good, and as far too small.
+GOOD, BAD = (0.5, 3.0), 0.3
+#: Share of its error up to which the truth of a quantity may be in doubt.
+SURE = 0.25
+#: An accuracy that is missed by less than this factor is nearly met.
+NEARLY = 1.5
+Errors = dict[str, float | None]
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Stated and true errors of a scene's results by quantity; empty if the scene was refused."""
+class Row:
+    """One model of one scene.
 
-    what: str
-    stated: dict[str, float | None]
-    true: dict[str, float | None]
+    Attributes
+    ----------
+    kind, seed, number : str, int, int
+        Class, seed and number of the scene.
+    model : str
+        Its name, or "accuracy" and what was asked for.
+    load : str
+        Kind of load.
+    share : float
+        Load over the one that makes a joint slip as a whole.
+    stated, true : dict of str to float or None
+        Errors by quantity; empty if the scene was refused.
+    doubt : dict of str to float or None
+        Difference of the truth from its finest run, relative.
+    refused : str
+        Why there is no result.
+    seconds : float
+        Processor time of the model with its estimate, s.
+    truth_seconds : float
+        Processor time of the truth, s.
+    """
+
+    kind: str
+    seed: int
+    number: int
+    model: str
+    load: str
+    share: float
+    stated: Errors = field(default_factory=dict)
+    true: Errors = field(default_factory=dict)
+    doubt: Errors = field(default_factory=dict)
     refused: str = ""
+    seconds: float = 0.0
+    truth_seconds: float = 0.0
 
-    def ratios(self):
-        """Stated over true error, and the true error, where that is large enough to be judged."""
-        pairs = ((self.stated.get(name), self.true.get(name)) for name in QUANTITIES)
-        return [(a / b, b) for a, b in pairs if None not in (a, b) and b > JUDGED]
+    @property
+    def scene(self) -> str:
+        """Class, seed and number, as the command takes them."""
+        return f"{self.kind} --seed {self.seed} --only {self.number}"
+
+    def pairs(self, low: float = JUDGED, high: float = np.inf) -> list[tuple[str, float, float]]:
+        """Quantity, stated and true error of those with a sure truth between two bounds."""
+        found = []
+        for name in QUANTITIES:
+            stated, true = self.stated.get(name), self.true.get(name)
+            if stated is None or true is None or not low < true <= high:
+                continue
+            if self.is_sure(name):
+                found.append((name, stated, true))
+        return found
+
+    def is_sure(self, name: str) -> bool:
+        """Whether the truth of a quantity has itself converged."""
+        return (self.doubt.get(name) or 0.0) <= SURE * (self.true.get(name) or 0.0)
 
 
-def judged(scene):
-    """Run the only model of a scene, and the truth: the full model with far smaller steps."""
-    (name,), reduction = scene.models.run, scene.reduction
-    what = f"{scene.load[0].kind:14s} {scene.system().n:4d} unknowns {scene.n_steps:5d} steps"
-    if name == "reduced":
-        what += f" {reduction.reference:5s} {reduction.modes!s:>4s} + "
-        what += f"{reduction.interface_modes!s:4s} modes"
+# %% Measuring
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Results that hardly err, and how far the finest run behind them is from them."""
+
+    results: Results
+    doubt: Errors
+
+
+def truth_of(scene: Scene, finer: int | None = None) -> Truth:
+    """Results of the full model with far smaller steps, extrapolated.
+
+    ``finer`` is how many times as many steps the finest run has: 8 for bars and small systems, else
+    4.
+    """
+    system, plan = scene.system(), plan_of(scene)
+    factor = finer or (8 if system.n <= 150 else 4)
+    rough, fine = (results(verification_run(system, plan.finer(k))) for k in (factor // 2, factor))
+    best = fine.plus(extrapolation(2.0**2) - 1.0, fine, rough)
+    return Truth(best, difference(best, fine))
+
+
+def judged(scene: Scene, truth: Truth | None = None) -> Row:
+    """Run the only model of a scene and compare its stated errors with the truth.
+
+    The truth is computed if it is not given, with the steps that the model took.
+    """
+    (name,) = scene.models.run
+    begin = time.process_time()
     try:
-        study = run_scene(scene)
+        model = run_scene(scene).models[name]
     except JointError as error:
-        return Judged(what, {}, {}, str(error))
-    model, asked = study.models[name], study.scene
-    finer = 8 if asked.named_mesh.dim == 1 else 4
-    truth = results(verification_run(asked.system(), plan_of(asked).finer(finer)))
-    said = {q: model.estimate and model.estimate.of("total", q) for q in QUANTITIES}
-    return Judged(what, said, difference(truth, results(model.run)))
+        refused = f"{type(error).__name__}: {error}"
+        return Row("", 0, 0, name, "", 0.0, refused=refused, seconds=time.process_time() - begin)
+    seconds, begin = time.process_time() - begin, time.process_time()
+    truth = truth or truth_of(scene)
+    every = (len(model.run.point_u) - 1) // max(len(truth.results.point_u) - 1, 1)
+    found = results(model.run, max(every, 1))  # steps that were halved for an accuracy
+    stated = {q: model.estimate and model.estimate.of("total", q) for q in QUANTITIES}
+    return Row(
+        *("", 0, 0, name, "", 0.0),
+        stated=stated,
+        true=difference(truth.results, found),
+        doubt=truth.doubt,
+        seconds=seconds,
+        truth_seconds=time.process_time() - begin,
+    )
 
 
-def report(all_judged):
-    """Shares of quantities and of scenes by their ratios of stated to true error."""
-    some = [ratios for judgement in all_judged if (ratios := judgement.ratios())]
-    flat = [pair for ratios in some for pair in ratios]
-    refused = sum(bool(judgement.refused) for judgement in all_judged)
-    said = f"{len(all_judged)} scenes, {refused} refused, {len(some)} with an error above"
-    lines = [f"{said} {JUDGED:.1%}"]
-    if flat:
-        shares = np.array([ratio for ratio, _ in flat])
-        large = [ratio for ratio, true in flat if true > LARGE]
-        huge = [ratio * true for ratio, true in flat if true > HUGE]
-        inside = np.mean([(shares >= 0.5) & (shares <= 3.0)])
-        whole = np.mean([all(0.5 <= r <= 3.0 for r, _ in ratios) for ratios in some])
-        lines += [
-            f"stated between 0.5 and 3 times the truth: {inside:.0%} of quantities, and all "
-            f"quantities of {whole:.0%} of scenes",
-            f"above 3 times: {np.mean(shares > 3.0):.0%}; stated over true: smallest "
-            f"{shares.min():.2f}, largest {shares.max():.2f}",
-            f"smallest where the truth exceeds {LARGE:.0%}: {min(large, default=1.0):.2f}",
-            f"smallest stated error where the truth exceeds {HUGE:.0%}: "
-            f"{min(huge, default=1.0):.0%}",
-        ]
+def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list[dict]:
+    """Rows of one scene, as dictionaries."""
+    with TemporaryDirectory() as folder:
+        begin = time.process_time()
+        try:
+            drawn = draw(kind, seed, number, Path(folder))
+            truth = truth_of(drawn.scene)
+        except JointError as error:
+            refused = f"{type(error).__name__}: {error}"
+            return [asdict(Row(kind, seed, number, m, "", 0.0, refused=refused)) for m in models]
+        spent, rows = time.process_time() - begin, []
+        for name, scene in _variants(drawn, models):
+            values = asdict(judged(scene, truth))
+            values |= {"kind": kind, "seed": seed, "number": number, "model": name}
+            values |= {"load": drawn.load, "share": drawn.share, "truth_seconds": spent}
+            rows.append(values)
+    return rows
+
+
+def _variants(drawn: Drawn, models):
+    """Names and scenes of a model each; for accuracies the reduced model, once for each."""
+    for name in models:
+        if name != "accuracy":
+            yield name, drawn.scene.changed(models={"run": [name]})
+            continue
+        for asked in ASKED:
+            accuracy = {"displacement": asked, "energy": asked}
+            scene = drawn.scene.changed(models={"run": ["reduced"]}, accuracy=accuracy)
+            yield f"accuracy {100 * asked:g} %", scene
+
+
+# %% Tables
+
+
+def _percent(part, whole):
+    return "-" if not whole else f"{100.0 * part / whole:.0f} %"
+
+
+def table(rows: list[Row]) -> list[str]:
+    """Table in Markdown of how far stated errors hold, a line for each class and model."""
+    columns = ("class", "model", "scenes", "refused", "quantities with errors above 0.3 %")
+    columns += ("stated at 0.5 to 3 times the truth", "below 0.5", "above 3")
+    columns += ("scenes with all of them there", "0.1 to 0.3 %: stated there")
+    columns += ("above 2 %: below 0.3", "smallest", "truth in doubt")
+    lines = [_cells(columns), _cells(["---"] * len(columns))]
+    for kind, model in dict.fromkeys((row.kind, row.model) for row in rows):
+        of = [row for row in rows if (row.kind, row.model) == (kind, model)]
+        lines.append(_cells([kind, model, *_counts(of)]))
+    if len({row.kind for row in rows}) > 1:
+        for model in dict.fromkeys(row.model for row in rows):
+            of = [row for row in rows if row.model == model]
+            lines.append(_cells(["all", model, *_counts(of)]))
     return lines
 
 
-def _percent(value):
-    return "      -" if value is None else f"{100 * value:7.2f}"
+def _cells(values):
+    return f"| {' | '.join(map(str, values))} |"
 
 
-def main(arguments):
-    seed, count, kind = int(arguments[0]), int(arguments[1]), "".join(arguments[2:3])
-    judgements, begin = [], time.perf_counter()
-    for scene in scenes(seed, count, STEPS if kind == "full" else ()):
-        if kind == "accuracy":
-            accuracy = {"displacement": 0.01, "energy": 0.02}
-            keys = scene.model_dump(exclude_unset=True) | {"accuracy": accuracy}
-            scene = scene_from(keys, scene.named_mesh)
-        judgements.append(judgement := judged(scene))
-        pairs = ((judgement.stated.get(q), judgement.true.get(q)) for q in QUANTITIES)
-        cells = "  ".join(f"{_percent(a)} /{_percent(b)}" for a, b in pairs)
-        print(f"{judgement.what:62s} {judgement.refused[:90] or cells}", flush=True)
-    print(*report(judgements), f"{time.perf_counter() - begin:.0f} s", sep="\n")
+def _good(stated, true):
+    return GOOD[0] * true <= stated <= GOOD[1] * true
+
+
+def _counts(rows):
+    """Cells of a line of the table."""
+    scenes = [pairs for row in rows if (pairs := row.pairs())]
+    ratios = np.array([a / b for pairs in scenes for _, a, b in pairs])
+    small = [(a, b) for row in rows for _, a, b in row.pairs(SMALL, JUDGED)]
+    large = [a / b for row in rows for _, a, b in row.pairs(LARGE)]
+    doubtful = [
+        name
+        for row in rows
+        for name in QUANTITIES
+        if (row.true.get(name) or 0.0) > JUDGED and not row.is_sure(name)
+    ]
+    whole = sum(all(_good(a, b) for _, a, b in pairs) for pairs in scenes)
+    return [
+        len(rows),
+        sum(bool(row.refused) for row in rows),
+        ratios.size,
+        _percent(np.sum((ratios >= GOOD[0]) & (ratios <= GOOD[1])), ratios.size),
+        _percent(np.sum(ratios < GOOD[0]), ratios.size),
+        _percent(np.sum(ratios > GOOD[1]), ratios.size),
+        f"{_percent(whole, len(scenes))} of {len(scenes)}",
+        f"{_percent(sum(_good(*pair) for pair in small), len(small))} of {len(small)}",
+        f"{sum(ratio < BAD for ratio in large)} of {len(large)}",
+        f"{min(large):.2f}" if large else "-",
+        len(doubtful),
+    ]
+
+
+def accuracies(rows: list[Row]) -> list[str]:
+    """Table in Markdown of accuracies that were asked for."""
+    columns = (
+        "class",
+        "asked",
+        "scenes",
+        "met",
+        "missed by at most 1.5",
+        "missed by more",
+        "refused",
+    )
+    lines = [_cells(columns), _cells(["---"] * len(columns))]
+    for kind, model in dict.fromkeys((row.kind, row.model) for row in rows):
+        of = [row for row in rows if (row.kind, row.model) == (kind, model)]
+        run = [row for row in of if not row.refused]
+        over = np.array([_excess(row) for row in run])
+        cells = [_percent(n, len(run)) for n in (
+            np.sum(over <= 1.0), np.sum((over > 1.0) & (over <= NEARLY)), np.sum(over > NEARLY)
+        )]  # fmt: skip
+        cells.append(_percent(len(of) - len(run), len(of)))
+        lines.append(_cells([kind, model.removeprefix("accuracy "), len(of), *cells]))
+    return lines
+
+
+def _excess(row):
+    """Largest true error over the accuracy asked for, of quantities with a sure truth."""
+    asked = float(row.model.split()[1]) / 100.0
+    sure = [e for name in QUANTITIES if (e := row.true.get(name)) and row.is_sure(name)]
+    return max(sure, default=0.0) / asked
+
+
+def cases(rows: list[Row]) -> list[str]:
+    """Lines on what was refused, and on each case that is stated far too small or missed by far."""
+    lines = []
+    for row in rows:
+        if row.model.startswith("accuracy"):
+            if not row.refused and _excess(row) > NEARLY:
+                lines.append(
+                    f"- missed by {_excess(row):.2g}: {row.scene}, {row.model}, {row.load}"
+                )
+            continue
+        lines += [
+            f"- stated {100 * a:.2g} % of {100 * b:.2g} %, {name.replace('_', ' ')}: {row.scene}, "
+            f"{row.model}, {row.load}, {100 * row.share:.0f} % of slip"
+            for name, a, b in row.pairs(LARGE)
+            if a < BAD * b
+        ]
+    reasons = Counter(_reason(row.refused) for row in rows if row.refused)
+    first = {_reason(row.refused): row for row in reversed(rows) if row.refused}
+    lines += [
+        f"- refused {count} times: {reason} (the first: {first[reason].scene}, "
+        f"{first[reason].model})"
+        for reason, count in reasons.most_common()
+    ]
+    return lines
+
+
+def _reason(message):
+    """What a refusal says, without its numbers and the name of the scene's file."""
+    words = message.split("scene.toml: ")[-1] if "scene.toml: " in message else message
+    return "".join("…" if c.isdigit() else c for c in words)[:110].replace("\n", " ")
+
+
+def parts(rows: list[Row]) -> list[str]:
+    """Lines on the shares of good statements by load and by quantity."""
+    lines = []
+    for model in dict.fromkeys(row.model for row in rows):
+        of = [(row.load, *pair) for row in rows if row.model == model for pair in row.pairs()]
+        for what, column in (("load", 0), ("quantity", 1)):
+            said = []
+            for name in sorted({each[column] for each in of}):
+                good = [_good(*each[2:]) for each in of if each[column] == name]
+                share = _percent(sum(good), len(good))
+                said.append(f"{name.replace('_', ' ')} {share} of {len(good)}")
+            if said:
+                lines.append(f"- {model}, by {what}: {', '.join(said)}")
+    return lines
+
+
+def report(rows: list[Row]) -> list[str]:
+    """All tables and cases of rows."""
+    plain = [row for row in rows if not row.model.startswith("accuracy")]
+    asked = [row for row in rows if row.model.startswith("accuracy")]
+    lines = []
+    if plain:
+        lines += [*table(plain), "", *parts(plain)]
+    if asked:
+        lines += [*([""] if lines else []), *accuracies(asked), ""]
+    return lines + cases(rows)
+
+
+# %% The command
+
+
+def _line(row: Row) -> str:
+    """One row as it comes: stated and true errors of each quantity, in percent."""
+    said = row.refused.replace("\n", " ")[-100:]
+    if not said:
+        both = ((row.stated.get(name), row.true.get(name)) for name in QUANTITIES)
+        said = "  ".join("/".join("-" if e is None else f"{100 * e:.2f}" for e in p) for p in both)
+    return (
+        f"{row.kind} {row.seed} {row.number} {row.model} [{row.load}]: {said} {row.seconds:.1f} s"
+    )
+
+
+def _seed(word):
+    return int(time.time_ns() // 1000 % 10**9) if word == "clock" else int(word)
+
+
+def _kept(path: Path | None) -> list[Row]:
+    """Rows of a file, without a last line that was not finished."""
+    if path is None or not path.exists():
+        return []
+    whole = [line for line in path.read_text(encoding="utf-8").splitlines(True) if line[-1] == "\n"]
+    path.write_text("".join(whole), encoding="utf-8")
+    return [Row(**json.loads(line)) for line in whole]
+
+
+def main(arguments=None):
+    """Draw, run, judge and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    named = f"all, or any of {', '.join(CLASSES)}"
+    parser.add_argument(
+        "classes", nargs="+", choices=("all", *CLASSES), metavar="CLASS", help=named
+    )
+    clock = "numbers, or 'clock' for one from the clock, which is printed"
+    parser.add_argument("--seed", nargs="+", type=_seed, default=[1], metavar="SEED", help=clock)
+    parser.add_argument("--count", type=int, default=40, help="scenes of each class and seed")
+    parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="only these scenes")
+    parser.add_argument("--model", nargs="+", choices=(*MODELS, "accuracy"), default=MODELS)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, help="file of rows, a JSON object in each line")
+    options = parser.parse_args(arguments)
+    begin = time.perf_counter()
+    kinds = tuple(CLASSES) if "all" in options.classes else tuple(options.classes)
+    numbers = range(options.count) if options.only is None else options.only
+    rows = _kept(options.out)
+    names = {f"accuracy {100 * a:g} %" for a in ASKED} if "accuracy" in options.model else set()
+    names |= {*options.model} - {"accuracy"}
+    wanted = {(kind, seed, n) for kind in kinds for seed in options.seed for n in numbers}
+    rows = [r for r in rows if (r.kind, r.seed, r.number) in wanted and r.model in names]
+    done = Counter((row.kind, row.seed, row.number) for row in rows)
+    rows = [r for r in rows if done[r.kind, r.seed, r.number] == len(names)]
+    tasks = [(*key, tuple(options.model)) for key in sorted(wanted) if done[key] < len(names)]
+    print(f"seeds {' '.join(map(str, options.seed))}, scenes of {', '.join(kinds)}", flush=True)
+    with ExitStack() as stack:
+        file = options.out and stack.enter_context(options.out.open("a", encoding="utf-8"))
+        for found in _results(tasks, options.jobs, stack):
+            for row in found:
+                rows.append(Row(**row))
+                print(_line(rows[-1]), flush=True)
+                if file:
+                    file.write(f"{json.dumps(row)}\n")
+                    file.flush()
+    order = {name: k for k, name in enumerate(kinds)}
+    models = {name: k for k, name in enumerate(MODELS)}
+    rows.sort(key=lambda r: (order[r.kind], models.get(r.model, 9), r.seed, r.number))
+    spent = sum(row.seconds for row in rows)
+    spent += sum({(r.kind, r.seed, r.number): r.truth_seconds for r in rows}.values())
+    print("", *report(rows), "", sep="\n")
+    print(f"Seeds {' '.join(map(str, options.seed))}; {time.perf_counter() - begin:.0f} s, "
+          f"{spent:.0f} s of processor time.")  # fmt: skip
+
+
+def _results(tasks, jobs, stack):
+    """Rows of each scene as they come."""
+    if jobs == 1:
+        yield from (measured(*task) for task in tasks)
+        return
+    pool = stack.enter_context(ProcessPoolExecutor(jobs, mp_context=Spawn()))
+    futures = [pool.submit(measured, *task) for task in tasks]
+    try:
+        yield from (future.result() for future in as_completed(futures))
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.analysis import estimate, step_estimate
+from skfem_joint.analysis.condensed_reference import CondensedReference
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
 from skfem_joint.errors import ConvergenceError, InputError
@@ -219,12 +220,14 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
+    reference = CondensedReference.of(system)
     errors: list[float] = []
     for done in range(SETTINGS.rounds):
         report(done, SETTINGS.rounds)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
-        step, stands = scene.time_step, estimate.of_reduced(system, basis, reduced, plan_of(scene))
+        step, plan = scene.time_step, plan_of(scene)
+        stands = estimate.of_reduced(system, basis, reduced, plan, reference=reference)
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
             return AccurateModel(scene, basis, reduced, stands)

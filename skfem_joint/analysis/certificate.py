@@ -1,4 +1,4 @@
-"""Errors by the mesh, by the law of friction and against the full model; reference solutions.
+"""Errors by the mesh and against the full model; reference solutions.
 
 Every result has estimated errors (`skfem_joint.analysis.estimate`). `certify` adds those for which
 other models have to be run:
@@ -8,9 +8,6 @@ mesh
     is not smooth) extrapolates the difference of the first two runs to the error of the first. In
     two and three dimensions elements are halved once, and the error is taken to be proportional to
     their size: another halving would cost sixteen times the first and more.
-law
-    Against exact Coulomb friction: the change by the regularisation. Full model only; the steepness
-    of a reduced model is checked with every run.
 full run
     A reduced model without the full one beside it: two cycles of both. (Where the full one was run
     beside it, every estimate has the distance of the whole runs.)
@@ -153,12 +150,15 @@ def mesh_and_law(
     progress: Progress = silent,
     executor: Executor | None = None,
     rows: Rows | None = None,
+    *,
+    law: bool = True,
 ) -> tuple[list[Source], Results]:
     """Errors of a full model from its mesh and its law, and its results on the finest mesh.
 
     Matrices have no mesh that could be refined. Without an executor each run is one of the rows.
+    With ``law = False`` the law is left out.
     """
-    steep = any(joint.law == "arctan" for joint in scene.joint)
+    steep = law and any(joint.law == "arctan" for joint in scene.joint)
     halvings = SETTINGS.halvings[scene.named_mesh.dim] if scene.matrices is None else 0
     scenes, runs = [scene], [base]
     for _ in range(halvings):
@@ -206,7 +206,8 @@ def certify(
     known = model.estimate or Estimate({})
     parts = dict(known.parts)
     if name == "full":
-        sources = mesh_and_law(study.scene, results(model.run), progress, executor)[0]
+        base = results(model.run)
+        sources = mesh_and_law(study.scene, base, progress, executor, law=False)[0]
         parts |= {error.source: error.errors for error in sources}
         # Where that of the time step is not known, neither is the total.
         in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))

@@ -41,7 +41,15 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
+from skfem_joint.analysis.condensed_reference import CondensedReference
+from skfem_joint.analysis.history import (
+    QUANTITIES,
+    Results,
+    difference,
+    extrapolation,
+    joint_differences,
+    results,
+)
 from skfem_joint.arrays import FloatArray
 from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
@@ -56,8 +64,11 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import AppliedLoad, System
 
-#: Sources of error, as a summary names them.
-SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total")
+#: Sources of error, as a summary names them. The distance from Coulomb's law is in no total, see
+#: `skfem_joint.analysis.against_coulomb`.
+SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total", "coulomb")
+#: What a table calls those whose names say too little.
+NAMES = {"coulomb": "against Coulomb's law"}
 
 
 @dataclass(frozen=True)
@@ -91,6 +102,10 @@ class EstimateSettings:
         Relative change by added modes below which no more are added.
     slowest : float
         Largest ratio of the second change to the first that the rest is extrapolated with.
+    large : float
+        Change by half the step of a condensed model from which on a quarter of it is run too.
+    least : float
+        Least ratio of the change by a quarter of the step to that by half of it.
     steeper : float
         Steepness of the law in its verification run over that of the model.
     chance, at_least : float
@@ -115,6 +130,8 @@ class EstimateSettings:
     most_runs: int = 4
     enough: float = 1e-3
     slowest: float = 0.4
+    large: float = 0.01
+    least: float = 0.25
     steeper: float = 10.0
     chance: float = 0.7
     at_least: float = 0.1
@@ -125,6 +142,9 @@ SETTINGS = EstimateSettings()
 
 #: Relative errors by quantity; None: not known, or zero in the result.
 Parts = dict[str, float | None]
+
+#: Error of each joint's friction energy, over that of all joints and over its own.
+ByJoint = Mapping[str, tuple[float | None, float | None]]
 
 
 @dataclass(frozen=True)
@@ -146,29 +166,34 @@ class MissingModes:
     slips: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """Estimated relative errors of one model's results.
 
     Attributes
     ----------
     parts : mapping
-        Errors by source ("basis", "law", "points", "mesh", "time_step", "full_run", "total") and
-        by quantity; a source that is not there is not estimated.
+        Errors by source (see `SOURCES`) and by quantity; a source that is not there is not
+        estimated.
     missing : MissingModes, optional
         Modes that a reduced model misses.
     unmeasured : mapping, optional
         Total as it was estimated before the full model's run was known, where it is.
+    by_joint : mapping
+        Error of the friction energy of each joint, by its name: relative to the friction energy of
+        all joints, and to the joint's own. None where that is zero; empty where not estimated.
     """
 
     parts: Mapping[str, Parts]
     missing: MissingModes | None = field(default=None, repr=False)
     unmeasured: Parts | None = field(default=None, repr=False)
+    by_joint: ByJoint = field(default_factory=dict)
 
-    def beside(self, full_run: Parts) -> Estimate:
+    def beside(self, full_run: Parts, by_joint: ByJoint | None = None) -> Estimate:
         """Copy with the distances from a run of the full model; no total is less than they are.
 
         A total that is not known is then that distance, without the full model's own error.
+        ``by_joint`` has the distances of the joints' friction energies.
         """
         stated = self.parts.get("total", {})
         total: Parts = {}
@@ -176,11 +201,39 @@ class Estimate:
             known = [e for errors in (stated, full_run) if (e := errors.get(name)) is not None]
             total[name] = max(known, default=None)
         parts = {**self.parts, "full_run": full_run, "total": total}
-        return replace(self, parts=parts, unmeasured=dict(stated))
+        joints = dict(self.by_joint)
+        for name, measured in (by_joint or {}).items():
+            joints[name] = _larger(measured, joints.get(name, (None, None)))
+        return replace(self, parts=parts, unmeasured=dict(stated), by_joint=joints)
+
+    def __repr__(self) -> str:
+        lines = ["Estimate of relative errors:"]
+        for source, errors in self.parts.items():
+            known = {name: e for name, e in errors.items() if e is not None}
+            shown = ", ".join(f"{name} {100.0 * e:.2g} %" for name, e in known.items())
+            lines.append(f"  {source.replace('_', ' ')}: {shown or 'not known'}")
+        return "\n".join(lines)
+
+    @property
+    def worst_joint(self) -> str | None:
+        """Joint whose friction energy errs most in relation to its own; None if not known."""
+        known = {name: own for name, (_, own) in self.by_joint.items() if own is not None}
+        return max(known, key=lambda name: known[name], default=None)
 
     def of(self, source: str, quantity: str) -> float | None:
         """Error of a quantity from a source; None where it is not known."""
         return self.parts.get(source, {}).get(quantity)
+
+
+def _larger(
+    first: tuple[float | None, float | None], second: tuple[float | None, float | None]
+) -> tuple[float | None, float | None]:
+    """The larger ones of two pairs of errors that may be unknown."""
+    a, b = (
+        max((e for e in pair if e is not None), default=None)
+        for pair in zip(first, second, strict=True)
+    )
+    return a, b
 
 
 def verification_run(
@@ -205,12 +258,32 @@ def of_reduced(
     plan: Plan,
     run: Run | None = None,
     progress: Callable[..., None] | None = None,
+    reference: CondensedReference | None = None,
 ) -> Estimate:
-    """Errors of a reduced model.
+    """Errors of a reduced or condensed model.
 
-    ``plan`` is that of its whole ``run``, which is made here if it is needed and not given.
-    ConvergenceError if a step of a verification run does not converge, KeyboardInterrupt if one is
-    interrupted.
+    Parameters
+    ----------
+    system : System
+        The full model.
+    basis : Basis
+    reduced : System
+        The model on it.
+    plan : Plan
+        Of its whole run.
+    run : Run, optional
+        That run; it is made here if it is needed and not given.
+    progress : callable, optional
+        As `integrate` takes it.
+    reference : CondensedReference, optional
+        Condensed model of the system, if it exists already, whose runs are used again.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a verification run does not converge.
+    KeyboardInterrupt
+        If one is interrupted.
     """
     steepest = float(reduced.beta.max())
     points = _Points.of(system, basis, reduced)
@@ -222,6 +295,11 @@ def of_reduced(
         if plan.n_steps < run.counters.steps:
             run = verify(reduced, plan)
     base = results(run)
+    if reference is None and not points.condensed:
+        reference = CondensedReference.of(system)
+    periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
+    if reference is not None and reference.affords(plan, periods, steeper):
+        return _by_reference(points, reference, steepest, plan, base, verify)
     start, merged = _merged(points, steepest, plan, verify)
     changes, bases, last = _enriched(points, steepest, plan, start, verify)
     V, W = bases[-1], bases[1]
@@ -247,7 +325,52 @@ def of_reduced(
     }
     total = added(difference(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, truth, base, *parts.values())
-    return Estimate(parts, MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :])))
+    missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
+    return Estimate(
+        parts, missing, by_joint=joint_differences(truth, base, system.joints, _rest(left))
+    )
+
+
+def _by_reference(
+    points: _Points,
+    reference: CondensedReference,
+    beta: float,
+    plan: Plan,
+    base: Results,
+    verify: Callable[..., Run],
+) -> Estimate:
+    """Errors of a reduced model whose results are ``base``, by a condensed model's runs."""
+    system, V = points.system, points.basis.V
+    every = results(verify(points.everywhere(V, beta), plan))
+    steep, law = every, 1.0
+    if np.any(system.beta > beta):
+        steep = results(verify(points.everywhere(V, SETTINGS.steeper * beta), plan))
+        law = extrapolation(SETTINGS.steeper)
+    run = reference.run(plan, verify)
+    same, half = results(run), results(reference.run(plan.finer(2), verify))
+    finest, left = same.plus(extrapolation(2.0**2), half, same), dict.fromkeys(QUANTITIES, 0.0)
+    steps = difference(half, same)
+    if max((e for e in steps.values() if e is not None), default=0.0) > SETTINGS.large:
+        finest = results(reference.run(plan.finer(4), verify))
+        left = _left([steps, difference(finest, half)], SETTINGS.least)
+
+    def change(first: Results, second: Results, factor: float = 1.0) -> Parts:
+        return difference(finest, finest.plus(factor, first, second))
+
+    parts = {
+        "basis": change(same, steep),
+        "law": change(steep, every, law),
+        "points": change(every, base),
+        "time_step": added(change(finest, same), left),
+    }
+    total = added(difference(finest, base), left)
+    parts["total"] = at_least(total, finest, base, *parts.values())
+    most = max(2 * SETTINGS.added, V.shape[1] // 2)
+    wide, velocities = reference.missing_modes(V, run, most)
+    missing = MissingModes(wide, velocities, _slips(system, wide[:, V.shape[1] :]))
+    return Estimate(
+        parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(left))
+    )
 
 
 def _settles(run: Run) -> int:
@@ -436,14 +559,20 @@ def _enriched(
     return changes, bases, run
 
 
-def _left(changes: list[Parts]) -> Parts:
-    """What is left after changes that go on as a geometric series."""
+def _rest(left: Parts) -> float:
+    """What is left of the friction energy; zero where it is not known."""
+    return left["friction_energy"] or 0.0
+
+
+def _left(changes: list[Parts], least: float = 0.0) -> Parts:
+    """What is left after changes that go on as a geometric series of a ratio of at ``least`` so."""
     errors: Parts = {}
     for name in QUANTITIES:
         last, ratio = changes[-1][name], SETTINGS.slowest
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
             ratio = min(last / before, SETTINGS.slowest) if before > 0.0 else 0.0
+            ratio = max(ratio, least)
         errors[name] = None if last is None else last * ratio / (1.0 - ratio)
     return errors
 

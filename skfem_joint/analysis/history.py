@@ -247,6 +247,8 @@ class Results:
         Energy dissipated by friction, J.
     loop_energy : float
         Work of the loads, J.
+    by_joint : ndarray, shape (joints,)
+        Energy dissipated by friction in each joint, J.
     """
 
     points: tuple[str, ...]
@@ -254,6 +256,7 @@ class Results:
     peak_displacement: float
     friction_energy: float
     loop_energy: float
+    by_joint: FloatArray
 
     def most_moving(self, like: Results | None = None) -> Results:
         """Results with the history of the point alone that moves most, here or in ``like``."""
@@ -270,13 +273,17 @@ class Results:
         # Durations that are no whole steps differ in their last rows.
         rows = min(len(x.point_u) for x in (self, first, second))
         u = self.point_u[:rows] + factor * (first.point_u[:rows] - second.point_u[:rows])
-        return replace(self, point_u=u, **numbers)
+        by_joint = self.by_joint + factor * (first.by_joint - second.by_joint)
+        return replace(self, point_u=u, by_joint=by_joint, **numbers)
 
 
 def results(run: Run, every: int = 1) -> Results:
     """Results of a run, with each ``every``-th of its stored rows."""
     peak = float(peaks(run).max(initial=0.0))
-    return Results(run.system.points, run.point_u[::every], peak, *energies(run))
+    cycles = run.cycles
+    by_joint = cycles.by_joint[-1] if cycles.friction.size else list(run.friction_energy.values())
+    u = run.point_u[::every]
+    return Results(run.system.points, u, peak, *energies(run), np.asarray(by_joint, dtype=float))
 
 
 def difference(reference: Results, other: Results) -> dict[str, float | None]:
@@ -291,6 +298,23 @@ def difference(reference: Results, other: Results) -> dict[str, float | None]:
     for name in QUANTITIES[1:]:
         value, changed = getattr(reference, name), getattr(other, name)
         errors[name] = abs(value - changed) / abs(value) if value != 0.0 else None
+    return errors
+
+
+def joint_differences(
+    reference: Results, other: Results, joints: Sequence[str], left: float = 0.0
+) -> dict[str, tuple[float | None, float | None]]:
+    """Differences of the friction energy of each joint, by its name.
+
+    Relative to the friction energy of all joints of the reference, and to the joint's own; ``left``
+    is a relative difference of all of them that is added. None where the reference is zero.
+    """
+    errors: dict[str, tuple[float | None, float | None]] = {}
+    whole = abs(reference.friction_energy)
+    for name, ours, theirs in zip(joints, reference.by_joint, other.by_joint, strict=True):
+        own = abs(float(ours))
+        error = abs(float(ours - theirs)) + left * own
+        errors[name] = error / whole if whole else None, error / own if own else None
     return errors
 
 

@@ -131,6 +131,6 @@ def _note(path: SavedPath, mode: int, q: FloatArray, coulomb: FloatArray, own: F
     return (
         f"Mode {mode}: the curve is of Coulomb's law. The joints' own, with beta = "
         f"{beta.min():.3g} s/m, lets them creep, and friction damps by {', '.join(shown)}; see "
-        "own_law_damping. A ring-down and steady response have the joints' own law; a steeper beta "
-        "or law = 'coulomb' brings them to the curve."
+        "own_law_damping. A ring-down and steady response have the joints' own law; a steeper "
+        "beta, or none, brings them to the curve."
     )

@@ -2,18 +2,25 @@
 
 A ring-down has all that quasi-static modal analysis (:mod:`skfem_joint.analysis.backbone`) leaves
 out: inertia of the other modes, which friction excites, and the system's own law of friction.
+
+A release sets off stiff modes of the joint, whose periods are far below a step. The trapezoidal
+rule changes the sign of their velocity in every step for ever, which shakes the joint and changes
+its friction: a lap joint with a damping ratio of 0.242 % had 0.215, 0.226 and 0.253 % with 200, 800
+and 3,200 steps in a period. A scheme that damps what its steps do not follow has 0.242 % with all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from skfem_joint.analysis.backbone import Backbone
+from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
@@ -26,6 +33,10 @@ from skfem_joint.values import at_least, check
 
 #: Cycles at the end of a ring-down that are left out, where the filter has no samples to come.
 LEFT_OUT = 2
+#: Spectral radius of the scheme. It adds 5e-6 to the damping ratio with 200 steps in a period.
+RHO_INFINITY = 0.9
+#: The share of the cycles, but so many at least, that is followed again with half the step.
+AGAIN, FEWEST_AGAIN = 0.25, 3 * LEFT_OUT
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,9 @@ class RingDown:
         Energy of the whole structure at whole periods of the stuck mode, J.
     friction_work : ndarray, shape (periods + 1, joints)
         Energy dissipated in each joint up to then, J.
+    step_error : dict of str to float
+        Estimated relative errors of ``frequency`` and ``damping_ratio`` from the time step: largest
+        differences to the first cycles with half of it, times 4/3.
     """
 
     time: FloatArray
@@ -54,6 +68,7 @@ class RingDown:
     damping_ratio: FloatArray
     energy: FloatArray
     friction_work: FloatArray
+    step_error: dict[str, float]
 
 
 def ring_down(
@@ -83,7 +98,8 @@ def ring_down(
     steps_per_cycle : int
         Steps in each of them.
     scheme : Scheme, optional
-        Average acceleration if not given.
+        Generalised-alpha with a spectral radius of 0.9 if not given. With the trapezoidal rule the
+        damping may depend on the step.
     start : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) to begin with, such as ``run.final`` of a run whose
         pulse has ended; released at rest from the curve's highest level if not given.
@@ -109,25 +125,64 @@ def ring_down(
     plan = Plan(
         step=1.0 / curve.stuck_frequency / steps_per_cycle,
         n_steps=cycles * steps_per_cycle,
-        scheme=scheme or generalized_alpha(),
+        scheme=scheme or generalized_alpha(RHO_INFINITY),
         save=Save(fields=True, fields_every=steps_per_cycle),
+        cycle_steps=steps_per_cycle,
     )
     initial = (curve.states[-1], np.zeros(system.n)) if start is None else start
     run = integrate_plan(unloaded, plan, initial=initial, progress=progress).finished()
-    low = butter(4, 2.0 * curve.stuck_frequency, fs=1.0 / plan.step, output="sos")
-    time, half = _peaks(sosfiltfilt(low, run.point("modal")), steps_per_cycle, plan.step)
+    decay = _decay(run.point("modal"), plan)
+    some = plan.first(min(cycles, max(FEWEST_AGAIN, int(AGAIN * cycles))))
+    again = replace(some.finer(2), save=Save())
+    finer = integrate_plan(unloaded, again, initial=initial, progress=progress).finished()
+    ours = _decay(run.point("modal")[: some.n_steps + 1], some)
+    return RingDown(
+        *decay,
+        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
+        friction_work=run.joint_work[::steps_per_cycle],
+        step_error=_apart(ours, _decay(finer.point("modal"), again)),
+    )
+
+
+class _Decay(NamedTuple):
+    """Time, amplitude, frequency and damping ratio by cycle, as `RingDown` has them."""
+
+    time: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+
+
+def _decay(q: FloatArray, plan: Plan) -> _Decay:
+    """Decay of a modal displacement at each step of a plan.
+
+    ConvergenceError if no cycle remains to measure.
+    """
+    steps_per_cycle = plan.cycle_steps or plan.n_steps
+    low = butter(4, 2.0 / steps_per_cycle, fs=1.0, output="sos")
+    time, half = _peaks(sosfiltfilt(low, q), steps_per_cycle, plan.step)
     decrement = np.log(half[:-1] / half[1:])
     angle = np.hypot(2.0 * np.pi, decrement)  # of the undamped mode in a cycle
     # Each cycle is timed over itself and the next: from its first peak to that after next.
     lasting = 0.5 * (time[2:] - time[:-2])[: decrement.size]
-    return RingDown(
+    return _Decay(
         time=time[: decrement.size],
         amplitude=np.sqrt(half[:-1] * half[1:]),
         frequency=angle / (2.0 * np.pi * lasting),
         damping_ratio=decrement / angle,
-        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
-        friction_work=run.joint_work[::steps_per_cycle],
     )
+
+
+def _apart(ours: _Decay, finer: _Decay) -> dict[str, float]:
+    """Estimated errors of a decay by one with half of its step."""
+    errors = {}
+    for name in ("frequency", "damping_ratio"):
+        one, other = getattr(ours, name), getattr(finer, name)
+        count = min(one.size, other.size)
+        size = float(np.abs(other[:count]).max())
+        apart = float(np.abs(one[:count] - other[:count]).max())
+        errors[name] = extrapolation(2.0**2) * apart / size if size > 0.0 else 0.0
+    return errors
 
 
 def _peaks(q: FloatArray, steps_per_cycle: int, step: float) -> tuple[FloatArray, FloatArray]:

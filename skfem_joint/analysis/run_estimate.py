@@ -1,15 +1,90 @@
-"""Estimated errors of any model's run: which estimate is whose."""
+"""Estimated errors of any model's run: which estimate is whose, and `estimate` for users."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from skfem_joint.analysis import estimate, range_estimate, step_estimate
-from skfem_joint.analysis.estimate import Estimate
-from skfem_joint.reduction.basis import Basis
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.analysis import range_estimate, step_estimate
+from skfem_joint.analysis.estimate import Estimate, of_reduced
+from skfem_joint.errors import InputError
+from skfem_joint.reduction.basis import Basis, Origin
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
+
+
+def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estimate:
+    """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
+
+    A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
+    friction points and its time step, without a run of the full model.
+
+    Parameters
+    ----------
+    run : Run
+        From rest, to its end, with the named points stored.
+    progress : callable, optional
+        As `integrate` takes it, called in every run that this takes.
+
+    Returns
+    -------
+    Estimate
+        Relative errors by source and quantity; ``estimate(run).parts["total"]`` has those of all
+        sources together.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a verification run does not converge.
+    InputError
+        If the run was interrupted, began in motion or stored no named points, or if its system was
+        changed after it was reduced, or loaded from a file, so that the full one is not known.
+    KeyboardInterrupt
+        If a verification run is interrupted.
+    """
+    system, plan = run.system, run.plan
+    if run.interrupted or plan is None:
+        raise InputError("estimate: found an interrupted run, must have reached its end")
+    if run.start is not None:
+        raise InputError(
+            "estimate: the run starts displaced or in motion; verification runs start from rest. "
+            "Compare it with a run of half the step instead: sj.compare"
+        )
+    if not plan.save.points:
+        raise InputError("estimate: the run stored no named points; leave out points=False")
+    origin = system.origin
+    if origin is None:
+        if system.made_for or not (system.T is None or sparse.issparse(system.T)):
+            raise InputError(
+                "estimate: the full system that this model was made from is not known: it was "
+                "loaded from a file or projected by hand. Give a run of a model as reduce or "
+                "condense return it"
+            )
+        return step_estimate.of_full(system, run, plan, progress)
+    _check_origin(system, origin)
+    return of_reduced(origin.system, origin.basis, system, plan, run, progress)
+
+
+def _check_origin(system: System, origin: Origin) -> None:
+    """Refuse a model whose loads or friction limits were changed after it was made."""
+    full, V = origin.system, origin.basis.V
+    same = (
+        V.shape[1] == system.n
+        and len(full.loads) == len(system.loads)
+        and np.isclose(full.w.sum(), system.w.sum(), rtol=1e-9)
+        and all(
+            a.amplitude == b.amplitude and np.allclose(V.T @ a.vector, b.vector)
+            for a, b in zip(full.loads, system.loads, strict=True)
+        )
+    )
+    if not same:
+        raise InputError(
+            "estimate: the loads or the friction limits of this model are not those of the full "
+            "system that it was made from; change them there, and reduce or condense it again"
+        )
 
 
 def of_run(
@@ -27,4 +102,4 @@ def of_run(
         return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
-    return estimate.of_reduced(system, basis, run.system, plan, run, progress)
+    return of_reduced(system, basis, run.system, plan, run, progress)

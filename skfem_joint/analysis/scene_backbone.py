@@ -29,6 +29,8 @@ from skfem_joint.system import System
 State = tuple[FloatArray, FloatArray]
 #: Dataclasses that rows of finished work of `scene_backbone` hold.
 BACKBONE_ROWS = (RingDown,)
+#: Relative error of a ring-down's damping from its time step beyond which a note says so.
+DOUBTFUL_STEP = 0.02
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ def scene_backbone(
             model.errors.append(_distances(own.curve, curve))
             if table.ring_down:
                 model.ring_downs.append(_ring_down(name, scene, own, progress, rows))
+                warnings += _doubts(model, curve.mode)
         models.append(model)
     return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
 
@@ -203,13 +206,26 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
 def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows: Rows) -> RingDown:
     """Free vibration of a mode."""
     system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
-    steps, scheme = scene.time.steps_per_cycle, generalized_alpha(scene.time.rho_infinity)
+    steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
+    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
     origin = curve.shape, curve.stuck_frequency, curve.states[-1], model.start
     mark = rows.mark("ring-down", system, *origin, cycles, steps, scheme)
     report = partial(progress, f"{name} model, mode {curve.mode} rings down")
     return rows.row(
         mark, partial(ring_down, system, curve, cycles, steps, scheme, model.start, report)
     )
+
+
+def _doubts(model: ModelBackbone, mode: int) -> list[str]:
+    """Sentence about the last ring-down of a model, where its step is too long."""
+    error = model.ring_downs[-1].step_error["damping_ratio"]
+    if error <= DOUBTFUL_STEP:
+        return []
+    return [
+        f"Mode {mode}: the damping of the {model.name} model's ring-down errs by an estimated "
+        f"{100.0 * error:.2g} % from its time step: give more time.steps_per_cycle, and leave "
+        "out time.rho_infinity or set it below 1."
+    ]
 
 
 def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:

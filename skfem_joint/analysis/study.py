@@ -3,8 +3,9 @@
 Structure and system follow from the scene. `describe` states what they are and how they respond to
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
 one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
-the full model, `estimate_errors` estimates its errors, and `with_model` adds it to the study with
-the warnings about it. Each function returns a frozen object; none changes another one's result.
+the full model, `estimate_errors` estimates its errors, `compare_with_coulomb` says how far an
+arctan law takes it from Coulomb's, and `with_model` adds it to the study with the warnings about
+it. Each function returns a frozen object; none changes another one's result.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ import numpy as np
 from skfem_joint.analysis import run_estimate
 from skfem_joint.analysis.accuracy import Choice, InRange, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
+from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.description import describe
-from skfem_joint.analysis.history import compare, difference, results
+from skfem_joint.analysis.history import compare, difference, joint_differences, results
 from skfem_joint.analysis.models import Failure, Model, Study
 from skfem_joint.analysis.range_choice import choose_in_range
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of, plan_of
@@ -143,6 +145,7 @@ def _with_models(
         result = make_model(name, study, choice, path, integrate)
         result = compare_with_full(study, result)
         result = estimate_errors(study, result, progress)
+        result = compare_with_coulomb(study, result, progress)
         study = with_model(study, result)
         if study.ended:
             break
@@ -243,9 +246,41 @@ def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> Mo
             compiled += model.compilation_s
             model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
     if model.estimate is not None and model.errors is not None:
-        apart = difference(results(study.models["full"].run), results(model.run))
-        model = replace(model, estimate=model.estimate.beside(apart))
+        runs = results(study.models["full"].run), results(model.run)
+        joints = joint_differences(*runs, study.system.joints)
+        model = replace(model, estimate=model.estimate.beside(difference(*runs), joints))
     return replace(result, model=model, notes=notes, interrupted=interrupted)
+
+
+def compare_with_coulomb(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
+    """Give a model whose errors are estimated its distance from Coulomb's law, unless it has that.
+
+    What ends it early does not cost the results.
+    """
+    model, scene = result.whole, result.scene
+    if model is None or model.estimate is None or result.interrupted:
+        return result
+    errors, watch, label = model.estimate, Stopwatch(), f"{model.name} model, Coulomb's law"
+    V = None if errors.missing is None else errors.missing.V
+    of_model = study.system, model.run, plan_of(scene), model.basis, V
+    try:
+        apart = against_coulomb(*of_model, progress=partial(progress, label))
+    except JointError as error:
+        note = (
+            f"How far the {model.name} model is from Coulomb's law is not estimated: its run under "
+            f"that law failed. {error}"
+        )
+        return replace(result, notes=(*result.notes, note))
+    except KeyboardInterrupt:
+        note = f"The run was interrupted while the {model.name} model was compared with Coulomb's."
+        return replace(result, notes=(*result.notes, note), interrupted=True)
+    if apart is None:
+        return result
+    took, compiled = watch.read()
+    seconds = {"estimate_s": model.estimate_s + took}
+    seconds["compilation_s"] = model.compilation_s + compiled
+    errors = replace(errors, parts={**errors.parts, "coulomb": apart})
+    return replace(result, model=replace(model, estimate=errors, **seconds))
 
 
 def with_model(study: Study, result: ModelResult) -> Study:

@@ -143,6 +143,7 @@ def _mode(
     for d in model.ring_downs[k : k + 1]:
         work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
         content |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
+        content["ring_down_step_error"] = d.step_error
     return content
 
 

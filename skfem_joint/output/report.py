@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.estimate import SOURCES
+from skfem_joint.analysis.estimate import NAMES, SOURCES
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.models import Study
 from skfem_joint.analysis.summary import model_summary
@@ -69,8 +69,19 @@ def estimate_table(content: Mapping[str, Any]) -> str:
         for source in SOURCES:
             values = [error[source] for error in errors]
             if any(value is not None for value in values):
-                shown = [_shown(value, "{:.2g}", 100.0) for value in values]
-                rows[f"{name} model, {source.replace('_', ' ')}"] = shown
+                shown = [_percent(value) for value in values]
+                label = NAMES.get(source, source.replace("_", " "))
+                rows[f"{name} model, {label}"] = shown
+        joints = {
+            joint: value
+            for joint, results in model["joints"].items()
+            if (value := results["friction_energy_error_of_own"]) is not None
+        }
+        if len(joints) > 1:  # errors of joints may cancel in the sum
+            worst = max(joints, key=lambda joint: joints[joint])
+            shown = ["-"] * len(errors)
+            shown[QUANTITIES.index("friction_energy")] = _percent(joints[worst])
+            rows[f"{name} model, joint {worst} alone"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
     return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
@@ -174,6 +185,11 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
             ("points of {} that slip, %", "slipping_fraction", 100.0),
         ):
             yield label.format(name), "{:.4g}", at("joints", name, key), scale
+
+
+def _percent(value: float | None) -> str:
+    """Relative error to two digits; whole percents from 100 % on."""
+    return _shown(value, "{:.2g}" if value is None or value < 0.995 else "{:.0f}", 100.0)
 
 
 def _shown(value: Any, form: str, scale: float = 1.0) -> str:

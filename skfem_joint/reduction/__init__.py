@@ -26,7 +26,7 @@ from dataclasses import replace
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.basis import Origin, reduced_system
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.sources import own_basis, static_basis
@@ -102,7 +102,8 @@ def reduce(
         path = slip_path(system, Plan(step, round(whole / step)), modes)
         basis = static_basis(system, path, modes, interface_modes)
     small = reduced_system(system, basis, friction_points=friction_points, beta=beta)
-    return replace(small, made_for=_loading(system))
+    origin = Origin(system, replace(basis, stiffness=None))  # whose factors are large
+    return replace(small, made_for=_loading(system), origin=origin)
 
 
 def _loading(system: System) -> str:

@@ -241,6 +241,21 @@ class Basis:
         return replace(self, notes=tuple(notes))
 
 
+@dataclass(frozen=True)
+class Origin:
+    """What a reduced or condensed model was made of: its `System.origin`.
+
+    Attributes
+    ----------
+    system : System
+        The full system.
+    basis : Basis
+    """
+
+    system: System
+    basis: Basis
+
+
 def basis_of(
     system: System,
     V: FloatArray,

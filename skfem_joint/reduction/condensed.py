@@ -20,7 +20,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.reduction.basis import Basis, SlipHistory
+from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
@@ -57,7 +57,8 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
         frequency is needed and not known.
     """
     check("interface_modes", interface_modes, WHOLE, "auto")
-    return condensed_system(system, condensed_basis(system, interface_modes).V)
+    basis = condensed_basis(system, interface_modes)
+    return replace(condensed_system(system, basis.V), origin=Origin(system, basis))
 
 
 def condensed_basis(

@@ -50,7 +50,7 @@ def fingerprint(*parts: Any) -> str:
             add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
             add(rows.data)
         elif is_dataclass(part):
-            add({field.name: getattr(part, field.name) for field in fields(part)})
+            add({x.name: getattr(part, x.name) for x in fields(part) if x.compare})
         elif isinstance(part, Mapping):
             add([len(part), *part.items()])
         elif isinstance(part, Sequence) and not isinstance(part, str):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -137,10 +138,12 @@ def integrate_plan(
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
+    moved = start if np.any(start) else None
     if plan.until == "steady":
-        return steady_run(driver, progress)
+        return replace(steady_run(driver, progress), plan=plan, start=moved)
     interrupted = driver.run(progress, checkpoint, identity)
-    return driver.finish(system.stored_energy(*start), interrupted)
+    run = driver.finish(system.stored_energy(*start), interrupted)
+    return replace(run, plan=plan, start=moved)
 
 
 def _by_cycles(

@@ -231,6 +231,10 @@ class Run:
         Whether it was stopped early.
     steady : Steady or None
         Steady vibration, of a run that is a period of it.
+    plan : Plan, optional
+        Steps, scheme and end, as it was asked for.
+    start : tuple of ndarray, shapes (n,) and (n,), optional
+        Displacement (m) and velocity (m/s) at the start; None for a run from rest.
     """
 
     system: System
@@ -261,6 +265,8 @@ class Run:
     compilation_s: float = 0.0
     interrupted: bool = False
     steady: Steady | None = None
+    plan: Any = None
+    start: tuple[FloatArray, FloatArray] | None = None
 
     def __repr__(self) -> str:
         """A few lines: what was run, stored, reached and dissipated."""

@@ -77,7 +77,7 @@ def test_a_mode_that_the_joints_make_new_is_like_none_of_the_loose_ones():
     assert alike(M, np.eye(3), np.zeros((3, 0)))[0].size == 0
 
 
-@pytest.mark.parametrize("law", ["coulomb", "arctan"])
+@pytest.mark.parametrize("law", [{}, {"beta": 1e5}], ids=["coulomb", "arctan"])
 def test_moments_count_and_friction_alone_may_hold_a_body(law):
     """A narrow strip of length L under a force F at a distance a from its middle turns.
 
@@ -85,7 +85,7 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
     """
     length, width, limit = 0.1, 0.005, 100.0
     arm = build_plate([("joint", length, 60), ("rest", length, 20)], width, 2)
-    pressed = {"on": "joint", "pressure": limit / (MU * length * width), "friction": MU, "law": law}
+    pressed = {"on": "joint", "pressure": limit / (MU * length * width), "friction": MU} | law
     scene = plate_scene(
         "full",
         mesh=arm,

@@ -69,11 +69,11 @@ def test_summary_has_the_keys_that_others_rely_on(study):
     assert set(models["full"]) >= KEYS
     assert "error" not in models["full"]
     assert set(models["reduced"]["error"]) >= QUANTITIES | {"displacement_max"}
-    sources = {"basis", "law", "points", "time_step", "total"}
+    sources = {"basis", "law", "points", "time_step", "total", "coulomb"}
     for errors in models["full"]["estimated_error"].values():
         assert set(errors) >= sources
         known = {source for source, error in errors.items() if error is not None}
-        assert known == {"time_step", "total"}
+        assert known == {"time_step", "total", "coulomb"}
     assert set(models["full"]["estimated_error"]) == QUANTITIES
 
 

@@ -1,0 +1,120 @@
+"""Scenes drawn at random for the estimates: drawn again alike, loaded as said, judged right."""
+
+import json
+
+import numpy as np
+import pytest
+from benchmarks import estimates
+from benchmarks.estimates import Row, report, table
+from benchmarks.scenes import CLASSES, draw
+from benchmarks.shapes import bracket, plate, share_of_slip
+
+from skfem_joint.analysis.history import QUANTITIES
+
+RANDOM = np.random.default_rng
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_a_scene_is_drawn_by_its_class_seed_and_number_alone(kind, tmp_path):
+    one, same, other = (draw(kind, seed, 3, tmp_path) for seed in (5, 5, 6))
+    dumped = [drawn.scene.model_dump(warnings=False) for drawn in (one, same, other)]
+    assert dumped[0] == dumped[1] != dumped[2]
+    assert one.scene.system().contact_points > 0
+
+
+@pytest.mark.parametrize("kind", ["bars", "plates-bolted", "solids"])
+def test_loads_are_the_share_of_slip_that_was_drawn(kind, tmp_path):
+    """The load that makes a joint slip is found within two percent where friction alone holds."""
+    drawn = draw(kind, 1, 1, tmp_path)
+    assert share_of_slip(drawn.scene) == pytest.approx(drawn.share, rel=0.02)
+
+
+def test_a_plate_is_the_union_of_its_rectangles():
+    boxes = [(0.0, 0.0, 0.1, 0.04), (0.0, 0.0, 0.03, 0.2)]
+    edge = {"top": (0.0, 0.2, 0.03, 0.2)}
+    for triangles in (False, True):
+        made = plate(
+            boxes, 0.01, {"arm": boxes[1]}, edge, triangles=triangles, moved=0.3, rng=RANDOM(1)
+        )
+        mesh = made.mesh
+        corners = mesh.p[:, mesh.t]
+        x, y = corners, np.roll(corners, -1, axis=1)
+        areas = 0.5 * np.abs((x[0] * y[1] - y[0] * x[1]).sum(axis=0))
+        assert areas.sum() == pytest.approx(0.1 * 0.04 + 0.03 * 0.16, rel=1e-12)
+        assert areas[made.regions["arm"]].sum() == pytest.approx(0.03 * 0.2, rel=1e-12)
+        ends = mesh.p[:, mesh.facets[:, made.boundaries["top"]]]
+        assert np.ptp(ends[0]) == pytest.approx(0.03)
+        assert np.all(ends[1] == 0.2)
+
+
+def test_the_bracket_holds_what_its_bolts_press():
+    """Friction limits add up to friction x force of all bolts, on either plate."""
+    made = bracket(size=8e-3, force=1e4, friction=0.25)
+    from skfem_joint.scene import scene_from
+
+    pull = {"on": "pulled", "direction": [1, 0], "kind": "harmonic", "amplitude": 1, "frequency": 1}
+    scene = scene_from(dict(made.tables) | {"load": [pull], "time": {"cycles": 1}}, made.mesh)
+    limits = [scene.system().w[points].sum() for points in scene.system().joint_points]
+    assert limits == pytest.approx([0.25 * 2e4, 0.25 * 2e4], rel=1e-9)
+
+
+def _row(stated, true, doubt=0.0, **others):
+    values = {"kind": "bars", "seed": 1, "number": 0, "model": "full", "load": "table"} | others
+    by_name = [dict(zip(QUANTITIES, x, strict=True)) for x in (stated, true, 4 * [doubt])]
+    return Row(*values.values(), share=0.5, stated=by_name[0], true=by_name[1], doubt=by_name[2])
+
+
+def test_shares_of_the_table_are_those_of_the_rows():
+    rows = [
+        _row([0.01, 0.004, 0.02, 0.001], [0.01, 0.01, 0.005, 0.002]),  # good, below, above; small
+        _row([0.01, 0.01, 0.01, 0.01], [0.01, 0.01, 0.01, 0.0005], number=1),  # below 0.1 %: not
+        _row([0.001, 0.01, 0.01, 0.01], [0.05, 0.01, 0.01, 0.01], number=2),
+        _row(4 * [0.01], 4 * [0.5], doubt=0.2, number=3),  # the truth has not converged
+        Row("bars", 1, 4, "full", "table", 0.5, refused="InputError: no"),
+    ]
+    cells = [cell.strip() for cell in table(rows)[2].strip("|").split("|")]
+    assert cells[:5] == ["bars", "full", "5", "1", "10"]
+    assert cells[5:9] == ["70 %", "20 %", "10 %", "33 % of 3"]
+    assert cells[9:] == ["100 % of 1", "1 of 1", "0.02", "4"]
+    text = "\n".join(report(rows))
+    assert "stated 0.1 % of 5 %, displacement rms: bars --seed 1 --only 2, full, table" in text
+    assert "refused 1 times: InputError: no (the first: bars --seed 1 --only 4, full)" in text
+
+
+def test_accuracies_are_met_nearly_met_missed_and_refused():
+    errors = [(0.009, "met"), (0.014, "nearly"), (0.03, "missed")]
+    rows = [_row(4 * [0.01], [error, 0.0, 0.0, 0.0], number=k, model="accuracy 1 %")
+            for k, (error, _) in enumerate(errors)]  # fmt: skip
+    rows.append(Row("bars", 1, 3, "accuracy 1 %", "", 0.0, refused="ConvergenceError: no"))
+    said = report(rows)
+    assert "| bars | 1 % | 4 | 33 % | 33 % | 33 % | 25 % |" in said
+    assert "- missed by 3: bars --seed 1 --only 2, accuracy 1 %, table" in said
+
+
+def test_kept_rows_are_not_made_again(tmp_path, monkeypatch, capsys):
+    made, file = [], tmp_path / "rows.jsonl"
+
+    def measured(kind, seed, number, models):
+        made.append(number)
+        return [_row(4 * [0.01], 4 * [0.01], number=number, model=m).__dict__ for m in models]
+
+    monkeypatch.setattr(estimates, "measured", measured)
+    command = ["bars", "--seed", "1", "--out", str(file), "--model", "full"]
+    estimates.main([*command, "--count", "2"])
+    file.write_text(file.read_text() + '{"kind": "ba')  # it was killed here
+    estimates.main([*command, "--count", "3"])
+    assert made == [0, 1, 2]
+    assert [json.loads(line)["number"] for line in file.read_text().splitlines()] == [0, 1, 2]
+    assert capsys.readouterr().out.count("| bars | full | 3 |") == 1
+
+
+@pytest.mark.parametrize(("kind", "count"), [("bars", 5), ("matrices", 3)])
+def test_scenes_at_random_state_their_errors(kind, count):
+    rows = [
+        Row(**row)
+        for n in range(count)
+        for row in estimates.measured(kind, 11, n, ("full", "reduced"))
+    ]
+    pairs = [pair for row in rows for pair in row.pairs()]
+    assert len(pairs) >= 8
+    assert np.mean([0.5 * true <= stated <= 3.0 * true for _, stated, true in pairs]) >= 0.8
