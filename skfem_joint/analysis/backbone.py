@@ -139,6 +139,9 @@ class Backbone:
         cycle was followed at each level.
     warnings : tuple of str
         What to beware of.
+    estimated : dict of str to float
+        Estimated largest relative errors of ``frequency`` and ``damping_ratio``, of a reduced model
+        for a range; empty for other models.
     """
 
     mode: int
@@ -230,6 +233,7 @@ def backbone(
         If a level does not converge.
     """
     system.check_any_load("backbone")
+    check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
     check("backbone: levels", levels, COUNT)
     check("backbone: up_to", up_to, POSITIVE)
@@ -245,11 +249,20 @@ def backbone(
             f"backbone: found mode {numbers.max()}, there are {frequencies.size} with the contact "
             "stuck"
         )
+    if system.serves is not None:
+        of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
+        check_modes(system.serves, of_mode, of_mode, up_to)
     shares = np.geomspace(SETTINGS.lowest, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
     curves = []
     for k in numbers.tolist():
         mode = _Mode(k, shapes[:, k - 1], frequencies, to.system.M @ shapes[:, k - 1])
         curves.append(_curve(to, path, mode, shares, slips_at))
+    if system.serves is None:
+        return curves
+    larger = alone(system)
+    for k, curve in enumerate(curves):
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at, rows=rows)
+        curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
     return curves
 
 
