@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from skfem_joint.mesh import load_meshes as load_meshes
     from skfem_joint.mesh import merged as merged
     from skfem_joint.output.series import write_vtk as write_vtk
+    from skfem_joint.reduction import at as at
     from skfem_joint.reduction import condense as condense
     from skfem_joint.reduction import reduce as reduce
     from skfem_joint.reduction.pod import ProperModes as ProperModes
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
     from skfem_joint.scene import load_scene as load_scene
     from skfem_joint.scene import load_sweep as load_sweep
     from skfem_joint.scene.reading import Swept as Swept
+    from skfem_joint.served import Range as Range
     from skfem_joint.slips import SlipRows as SlipRows
     from skfem_joint.stepping.checkpoint import Checkpoint as Checkpoint
     from skfem_joint.stepping.checkpoint import Checkpoints as Checkpoints
@@ -140,7 +142,7 @@ _NAMES = {
     "Versine",
     "mesh": "NamedMesh build_bar build_box build_plate load_meshes merged",
     "output.series": "write_vtk",
-    "reduction": "condense reduce",
+    "reduction": "at condense reduce",
     "reduction.pod": "ProperModes proper_modes",
     "scene": "Scene load_scene load_sweep",
     "scene.reading": "Swept",
@@ -152,6 +154,7 @@ _NAMES = {
     "point_friction",
     "system": "AppliedLoad System",
     "system_files": "load save",
+    "served": "Range",
     "slips": "SlipRows",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}

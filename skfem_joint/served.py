@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.values import POSITIVE, check
 
@@ -112,8 +113,14 @@ class Served:
         the model was made, where the full system was at hand.
     accuracy : float
         Error of displacement histories that was asked for; three times that of energies.
-    velocity : float
-        Slip velocity that the reduced law is made for, m/s, at frequency and limits of the system.
+    law : float
+        Steepness of the reduced law, s/m, at the highest frequency and slip and the limits of the
+        system; see `skfem_joint.reduction.ranges.points`.
+    period : float
+        Common period of the loads of the system that the model was made of, s.
+    known : ndarray, shape (points, 2 + joints)
+        Where the load that makes the first joint slip as a whole is known: frequency (Hz), factor
+        on the limits of each joint of the system, and factor on the loads.
     point : Point, optional
         Where the model is; None for the model of the whole range.
     """
@@ -122,7 +129,9 @@ class Served:
     larger: Any
     factors: Mapping[str, float]
     accuracy: float
-    velocity: float
+    law: float
+    period: float
+    known: FloatArray
     point: Point | None = None
 
     def __str__(self) -> str:

@@ -24,6 +24,7 @@ from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
@@ -103,6 +104,8 @@ class System:
     origin : Origin, optional
         What a reduced or condensed model was made of, by which `skfem_joint.estimate` finds its
         errors; not saved to files.
+    serves : Served, optional
+        Range of loads and limits that a reduced model serves, if it was made for one.
 
     Raises
     ------
@@ -128,6 +131,7 @@ class System:
     notes: tuple[str, ...] = ()
     made_for: str = ""
     origin: Any = field(default=None, repr=False, compare=False)
+    serves: Served | None = None
 
     def __post_init__(self) -> None:
         for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
@@ -177,7 +181,7 @@ class System:
             "System",
             "" if self.T is None else f" for {self.T.shape[0]} degrees of freedom",
         )
-        if self.made_for:
+        if self.made_for or self.serves:
             kind = "Reduced model"
         elif self.T is not None:
             kind = "Full model" if sparse.issparse(self.T) else "Condensed or projected model"
@@ -192,7 +196,8 @@ class System:
             f"  loads: {first_of(loads)}",
             f"  points: {first_of(self.points)}",
         ]
-        return "\n".join(lines + [f"  made for: {self.made_for}"] * bool(self.made_for))
+        made_for = self.made_for or (str(self.serves) if self.serves else "")
+        return "\n".join(lines + [f"  made for: {made_for}"] * bool(made_for))
 
     def check_any_load(self, what: str) -> None:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.

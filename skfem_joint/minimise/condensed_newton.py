@@ -6,6 +6,7 @@ smaller matrix, which is mostly dense, for any number of right sides.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -35,11 +36,22 @@ class CondensedNewton:
         self._limited = np.flatnonzero(limited)
         self._points = np.flatnonzero(points.w > 0.0)
         self.schur = SchurComplement(H, np.unique(points.unknowns[limited]))
-        some = self._points
+        self.contact = self._contact()
+
+    def _contact(self) -> TruncatedNewton:
+        """The problem of the unknowns of points with friction."""
+        points, some = self.points, self._points
         acting = ContactPoints(
             points.B[self._limited], points.directions[some], points.w[some], points.beta[some]
         )
-        self.contact = TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
+        return TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
+
+    def with_limits(self, points: ContactPoints) -> CondensedNewton:
+        """Problem with other friction limits, zero where they were zero, and the same factors."""
+        other = copy(self)
+        other.points = points
+        other.contact = other._contact()
+        return other
 
     @property
     def factorizations(self) -> int:

@@ -22,15 +22,20 @@ All end in `basis.Basis`. `reduce` below goes the first two ways without a scene
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.basis import Origin, reduced_system
+from skfem_joint.reduction.basis import SETTINGS, Origin, reduced_system
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.excitation import SHORT_RUNS
+from skfem_joint.reduction.ranges.model import reduced_for_range
+from skfem_joint.reduction.ranges.points import at as at
 from skfem_joint.reduction.sources import own_basis, static_basis
 from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.served import Range
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
@@ -40,13 +45,15 @@ from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
 
 def reduce(
     system: System,
-    modes: int = 12,
+    modes: str | int = "auto",
     *,
     interface_modes: str | int = "auto",
     duration: float | None = None,
     run: Run | None = None,
     friction_points: str | int = "auto",
     beta: str | float = "auto",
+    range: Mapping[str, Any] | Range | None = None,
+    accuracy: float = 0.01,
 ) -> System:
     """Reduced model on modes of a system's static slip path, or of a run of its own.
 
@@ -54,8 +61,9 @@ def reduce(
     ----------
     system : System
         With loads, as runs to come have them.
-    modes : int
-        Joint modes; static responses to the loads stand beside them.
+    modes : "auto" or int
+        Joint modes; static responses to the loads stand beside them. "auto": 12, or with ``range``
+        as many as the accuracy takes.
     interface_modes : "auto" or int
         Fixed-interface modes beside them. "auto": those with a share in the response on the
         static path, none with ``run``.
@@ -68,12 +76,21 @@ def reduce(
     beta : "auto" or float
         Steepness of the law of friction, s/m. "auto" is that of the system, but no steeper than
         the modes resolve.
+    range : mapping, optional
+        Range of loads and limits that the model is to serve: ``slip`` and ``frequency``, pairs of
+        the lowest and the highest share and frequency (Hz), and ``limits``, pairs of factors on the
+        friction limits of joints by name. See `skfem_joint.served.Range`. It takes harmonic loads,
+        and ``modes`` and ``accuracy`` beside it.
+    accuracy : float
+        With ``range``: largest error of displacement histories, relative; three times that of
+        energies.
 
     Returns
     -------
     System
         Its ``expand`` gives the displacement of the full structure. It is good for its loads
         as they are: `response`, `backbone` and `ring_down`, which load it otherwise, refuse it.
+        With ``range`` it serves all of that; `at` takes the model of a point.
 
     Raises
     ------
@@ -81,7 +98,16 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
-    check("modes", modes, COUNT)
+    check("modes", modes, COUNT, "auto")
+    if range is not None:
+        others = (interface_modes, friction_points, beta, duration, run)
+        if others != ("auto", "auto", "auto", None, None):
+            raise InputError(
+                "reduce: with range, interface_modes, friction_points, beta, duration and run are "
+                "found for the whole range; leave them out"
+            )
+        return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
+    modes = SETTINGS.joint_modes if isinstance(modes, str) else modes
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("friction_points", friction_points, COUNT, "auto", "all")
     check("beta", beta, BETA, "auto")

@@ -107,6 +107,10 @@ class Residual:
     system: System
     stiffness: Uncondensed | None = None
 
+    def under(self, system: System) -> Residual:
+        """Residual of the same structure under other loads and limits, with factors that exist."""
+        return Residual(system, self._condensed)
+
     @cached_property
     def _stiffness(self) -> Any:
         """Stiffness with a small multiple of the mass, as bodies may move rigidly."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
@@ -131,6 +131,20 @@ class QuasiStatic:
         path.to, path.tally = to, Tally()
         path.tolerance = self.tolerance if tolerance is None else tolerance
         path.last, path.solves, path.scaled_back = np.zeros_like(self.last), 0, 0
+        return path
+
+    def with_limits(self, w: FloatArray) -> QuasiStatic:
+        """Copy at rest with other friction limits (m,), N, zero where they were zero.
+
+        Factors of the stiffness are used again.
+        """
+        path = self.afresh(replace(self.to, system=replace(self.to.system, w=w)))
+        points = ContactPoints.of(path.to.system)
+        if self.whole is None:
+            path.problem = step_problem(self.A, points, self.to.kind)
+            return path
+        path.whole = self.whole.with_limits(points)
+        path.problem = path.whole if self.condensed is None else path.whole.contact
         return path
 
     def forget(self, last: FloatArray | None = None) -> None:

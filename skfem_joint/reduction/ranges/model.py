@@ -1,0 +1,257 @@
+"""The reduced model of a range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import InputError, first_of, refuse
+from skfem_joint.loads import common_period
+from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
+from skfem_joint.reduction.missing_modes import Residual, stride
+from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.reduction.ranges.points import gross_slip_level, placed, point_of
+from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
+from skfem_joint.reduction.ranges.training import Place, Pool, scaled, spread
+from skfem_joint.served import Point, Range, Served
+from skfem_joint.stepping.integrate import integrate
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.system import System
+from skfem_joint.values import COUNT, POSITIVE, check
+
+
+@dataclass(frozen=True)
+class RangeSettings:
+    """Numbers of models for a range.
+
+    Attributes
+    ----------
+    modes : tuple of int
+        Numbers of joint modes that are tried.
+    larger : float
+        Modes of the larger model over those of the model.
+    points_per_mode : int
+        Merged friction points for each vector of a basis.
+    checks : int
+        Points at which numbers of modes are judged, and of these those at which the larger model
+        is judged by the residual of its run in the full equation.
+    judged : int
+    cycles, steps : int
+        Cycles of the runs at these points, and steps of each.
+    missing : int
+        Missing modes that are added to the larger model.
+    share : float
+        Share of the checked points at which the accuracy must be met.
+    margin : float
+        Share of the accuracy that differences to the best model may take.
+    energies : float
+        Error of energies that is allowed, over that of displacement histories.
+    least, most, quantile : float
+        Least and most factor on the difference of a run to that of the larger model, and the
+        quantile of the factors at the checked points that is taken.
+    """
+
+    modes: tuple[int, ...] = (12, 16, 20, 26, 32, 40)
+    larger: float = 1.6
+    points_per_mode: int = 3
+    checks: int = 6
+    judged: int = 2
+    cycles: int = 3
+    steps: int = 100
+    missing: int = 16
+    share: float = 0.9
+    margin: float = 0.7
+    energies: float = 3.0
+    least: float = 1.5
+    most: float = 5.0
+    quantile: float = 1.0
+
+
+SETTINGS = RangeSettings()
+
+
+def reduced_for_range(
+    system: System,
+    given: Mapping[str, Any] | Range,
+    *,
+    accuracy: float = 0.01,
+    modes: str | int = "auto",
+) -> System:
+    """Reduced model of a system for a range of slip, frequency and friction limits.
+
+    Parameters
+    ----------
+    system : System
+        With harmonic loads that have a common period.
+    given : Range or mapping
+        See `skfem_joint.served.Range`.
+    accuracy : float
+        Largest error of displacement histories that the number of modes is chosen for; three times
+        that of energies.
+    modes : "auto" or int
+        Joint modes.
+
+    Returns
+    -------
+    System
+        With ``serves``; `skfem_joint.reduction.ranges.points.at` takes points of it.
+
+    Raises
+    ------
+    InputError
+        If the range or a number is wrong, a load is not harmonic, or no point carries friction.
+    ConvergenceError
+        If a path or run does not converge, or no load makes a joint slip as a whole.
+    """
+    range_ = Range.of(given)
+    check("accuracy", accuracy, POSITIVE)
+    check("modes", modes, COUNT, "auto")
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or not all(load.amplitude.harmonics for load in system.loads):
+        raise InputError(
+            "range: the loads must be harmonic, with a common period, whose frequency and level "
+            "the range is of"
+        )
+    if system.contact_points == 0:
+        raise InputError(NO_FRICTION)
+    refuse(
+        f"range.limits: found joint {name!r}, must be one of {first_of(system.joints)}"
+        for name in range_.limits
+        if name not in system.joints
+    )
+    return _Maker(system, range_, accuracy, period).model(modes)
+
+
+@dataclass
+class _Maker:
+    """What is made on the way to a model, see `reduced_for_range`."""
+
+    system: System
+    range: Range
+    accuracy: float
+    period: float
+
+    def model(self, modes: str | int) -> System:
+        """Model of the range."""
+        pool, known, last = self._trained()
+        proper = pool.proper()
+        most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
+        tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
+        top = min(most, round(SETTINGS.larger * max(tried)))
+        best = self._with(pool, proper, top, known)
+        checked = [(place, level) for place, level in last if np.isfinite(level)]
+        truths = [self._run(best, place, level) for place, level in checked]
+        for count in dict.fromkeys(tried):
+            small = self._with(pool, proper, count, known)
+            runs = [self._run(small, place, level) for place, level in checked]
+            apart = np.array([_apart(*pair) for pair in zip(truths, runs, strict=True)])
+            worst = np.quantile(apart / [1.0, SETTINGS.energies], SETTINGS.share, axis=0).max()
+            if worst <= SETTINGS.margin * self.accuracy:
+                break
+        larger = self._with(pool, proper, min(most, round(SETTINGS.larger * count)), known)
+        factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
+        assert larger.serves is not None and small.serves is not None
+        larger = replace(larger, T=None, serves=None)
+        return replace(small, serves=replace(small.serves, larger=larger, factors=factors))
+
+    def _trained(self) -> tuple[Pool, FloatArray, list[tuple[Place, float]]]:
+        """Pool of paths, known levels of gross slip, and the points that are checked."""
+        pool = Pool.of(self.system, self.range)
+        count = TRAINING.first + TRAINING.more
+        places = spread(self.system, self.range, count + SETTINGS.checks)
+        levels = []
+        for place in places[: TRAINING.first]:
+            levels.append(pool.nominal(place))
+            pool.follow(place, place.slip * levels[-1])
+        known = scaled(places[: TRAINING.first], levels)
+        rough = self._with(pool, pool.proper(), TRAINING.rough, known)
+        levels = [gross_slip_level(rough, p.frequency, p.factors) for p in places]
+        known = scaled(places, levels)
+        for place, level in zip(
+            places[TRAINING.first : count], levels[TRAINING.first :], strict=False
+        ):
+            pool.follow(place, place.slip * level)
+        low, high = self.range.slip
+        checked = []
+        for place, level in zip(places[count:], levels[count:], strict=True):
+            slip = min(max(place.slip, low), high)
+            checked.append((replace(place, slip=slip), slip * level))
+        return pool, known, checked
+
+    def _with(self, pool: Pool, proper: ProperModes, modes: int, known: FloatArray) -> System:
+        """Model of a number of modes, which is its own larger model."""
+        V = pool.basis(proper, modes)
+        small = pool.merged(V, SETTINGS.points_per_mode * V.shape[1])
+        law = pool.law()
+        small = replace(small, notes=self.system.notes)
+        serves = Served(self.range, small, {}, self.accuracy, law, self.period, known)
+        return replace(small, serves=serves)
+
+    def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
+        point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
+        steps, cycles = SETTINGS.steps, SETTINGS.cycles
+        every = stride(steps * cycles, steps)
+        save = Save(fields=True, fields_every=every) if fields else None
+        return integrate(point, cycles=cycles, steps_per_cycle=steps, save=save)
+
+    def _factors(
+        self,
+        pool: Pool,
+        proper: ProperModes,
+        modes: int,
+        best: System,
+        larger: System,
+        checked: list[tuple[Place, float]],
+        truths: list[Run],
+        runs: list[Run],
+    ) -> dict[str, float]:
+        """Factors on the difference of a run to that of the larger model.
+
+        At some points the best model is run again with the modes that its run misses.
+        """
+        residual = Residual(self.system, pool.path.unshifted)
+        V = pool.basis(proper, modes)
+        ratios = []
+        for number, (place, level) in enumerate(checked):
+            truth = truths[number]
+            if number < SETTINGS.judged:
+                truth = self._better(residual, V, best, place, level)
+            error = np.array(_apart(truth, runs[number]))
+            shown = np.array(_apart(self._run(larger, place, level), runs[number]))
+            ratios.append(error / np.maximum(shown, 1e-12))
+        found = np.quantile(np.array(ratios), SETTINGS.quantile, axis=0)
+        found = np.clip(found, SETTINGS.least, SETTINGS.most)
+        return {"history": float(found[0]), "energy": float(found[1])}
+
+    def _better(
+        self, residual: Residual, V: FloatArray, best: System, place: Place, level: float
+    ) -> Run:
+        """Run of the best model with the modes that its run misses, with all friction points."""
+        run = self._run(best, place, level, fields=True)
+        there = placed(self.system, place.frequency, level, place.factors)
+        missing = residual.under(there).missing_modes(V, run, SETTINGS.missing, V[:, :0])
+        point = run.system
+        model = there.widened(there.project(V), V, missing)
+        if point.shares is not None:
+            model = shared_points(model, point.shares, point.w)
+        model = replace(model, beta=np.minimum(model.beta, point.beta.max()))
+        return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
+
+
+def _apart(reference: Run, other: Run) -> tuple[float, float]:
+    """Relative distance of two runs: of displacement histories, and of friction energy a cycle.
+
+    Histories are those of the named point that moves most.
+    """
+    size = np.linalg.norm(reference.point_u, axis=0)
+    history = 0.0
+    if size.max(initial=0.0) > 0.0:
+        history = float(
+            np.linalg.norm(other.point_u - reference.point_u, axis=0).max() / size.max()
+        )
+    ours, theirs = float(other.cycles.friction[-1]), float(reference.cycles.friction[-1])
+    return history, abs(ours - theirs) / theirs if theirs > 0.0 else 0.0

@@ -1,0 +1,85 @@
+"""Where levels of load begin: the forces on joints while the structure vibrates without slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
+
+
+@dataclass(frozen=True)
+class StuckVibration:
+    """Steady vibration of a structure whose joints stick, in few coordinates.
+
+    Attributes
+    ----------
+    modes : ndarray, shape (n, k)
+        Natural modes without slip up to three times the highest frequency, of unit mass.
+    M, C, K : ndarray, shape (j, j)
+        Matrices in these modes and the static responses to the loads.
+    loads : ndarray, shape (j, loads)
+        The loads' vectors there.
+    rows : tuple of ndarray, shapes (rows, loads) and three times (rows, j)
+        Forces on the slip rows, N: of the loads, of M, of C and of K.
+    """
+
+    modes: FloatArray
+    M: FloatArray
+    C: FloatArray
+    K: FloatArray
+    loads: FloatArray
+    rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+    @staticmethod
+    def of(system: System, path: QuasiStatic, highest: float, most: int) -> StuckVibration:
+        """Vibration with at most ``most`` modes, of those up to three times a frequency (Hz).
+
+        ``path`` is a quasi-static path of the system, whose factors are used.
+        """
+        F = motions_without_slip(system)
+        restricted = RestrictedMotion.of(system, F)
+        solve = path.stuck(F) or factorised(shifted(restricted.K, restricted.M))
+        frequency, shapes = restricted.lowest(most, solve, 1e-6)
+        count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
+        modes = np.asarray(F @ shapes[:, :count])
+        static = F @ solve(np.asarray(F.T @ system.load_vectors()))
+        W = np.hstack([modes, np.reshape(static, (system.n, -1))])
+        small = [np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K)]
+        inner = path.to.system
+
+        def on_rows(forces: FloatArray) -> FloatArray:
+            return np.asarray(inner.B @ path.to.force(forces))
+
+        motions = (on_rows(A @ W) for A in (system.M, system.C, system.K))
+        rows = on_rows(system.load_vectors()), *motions
+        return StuckVibration(modes, *small, W.T @ system.load_vectors(), rows)
+
+    def level(self, system: System) -> float:
+        """Factor on the loads of a system at which the forces on a joint add up to its limit.
+
+        The system has the unknowns, slip rows and load vectors of the one that this was made of.
+        """
+        forces = np.zeros(system.w.size)
+        parts = [
+            (harmonic, number)
+            for number, load in enumerate(system.loads)
+            for harmonic in load.amplitude.harmonics
+        ]
+        for harmonic, number in parts:
+            omega = 2.0 * np.pi * harmonic.frequency
+            Z = self.K - omega**2 * self.M + 1j * omega * self.C
+            x = np.linalg.lstsq(Z, self.loads[:, number].astype(complex))[0]
+            load, M, C, K = self.rows
+            row = load[:, number] - (K @ x - omega**2 * (M @ x) + 1j * omega * (C @ x))
+            forces += abs(harmonic.amplitude) * system.slip_norm(np.abs(row))
+        shares = (forces[points].sum() / system.w[points].sum() for points in system.joint_points)
+        largest = max(shares, default=0.0)
+        return 1.0 / float(largest) if largest > 0.0 else np.inf

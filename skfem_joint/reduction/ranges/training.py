@@ -1,0 +1,198 @@
+"""Static slip paths at points spread over a range, and the pool of their snapshots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.pod import ProperModes, orthonormal, proper_decomposition, thinned
+from skfem_joint.reduction.ranges.points import intervals, placed
+from skfem_joint.reduction.ranges.stuck import StuckVibration
+from skfem_joint.reduction.static_path import StaticPath, slip_path
+from skfem_joint.served import Range
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.system import System
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Numbers of training.
+
+    Attributes
+    ----------
+    first, more : int
+        Points whose levels come from the stuck vibration, and further ones, whose levels come from
+        the model of the first.
+    beyond : float
+        Highest share of slip that is trained, over the highest of the range.
+    cycles, steps : int
+        Cycles of the run to come that a path follows, and steps of each.
+    modes : int
+        Number that `slip_path` is asked for: more than its levels tell apart, so that it follows
+        the path through time too.
+    rough : int
+        Joint modes of the model that the levels of further points come from.
+    kept : int
+        Proper orthogonal modes that stand for a path's snapshots in the pool.
+    times : int
+        Velocities that are kept of each path.
+    interface : int
+        Most fixed-interface modes.
+    resolved : float
+        Share of the largest slip velocity down to which the law resolves velocities.
+    """
+
+    first: int = 6
+    more: int = 8
+    beyond: float = 1.1
+    cycles: int = 3
+    steps: int = 200
+    modes: int = 30
+    rough: int = 14
+    kept: int = 40
+    times: int = 60
+    interface: int = 16
+    resolved: float = 2e-7
+
+
+SETTINGS = TrainingSettings()
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where training is done: frequency (Hz), share of slip, factors on the limits (joints,)."""
+
+    frequency: float
+    slip: float
+    factors: FloatArray
+
+
+def spread(system: System, range_: Range, count: int) -> list[Place]:
+    """Points spread over a range by Sobol's sequence, the same ones at each call.
+
+    Shares of slip and frequencies are even, factors even in their logarithms.
+    """
+    pairs = intervals(system, range_.limits)
+    free = [k for k, (low, high) in enumerate(pairs) if high > low]
+    engine = qmc.Sobol(2 + len(free), rng=0)
+    numbers = engine.random(1 << max(count - 1, 1).bit_length())[:count]
+    places = []
+    (low, high), (slow, fast) = range_.slip, range_.frequency
+    high = SETTINGS.beyond * high
+    for x in numbers:
+        factors = np.array([pair[0] for pair in pairs])
+        for k, share in zip(free, x[2:], strict=True):
+            factors[k] = pairs[k][0] * (pairs[k][1] / pairs[k][0]) ** share
+        slip = low + (high - low) * float(x[1])
+        places.append(Place(slow + (fast - slow) * float(x[0]), slip, factors))
+    return places
+
+
+@dataclass
+class Pool:
+    """Static slip paths of one system at many points.
+
+    Attributes
+    ----------
+    system : System
+        The full system.
+    path : QuasiStatic
+        Its quasi-static path, whose factors all points use.
+    stuck : StuckVibration
+    energy : sparse array, shape (n, n)
+        Inner product of the proper orthogonal modes.
+    paths : list of StaticPath
+    snapshots : list of ndarray, shape (s, n)
+        Of each path, compressed: its proper orthogonal modes times their singular values.
+    places : list of Place
+    """
+
+    system: System
+    path: QuasiStatic
+    stuck: StuckVibration
+    energy: Any
+    paths: list[StaticPath] = field(default_factory=list)
+    snapshots: list[FloatArray] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
+
+    @staticmethod
+    def of(system: System, range_: Range) -> Pool:
+        """Pool without paths."""
+        path = QuasiStatic(system, 3e-5)
+        stuck = StuckVibration.of(system, path, range_.frequency[1], SETTINGS.interface)
+        return Pool(system, path, stuck, shifted(system.K, system.M))
+
+    def nominal(self, place: Place) -> float:
+        """Level at which the first joint slips as a whole, about, by the stuck vibration."""
+        return self.stuck.level(placed(self.system, place.frequency, 1.0, place.factors))
+
+    def follow(self, place: Place, level: float) -> StaticPath:
+        """Static slip path of a point at a level of load; it is added to the pool."""
+        there = placed(self.system, place.frequency, level, place.factors)
+        period, cycles = 1.0 / place.frequency, SETTINGS.cycles
+        step = min(period / SETTINGS.steps, longest_step(there, cycles * period))
+        plan = Plan(step, round(cycles * period / step))
+        limited = self.path.with_limits(self._limits(there))
+        found = slip_path(there, plan, SETTINGS.modes, limited)
+        own = proper_decomposition(found.snapshots, self.energy)
+        kept = own.modes[:, : SETTINGS.kept] * own.singular_values[: SETTINGS.kept]
+        self.snapshots.append(kept.T)
+        self.paths.append(replace(found, snapshots=kept.T[:0]))
+        self.places.append(place)
+        return found
+
+    def _limits(self, there: System) -> FloatArray:
+        """Limits of a point in the unknowns of the path, whose contact points are the same."""
+        return there.w
+
+    def proper(self) -> ProperModes:
+        """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
+        return proper_decomposition(np.vstack(self.snapshots), self.energy)
+
+    def basis(self, proper: ProperModes, modes: int) -> FloatArray:
+        """Basis (n, j): the first proper modes, static responses, rigid and interface motions."""
+        rigid = [path.rigid for path in self.paths if path.rigid.size][:1]
+        W = [proper.modes[:, :modes], self.paths[0].response, *rigid, self.stuck.modes]
+        M = self.system.M
+        return orthonormal(orthonormal(np.hstack(W), M), M)
+
+    def velocities(self, V: FloatArray) -> FloatArray:
+        """Velocities (times, j) of all paths' runs on a basis, each over its largest."""
+        MV, rates = self.system.M @ V, []
+        for path in self.paths:
+            v = thinned(path.run.v, SETTINGS.times) @ (path.V.T @ MV)
+            rates.append(v / max(float(np.abs(v).max()), 1e-300))
+        return np.vstack(rates)
+
+    def merged(self, V: FloatArray, count: int | None) -> System:
+        """Reduced system on a basis; with merged friction points unless ``count`` is None."""
+        unmerged, points = self.system.project(V), np.flatnonzero(self.system.w)
+        if count is None or count >= points.size:
+            return unmerged
+        return merged_points(unmerged, self.velocities(V), points, count)
+
+    def law(self) -> float:
+        """Steepness that resolves slip velocities, s/m, with the limits of the system."""
+        velocities = []
+        for path, place in zip(self.paths, self.places, strict=True):
+            B = np.asarray(path.run.system.B)
+            velocity = float(path.run.system.slip_norm(path.run.v @ B.T).max(initial=0.0))
+            mean = float(np.exp(np.log(place.factors).mean())) if place.factors.size else 1.0
+            velocities.append(velocity / mean)
+        # The median: preliminary models of some paths may slip as a whole.
+        return 1.0 / (SETTINGS.resolved * max(float(np.median(velocities)), 1e-12))
+
+
+def scaled(places: Sequence[Place], levels: Sequence[float]) -> FloatArray:
+    """Rows of frequency, factors and level, as `Served.known` has them."""
+    rows = [[p.frequency, *p.factors, level] for p, level in zip(places, levels, strict=True)]
+    return np.array(rows, dtype=float)
