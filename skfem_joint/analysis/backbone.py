@@ -23,8 +23,8 @@ free of these assumptions, can be compared with the curve.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -36,6 +36,7 @@ from skfem_joint.analysis.gross_slip import (
     still_share,
 )
 from skfem_joint.analysis.own_law_damping import own_law_damping
+from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
@@ -162,6 +163,7 @@ class Backbone:
     state: tuple[str, ...]
     masing_error: float | None
     warnings: tuple[str, ...]
+    estimated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def damping_ratio(self) -> FloatArray:

@@ -77,7 +77,9 @@ def ringing(system: System, frequency: float) -> System:
 
 
 def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
-    """Estimated largest relative errors of a curve's frequency and damping, by their names.
+    """Estimated errors of a curve's frequency and damping, by their names.
+
+    They are relative to the largest value of the curve.
 
     Parameters
     ----------
@@ -89,10 +91,9 @@ def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
     for name, factor in (("frequency", "history"), ("damping_ratio", "energy")):
         values, reference = getattr(curve, name), getattr(larger, name)
         count = min(values.size, reference.size)
-        known = reference[:count] > 0.0
-        ratio = values[:count][known] / reference[:count][known]
-        largest = float(np.abs(ratio - 1.0).max(initial=0.0))
-        errors[name] = serves.factors.get(factor, 1.0) * largest
+        size = float(np.abs(reference[:count]).max(initial=0.0))
+        apart = float(np.abs(values[:count] - reference[:count]).max(initial=0.0))
+        errors[name] = serves.factors.get(factor, 1.0) * apart / size if size > 0.0 else 0.0
     return errors
 
 
