@@ -29,8 +29,8 @@ class Range:
     frequency : tuple of float
         Lowest and highest frequency of the loads' common period, Hz.
     limits : dict of str to tuple of float
-        Lowest and highest factor on the friction limits of a joint, by its name. Factors of friction
-        and of pressure are alike. Limits of other joints stay as they are.
+        Lowest and highest factor on the friction limits of a joint, by its name. Factors of
+        friction and of pressure are alike. Limits of other joints stay as they are.
     """
 
     slip: Interval
@@ -114,8 +114,8 @@ class Served:
     accuracy : float
         Error of displacement histories that was asked for; three times that of energies.
     law : float
-        Steepness of the reduced law, s/m, at the highest frequency and slip and the limits of the
-        system; see `skfem_joint.reduction.ranges.points`.
+        Steepness of the reduced law, s/m, with the limits of the system; see
+        `skfem_joint.reduction.ranges.points`.
     period : float
         Common period of the loads of the system that the model was made of, s.
     known : ndarray, shape (points, 2 + joints)

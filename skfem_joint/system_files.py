@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,13 @@ from skfem_joint.array_files import DAMAGE, npz_arrays, sparse_array, sparse_par
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
+from skfem_joint.served import Point, Range, Served
 from skfem_joint.system import AppliedLoad, System
 
 _KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "P", "directions", "T", "J", "shares")
 _NAMES = ("points", "joints", "notes")
+_NUMBERS = ("accuracy", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
 _PLAIN = {
     shape.__name__: shape
@@ -44,7 +46,8 @@ _PLAIN = {
 def save(system: System, path: str | Path) -> Path:
     """Save a system to a file: matrices, contact, loads, names and basis.
 
-    A reduced or condensed system keeps its ``T``, which expands its runs to the structure, and the
+    A model for a range keeps what it needs to serve it and to state its errors. A reduced or
+    condensed system keeps its ``T``, which expands its runs to the structure, and the
     ``shares`` of its contact points. The system that `load` returns integrates to the same bits.
 
     Parameters
@@ -68,17 +71,8 @@ def save(system: System, path: str | Path) -> Path:
     """
     path = _checked(path)
     arrays: dict[str, Any] = {}
-    for name in _ARRAYS:
-        if (value := getattr(system, name)) is not None:
-            arrays |= _members(name, value)
-    described = []
-    for number, load in enumerate(system.loads):
-        arrays[f"load {number}"] = load.vector
-        shape = _described(load.amplitude, f"load {number}", load.on, arrays)
-        described.append({"on": load.on, "amplitude": shape})
-    texts = {name: list(getattr(system, name)) for name in _NAMES}
-    content = _KIND | {"loads": described, "made_for": system.made_for}
-    arrays["description"] = np.array(json.dumps(content | texts))
+    content = _KIND | _content(system, "", arrays)
+    arrays["description"] = np.array(json.dumps(content))
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
     return path
@@ -123,6 +117,38 @@ def load(path: str | Path) -> System:
     return system
 
 
+def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Description of a system as JSON takes it; its arrays go to the ``arrays``."""
+    for name in _ARRAYS:
+        if (value := getattr(system, name)) is not None:
+            arrays |= _members(prefix + name, value)
+    described = []
+    for number, load in enumerate(system.loads):
+        member = f"{prefix}load {number}"
+        arrays[member] = load.vector
+        shape = _described(load.amplitude, member, load.on, arrays)
+        described.append({"on": load.on, "amplitude": shape})
+    texts = {name: list(getattr(system, name)) for name in _NAMES}
+    content = texts | {"loads": described, "made_for": system.made_for}
+    if system.serves is not None:
+        content["serves"] = _serves_content(system.serves, arrays)
+    return content
+
+
+def _serves_content(serves: Served, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Description of what a model for a range carries; its arrays go to the ``arrays``."""
+    arrays["known"] = serves.known
+    numbers = {name: float(getattr(serves, name)) for name in _NUMBERS}
+    point = None if serves.point is None else asdict(serves.point)
+    range_ = {name: asdict(serves.range)[name] for name in ("slip", "frequency", "limits")}
+    return numbers | {
+        "range": range_,
+        "factors": dict(serves.factors),
+        "point": point,
+        "larger": _content(serves.larger, "larger/", arrays),
+    }
+
+
 def _checked(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() != ".npz":
@@ -161,10 +187,12 @@ def _described(
     )
 
 
-def _system(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> System:
+def _system(
+    content: Mapping[str, Any], arrays: dict[str, NDArray[Any]], prefix: str = ""
+) -> System:
     """System from a description and arrays, which are removed from the mapping as they are used."""
     size = sum(array.nbytes for array in arrays.values())
-    values: dict[str, Any] = {name: _matrix(name, arrays, size) for name in _ARRAYS}
+    values: dict[str, Any] = {name: _matrix(prefix + name, arrays, size) for name in _ARRAYS}
     for name in ("M", "C", "K", "B", "w", "beta", "P", "directions", "J"):
         if values[name] is None:
             raise ValueError(f"it holds no {name}")
@@ -180,10 +208,40 @@ def _system(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Syst
     values["directions"] = values["directions"].astype(np.int64)
     names = {name: tuple(_text(text) for text in _list(content[name])) for name in _NAMES}
     applied = tuple(
-        _load(described, f"load {number}", arrays)
+        _load(described, f"{prefix}load {number}", arrays)
         for number, described in enumerate(_list(content["loads"]))
     )
+    if not prefix and "serves" in content:
+        values["serves"] = _served(content["serves"], arrays)
     return System(loads=applied, made_for=_text(content["made_for"]), **(values | names))
+
+
+def _served(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Served:
+    """What a model for a range carries, from its description."""
+    larger, point = _system(content["larger"], arrays, "larger/"), content["point"]
+    known = arrays.pop("known")
+    if known.ndim != 2 or known.dtype.kind != "f" or not (known > 0.0).all():
+        raise ValueError("known is no table of numbers above zero")
+    if known.shape[1] != 2 + len(larger.joints) or not len(known):
+        raise ValueError(f"known has shape {known.shape}, for {len(larger.joints)} joints")
+    if point is not None:
+        factors = {_text(name): _number(value) for name, value in point["limits"].items()}
+        numbers = {name: _number(point[name]) for name in ("frequency", "level", "slip")}
+        point = Point(limits=factors, **numbers)
+    factors = {_text(name): _number(value) for name, value in content["factors"].items()}
+    if set(factors) != {"history", "energy"}:
+        raise ValueError("factors must be those of history and energy")
+    numbers = {name: _number(content[name]) for name in _NUMBERS}
+    if min(*numbers.values(), *factors.values()) <= 0.0:
+        raise ValueError("numbers of what it serves must be above zero")
+    return Served(
+        range=Range.of(content["range"]),
+        larger=larger,
+        factors=factors,
+        known=known,
+        point=point,
+        **numbers,
+    )
 
 
 def _matrix(name: str, arrays: dict[str, NDArray[Any]], size: int) -> Any:

@@ -11,10 +11,16 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.loads import common_period
+from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.reduction.pod import ProperModes
-from skfem_joint.reduction.ranges.points import gross_slip_level, placed, point_of
+from skfem_joint.reduction.ranges.points import (
+    least_share,
+    placed,
+    point_of,
+    searched_level,
+)
 from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
 from skfem_joint.reduction.ranges.training import Place, Pool, scaled, spread
 from skfem_joint.served import Point, Range, Served
@@ -55,8 +61,8 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (12, 16, 20, 26, 32, 40)
-    larger: float = 1.6
+    modes: tuple[int, ...] = (12, 16, 20, 26, 32)
+    larger: float = 2.0
     points_per_mode: int = 3
     checks: int = 6
     judged: int = 2
@@ -64,7 +70,7 @@ class RangeSettings:
     steps: int = 100
     missing: int = 16
     share: float = 0.9
-    margin: float = 0.7
+    margin: float = 0.5
     energies: float = 3.0
     least: float = 1.5
     most: float = 5.0
@@ -137,13 +143,12 @@ class _Maker:
 
     def model(self, modes: str | int) -> System:
         """Model of the range."""
-        pool, known, last = self._trained()
+        pool, known, checked = self._trained()
         proper = pool.proper()
         most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
         tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
         top = min(most, round(SETTINGS.larger * max(tried)))
         best = self._with(pool, proper, top, known)
-        checked = [(place, level) for place, level in last if np.isfinite(level)]
         truths = [self._run(best, place, level) for place, level in checked]
         for count in dict.fromkeys(tried):
             small = self._with(pool, proper, count, known)
@@ -154,27 +159,33 @@ class _Maker:
                 break
         larger = self._with(pool, proper, min(most, round(SETTINGS.larger * count)), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
-        assert larger.serves is not None and small.serves is not None
-        larger = replace(larger, T=None, serves=None)
-        return replace(small, serves=replace(small.serves, larger=larger, factors=factors))
+        larger = replace(larger, T=None, shares=None, serves=None)
+        found = replace(self._serves(pool, larger, known), factors=factors)
+        return replace(small, serves=found)
 
     def _trained(self) -> tuple[Pool, FloatArray, list[tuple[Place, float]]]:
         """Pool of paths, known levels of gross slip, and the points that are checked."""
         pool = Pool.of(self.system, self.range)
         count = TRAINING.first + TRAINING.more
         places = spread(self.system, self.range, count + SETTINGS.checks)
-        levels = []
+        levels, factor = [], 1.0
         for place in places[: TRAINING.first]:
-            levels.append(pool.nominal(place))
-            pool.follow(place, place.slip * levels[-1])
+            levels.append(factor * pool.nominal(place))
+            slip = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
+            sticks = least_share(self.system, slip <= THRESHOLD * slip.max())
+            if sticks > TRAINING.still:
+                factor *= TRAINING.raised
+            elif sticks < 0.1 * TRAINING.still:
+                factor /= float(np.sqrt(TRAINING.raised))
         known = scaled(places[: TRAINING.first], levels)
         rough = self._with(pool, pool.proper(), TRAINING.rough, known)
-        levels = [gross_slip_level(rough, p.frequency, p.factors) for p in places]
+        levels = []
+        for place in places:
+            level, guess = searched_level(rough, place.frequency, place.factors)
+            levels.append(TRAINING.missed * guess if level is None else level)
         known = scaled(places, levels)
-        for place, level in zip(
-            places[TRAINING.first : count], levels[TRAINING.first :], strict=False
-        ):
-            pool.follow(place, place.slip * level)
+        for k in range(TRAINING.first, count):
+            pool.follow(places[k], places[k].slip * levels[k])
         low, high = self.range.slip
         checked = []
         for place, level in zip(places[count:], levels[count:], strict=True):
@@ -186,10 +197,11 @@ class _Maker:
         """Model of a number of modes, which is its own larger model."""
         V = pool.basis(proper, modes)
         small = pool.merged(V, SETTINGS.points_per_mode * V.shape[1])
-        law = pool.law()
-        small = replace(small, notes=self.system.notes)
-        serves = Served(self.range, small, {}, self.accuracy, law, self.period, known)
-        return replace(small, serves=serves)
+        return replace(small, serves=self._serves(pool, small, known))
+
+    def _serves(self, pool: Pool, larger: System, known: FloatArray) -> Served:
+        """What a model carries, without factors."""
+        return Served(self.range, larger, {}, self.accuracy, pool.law(), self.period, known)
 
     def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
         point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)

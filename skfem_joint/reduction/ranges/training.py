@@ -31,7 +31,15 @@ class TrainingSettings:
     ----------
     first, more : int
         Points whose levels come from the stuck vibration, and further ones, whose levels come from
-        the model of the first.
+        the model of the first. The first ones are followed until all slips.
+    raised : float
+        Factor on the level of the stuck vibration from one of the first points to the next, while
+        more than ``still`` of each joint sticks; its root while less than a tenth of that does.
+    still : float
+        Share of a joint's limit.
+    missed : float
+        Factor on the guess of a level where the model of the first points lets no joint slip as a
+        whole.
     beyond : float
         Highest share of slip that is trained, over the highest of the range.
     cycles, steps : int
@@ -53,6 +61,9 @@ class TrainingSettings:
 
     first: int = 6
     more: int = 8
+    raised: float = 1.5
+    still: float = 0.1
+    missed: float = 1.5
     beyond: float = 1.1
     cycles: int = 3
     steps: int = 200
