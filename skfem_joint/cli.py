@@ -384,6 +384,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
+    from skfem_joint.analysis.scene_backbone import given_backbones
     from skfem_joint.analysis.scene_response import (
         RESPONSE_ROWS,
         response_table,
@@ -398,9 +399,11 @@ def _response(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             response = scene_response(scene, executor, progress, rows)
+            curves = given_backbones(scene, progress, rows)
+        notes = [*notes, *(note for curve in curves for note in curve.warnings)]
         response = replace(response, warnings=(*response.warnings, *notes))
-        files = damping.write_response(options.out, response)
-    print("\n".join(damping.response_lines(response)))
+        files = damping.write_response(options.out, response, curves)
+    print("\n".join(damping.response_lines(response, curves)))
     return _print_notes(response.warnings, options.out, files)
 
 

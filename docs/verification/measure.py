@@ -65,14 +65,13 @@ def listed(pattern):
     return shown
 
 
-def from_line(pattern):
-    """Lines of what it printed from one that matches a pattern on, as a list; without its time."""
+def lines(pattern):
+    """Lines of what it printed that match a pattern, as they stand; "None." if none does."""
 
     def shown(out, said):
-        lines = said.strip().splitlines()
-        first = next(k for k, line in enumerate(lines) if re.search(pattern, line))
-        shown = (line for line in lines[first:] if not re.fullmatch(r"\d+ s", line))
-        return "\n".join(f"- {line}" for line in shown)
+        found = [line for line in said.splitlines() if re.search(pattern, line)]
+        text = "\n".join(f"\n{line}" if line.startswith("Seeds") else line for line in found)
+        return text or "None."
 
     return shown
 
@@ -143,6 +142,9 @@ SHOWN = ("fig2b", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "fig1
 SHOWN += ("fig15_sensitivity", "fig16", "fig19", "fig21", "fig21_envelope", "fig22")
 BENCHMARKS = "python examples/benchmarks"
 STABILITY = "python examples/stability"
+ESTIMATES = f"{BENCHMARKS}/estimates.py"
+#: Scenes of each class, processes, and where rows are kept.
+DRAWN = "--count 8 --jobs 2 --out {out}/rows.jsonl"
 CLAIMS = {
     "paper": Claim(
         "python examples/paper/reproduce.py --out {out}",
@@ -181,16 +183,29 @@ CLAIMS = {
         f"{STABILITY}/pairs.py", 1800, {"pairs": listed("amplitudes")}, short="--count 1"
     ),
     "estimates": Claim(
-        f"{BENCHMARKS}/estimates.py 2026 60",
-        240,
-        {"estimates": from_line(r"^\d+ scenes, ")},
-        short=f"{BENCHMARKS}/estimates.py 1 2",
+        f"{ESTIMATES} all --seed 2029 {DRAWN}",
+        2400,
+        {
+            "estimates": lines(r"^\| |^Seeds "),
+            "estimates-loads": lines(r"^- .*, by "),
+            "estimates-cases": lines("^- (stated|refused)"),
+        },
+        short=f"{ESTIMATES} bars matrices --seed 3 --count 2",
     ),
-    "estimates-full": Claim(
-        f"{BENCHMARKS}/estimates.py 2026 60 full",
-        240,
-        {"estimates-full": from_line(r"^\d+ scenes, ")},
-        short=f"{BENCHMARKS}/estimates.py 1 2 full",
+    "estimates-clock": Claim(
+        f"{ESTIMATES} all --seed clock {DRAWN}",
+        2400,
+        {"estimates-clock": lines(r"^\| (class|---|plates-bolted|all) |^Seeds ")},
+        short=f"{ESTIMATES} bars plates-bolted --seed clock --count 1",
+    ),
+    "estimates-accuracy": Claim(
+        f"{ESTIMATES} plates-bolted --model accuracy --seed 2029 {DRAWN}",
+        600,
+        {
+            "estimates-accuracy": lines(r"^\| |^Seeds "),
+            "estimates-missed": lines("^- (missed|refused)"),
+        },
+        short=f"{ESTIMATES} plates-bolted --seed 3 --count 1 --model accuracy",
     ),
     "reduction": Claim(
         f"{BENCHMARKS}/reduction.py", 240, {"reduction": printed}, short="bending", timed=True
@@ -310,7 +325,7 @@ def listing(claims):
     for name, claim in claims.items():
         kind = "times" if claim.timed else ""
         lines.append(
-            f"{name:15} {claim.seconds:5.0f} s  {kind:6} {claim.command.format(out='out')}"
+            f"{name:18} {claim.seconds:5.0f} s  {kind:6} {claim.command.format(out='out')}"
         )
     total = sum(claim.seconds for claim in claims.values())
     return "\n".join([*lines, f"about {total / 60:.0f} minutes in all"])

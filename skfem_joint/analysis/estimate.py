@@ -4,12 +4,21 @@ The errors of a reduced or condensed model are estimated by verification runs of
 better in one respect. No step of the full model is taken. (On short bars a run of the full model
 would be cheaper, but verification runs take tenths of a second, and show which source errs.)
 
+Where contact is small, the best of them is a condensed model with the full model's points and law
+(:mod:`skfem_joint.analysis.condensed_reference`), run with the step itself, with half of it and,
+where that changes results by more than a percent, with a quarter of it. The total is the distance
+from its finest run and what that leaves. All contact points instead of the reduced model's, and
+then a steeper law, on the same basis, tell points and law from the basis. On plates with several
+bolts under Coulomb's law errors fall so slowly with modes that nothing else was reliable.
+
+Where contact is larger, a condensed model would be too slow:
+
 basis
     The residual of its run in the full equation shows which modes the basis misses
     (:mod:`skfem_joint.reduction.missing_modes`). The model is run again with the first of these
     modes and with the next proper modes of its own snapshots. If that changes the results, it is
-    run once more with the modes that this run misses. The ratio of the second change to the first
-    is extrapolated to what is still missing.
+    run once more with the modes that this run misses, and again with more of them where changes do
+    not fall. The ratio of the last change to the one before is extrapolated to what is missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
     the missing modes; further verification runs of the basis keep it.
@@ -95,7 +104,8 @@ class EstimateSettings:
         Cycles of a run with all points, where it is not.
     added : int
         Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
-        those of a slip front that the basis holds: each verification run frees the next points.
+        those of a slip front that the basis holds (each verification run frees the next points),
+        and twice and four times as many where the changes do not fall.
     most_runs : int
         Most times that modes are added.
     enough : float
@@ -544,9 +554,11 @@ def _enriched(
     run = start.thinned(fields) if start else stored(points.model(V, beta))
     bases = [V]
     changes: list[tuple[Results, Results]] = []
-    while len(changes) < 2 or (len(changes) < SETTINGS.most_runs and V.shape[1] < most):
-        before = results(run)
-        V = np.hstack([V, residual.missing_modes(V, run, SETTINGS.added, known)])
+    while len(changes) < 2 or (
+        len(changes) < SETTINGS.most_runs and (V.shape[1] < most or _is_slow(changes))
+    ):
+        before, more = results(run), SETTINGS.added * 2 ** max(0, len(changes) - 1)
+        V = np.hstack([V, residual.missing_modes(V, run, more, known)])
         run = stored(points.model(V, beta))
         changes.append((before, results(run)))
         bases.append(V)
@@ -557,6 +569,15 @@ def _enriched(
         if max((e for e in changed if e is not None), default=0.0) < SETTINGS.enough:
             break
     return changes, bases, run
+
+
+def _is_slow(changes: list[tuple[Results, Results]]) -> bool:
+    """Whether the last change by added modes is no small share of the one before."""
+    before, last = (difference(*reversed(pair)) for pair in changes[-2:])
+    return any(
+        error is not None and error > max(SETTINGS.enough, SETTINGS.slowest * (before[name] or 0.0))
+        for name, error in last.items()
+    )
 
 
 def _rest(left: Parts) -> float:

@@ -140,6 +140,21 @@ def scene_backbone(
     return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
 
 
+def given_backbones(
+    scene: Scene, progress: Progress = silent, rows: Rows | None = None
+) -> list[Backbone]:
+    """Full model's curves of a scene with a table ``[backbone]``; of one without it, none.
+
+    InputError and ConvergenceError as :func:`backbone`.
+    """
+    if "backbone" not in scene.model_fields_set:
+        return []
+    table, report = scene.backbone, partial(progress, "backbone")
+    return backbone(
+        scene.system(), table.modes, table.levels, table.up_to, progress=report, rows=rows
+    )
+
+
 @dataclass(frozen=True)
 class _OfMode:
     """A model made for one mode.

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skfem_joint.analysis.backbone import Backbone
+from skfem_joint.analysis.backbone_peaks import backbone_peaks
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.normal_force import NormalChange
 from skfem_joint.analysis.response import SETTINGS, Curve
@@ -15,6 +17,7 @@ from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_names
+from skfem_joint.output.backbone_peaks import peak_lines, peak_rows, peaks_figure
 from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import write_csv
@@ -75,8 +78,8 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         },
         "warnings": list(backbone.warnings),
     }
-    picture = folder / "backbone.png"
-    return _written(picture, backbone_figure(backbone.models, backbone.largest), content, tables)
+    figure = backbone_figure(backbone.models, backbone.largest)
+    return _written({folder / "backbone.png": figure}, content, tables)
 
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
@@ -190,8 +193,13 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
     return figure
 
 
-def write_response(folder: Path, response: SceneResponse) -> list[Path]:
-    """Write ``response.csv``, ``response.png`` and ``summary.json``."""
+def write_response(
+    folder: Path, response: SceneResponse, backbones: Sequence[Backbone] = ()
+) -> list[Path]:
+    """Write ``response.csv``, ``response.png`` and ``summary.json``.
+
+    With ``backbones`` also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
+    """
     points, structure = response.scene.system().points, response.scene.structure()
     names = safe_names(points)
     every = [p for model in response.models for curve in model.curves for p in curve.points]
@@ -229,18 +237,24 @@ def write_response(folder: Path, response: SceneResponse) -> list[Path]:
         },
         "warnings": list(response.warnings),
     }
-    tables = {"response.csv": [header, *rows]}
-    return _written(folder / "response.png", response_figure(response), content, tables)
+    tables: dict[str, Rows] = {"response.csv": [header, *rows]}
+    pictures = {folder / "response.png": response_figure(response)}
+    if backbones:
+        peaks = backbone_peaks(response.models, backbones)
+        tables["peaks.csv"] = peak_rows(peaks)
+        pictures[folder / "backbone_response.png"] = peaks_figure(response, backbones, peaks)
+    return _written(pictures, content, tables)
 
 
-def response_lines(response: SceneResponse) -> list[str]:
-    """What is printed of steady vibration: the peak of each curve."""
-    return [
+def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:
+    """What is printed of steady vibration: the peak of each curve, and its place on a backbone."""
+    lines = [
         f"{model.name} model, level {curve.level:g}: peak {1e3 * curve.peak[1]:.5g} mm at "
         f"{curve.peak[0]:.6g} Hz, {len(curve.points)} frequencies."
         for model in response.models
         for curve in model.curves
     ]
+    return [*lines, *peak_lines(backbone_peaks(response.models, backbones))] if backbones else lines
 
 
 def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
@@ -312,12 +326,13 @@ def _plain(value: Any) -> Any:
 
 
 def _written(
-    picture: Path, figure: Figure, content: dict[str, Any], tables: Mapping[str, Rows]
+    pictures: Mapping[Path, Figure], content: dict[str, Any], tables: Mapping[str, Rows]
 ) -> list[Path]:
-    """Write a summary, tables whose first rows are their headings, and a picture."""
-    folder = picture.parent
+    """Write a summary, tables whose first rows are their headings, and pictures in one folder."""
+    folder = next(iter(pictures)).parent
     with writing(folder, content) as summary:
         for name, rows in tables.items():
             write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
-        save_figure(picture, figure)
-    return [*(folder / name for name in tables), picture, summary]
+        for picture, figure in pictures.items():
+            save_figure(picture, figure)
+    return [*(folder / name for name in tables), *pictures, summary]

@@ -180,6 +180,26 @@ def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
     assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
 
 
+def test_a_ring_down_does_not_depend_on_its_step_and_states_where_it_does():
+    """The trapezoidal rule keeps stiff motions of the joint ringing from step to step."""
+    system = plate(bolted=True)
+    system = replace(system, C=2e-6 * system.K)
+    (full,) = backbone(system, levels=8)
+    stuck = stuck_modes(system, 2)[1]
+    basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
+    small = reduced_system(system, basis, periodic=False)
+    (curve,) = backbone(small, levels=8, slips_at=full.slips_at)
+    settled = sj.ring_down(small, curve, 10, 400)
+    default = sj.ring_down(small, curve, 10, 50)
+    assert default.damping_ratio == pytest.approx(settled.damping_ratio, rel=5e-3)
+    ringing = sj.ring_down(small, curve, 10, 50, sj.generalized_alpha(1.0))
+    for found in (default, ringing):
+        apart = found.damping_ratio - settled.damping_ratio
+        true = np.abs(apart).max() / settled.damping_ratio.max()
+        assert 0.5 * true < found.step_error["damping_ratio"] < 2.0 * true
+    assert ringing.step_error["damping_ratio"] > 0.1
+
+
 def test_a_scene_s_pulse_rings_down_alike_in_both_models():
     scene = sj.load_scene(EXAMPLES / "structure_impulse.toml")
     asked = {"levels": 12, "ring_down": 12, "released": "loads"}

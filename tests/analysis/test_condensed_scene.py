@@ -39,6 +39,8 @@ def test_it_stands_between_full_and_reduced_in_all_results():
     assert model.errors.displacement_max < min(1e-5, reduced.errors.displacement_max)
     found, true = (model_summary(study, m)["joints"]["joint"] for m in (model, full))
     for name, value in true.items():
+        if name.startswith("friction_energy_error"):  # a full model's is not stated
+            continue
         assert found[name] == (value and pytest.approx(value, rel=1e-5)), name
     assert model.estimate.of("law", "friction_energy") == 0.0
     own, right = (contact_history(study.structure, m.run) for m in (model, full))

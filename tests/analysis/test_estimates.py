@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.estimates import judged
-from joint_scenes import bar_scene, harmonic, lap_joint, plate, plate_scene, steps_taken
+from joint_scenes import bar_scene, harmonic, joint, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
 from skfem_joint.analysis import accuracy, estimate
@@ -14,7 +14,6 @@ from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
-from skfem_joint.analysis.step_estimate import of_full
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.mesh import build_bar
@@ -147,31 +146,13 @@ def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
-@pytest.mark.parametrize("steps", [8, 25, 50])
-def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
-    resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
-    scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
-    plan, system = plan_of(scene), scene.system()
-    run = verification_run(system, plan)
-    stated = of_full(system, run, plan).of("total", "displacement_rms") or 0.0
-    truth = results(verification_run(system, plan.finer(16)))
-    true = difference(truth, results(run))["displacement_rms"] or 0.0
-    assert true > 0.04
-    assert 0.5 * true < stated < 2.0 * true
-
-
-def test_a_full_estimate_takes_half_and_quarter_steps(monkeypatch):
-    taken = steps_taken(monkeypatch, estimate)
-    run_scene(bar_scene("full", time={"cycles": 2}))
-    assert taken == [800, 1600]
-
-
 @pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
 def test_verification_runs_end_where_the_reduced_run_has_settled(monkeypatch, frequency, settles):
     taken = steps_taken(monkeypatch, estimate)
     damped = {"damping": {"stiffness": 1e-5 if settles else 1e-7}}
     time = {"cycles": 12, "steps_per_cycle": 100}
-    run_scene(bar_scene("reduced", load=[harmonic(frequency=frequency)], time=time, **damped))
+    exact = {"joint": [joint(law="coulomb")], "load": [harmonic(frequency=frequency)]}
+    run_scene(bar_scene("reduced", time=time, **exact, **damped))
     assert taken[-1] == 200 * (4 if settles else 12)  # half the step
     assert set(taken[:-1]) == {400 if settles else 1200}  # the run itself is not made again
 

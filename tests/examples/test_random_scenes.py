@@ -1,16 +1,20 @@
 """Scenes drawn at random for the estimates: drawn again alike, loaded as said, judged right."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks import estimates
 from benchmarks.estimates import Row, report, table
-from benchmarks.scenes import CLASSES, draw
+from benchmarks.scenes import CLASSES, LOADS, draw
 from benchmarks.shapes import bracket, plate, share_of_slip
 
 from skfem_joint.analysis.history import QUANTITIES
+from skfem_joint.scene import scene_from
 
+ROOT = Path(__file__).parents[2]
 RANDOM = np.random.default_rng
 
 
@@ -20,6 +24,11 @@ def test_a_scene_is_drawn_by_its_class_seed_and_number_alone(kind, tmp_path):
     dumped = [drawn.scene.model_dump(warnings=False) for drawn in (one, same, other)]
     assert dumped[0] == dumped[1] != dumped[2]
     assert one.scene.system().contact_points > 0
+
+
+def test_all_kinds_of_load_are_drawn_alike(tmp_path):
+    drawn = [draw("matrices", 4, number, tmp_path).load for number in range(len(LOADS))]
+    assert sorted(drawn) == sorted(LOADS)
 
 
 @pytest.mark.parametrize("kind", ["bars", "plates-bolted", "solids"])
@@ -50,12 +59,15 @@ def test_a_plate_is_the_union_of_its_rectangles():
 def test_the_bracket_holds_what_its_bolts_press():
     """Friction limits add up to friction x force of all bolts, on either plate."""
     made = bracket(size=8e-3, force=1e4, friction=0.25)
-    from skfem_joint.scene import scene_from
-
     pull = {"on": "pulled", "direction": [1, 0], "kind": "harmonic", "amplitude": 1, "frequency": 1}
     scene = scene_from(dict(made.tables) | {"load": [pull], "time": {"cycles": 1}}, made.mesh)
     limits = [scene.system().w[points].sum() for points in scene.system().joint_points]
     assert limits == pytest.approx([0.25 * 2e4, 0.25 * 2e4], rel=1e-9)
+
+
+def test_the_page_describes_all_classes_and_no_others():
+    page = (ROOT / "docs" / "verification" / "estimates.md").read_text(encoding="utf-8")
+    assert re.findall(r"(?m)^\| `([a-z-]+)` \|", page) == [*CLASSES]
 
 
 def _row(stated, true, doubt=0.0, **others):
