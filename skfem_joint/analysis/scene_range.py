@@ -12,16 +12,18 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from skfem_joint import __version__, system_files
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.reduction import reduce
-from skfem_joint.reduction.ranges.points import at
+from skfem_joint.reduction.ranges.points import at, placed
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene
 from skfem_joint.scene.range_table import ServedRangeTable
@@ -105,6 +107,41 @@ def point_of(scene: Scene, model: System) -> System:
         level=_largest(scene),
         limits=table.factors(scene.joint),
     )
+
+
+def of_scene(scene: Scene, model: System) -> System:
+    """Model for the range of a scene, as if it were made of the scene itself.
+
+    Level 1 is that of the scene's loads, and all factors on limits are 1 at its joints.
+
+    Raises
+    ------
+    InputError
+        If no load acts, or bolts of a joint have other factors than each other.
+    """
+    table, serves = scene.reduction.range, model.serves
+    if table is None or serves is None:
+        raise InputError("reduction.range: missing, or the model serves no range")
+    level, known = _largest(scene), table.factors(scene.joint)
+    factors = np.array([known.get(name, 1.0) for name in model.joints])
+    pairs = serves.range.limits.items()
+    limits = {
+        name: (low / known.get(name, 1.0), high / known.get(name, 1.0))
+        for name, (low, high) in pairs
+    }
+
+    def moved(system: System) -> System:
+        return placed(system, 1.0 / serves.period, level, factors, serves.period)
+
+    rows = serves.known / np.concatenate([[1.0], factors, [level]])
+    changed = replace(
+        serves,
+        range=replace(serves.range, limits=limits),
+        larger=moved(serves.larger),
+        law=serves.law / float(np.exp(np.log(factors).mean())),
+        known=rows,
+    )
+    return replace(moved(model), serves=changed)
 
 
 def range_model(served: ServedScene, folder: Path | None = None) -> System:
