@@ -20,7 +20,8 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
 
     A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
-    friction points and its time step, without a run of the full model.
+    friction points and its time step, without a run of the full model. A point of a range is judged
+    by the larger model that it carries.
 
     Parameters
     ----------
@@ -55,6 +56,8 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         )
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
+    if system.serves is not None:
+        return range_estimate.of_range(run, plan, progress)
     origin = system.origin
     if origin is None:
         if system.made_for or not (system.T is None or sparse.issparse(system.T)):

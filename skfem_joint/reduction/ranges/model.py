@@ -50,8 +50,9 @@ class RangeSettings:
         Cycles of the runs at these points, and steps of each.
     missing : int
         Missing modes that are added to the larger model.
-    share : float
-        Share of the checked points at which the accuracy must be met.
+    best : int
+        Most joint modes of the larger model, and those of the best one, which both are compared
+        with where numbers of modes are judged.
     margin : float
         Share of the accuracy that differences to the best model may take.
     energies : float
@@ -61,7 +62,7 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (12, 16, 20, 26, 32)
+    modes: tuple[int, ...] = (20, 26, 32, 40)
     larger: float = 2.0
     points_per_mode: int = 3
     checks: int = 6
@@ -69,7 +70,7 @@ class RangeSettings:
     cycles: int = 3
     steps: int = 100
     missing: int = 16
-    share: float = 0.9
+    best: int = 64
     margin: float = 0.5
     energies: float = 3.0
     least: float = 1.5
@@ -147,17 +148,17 @@ class _Maker:
         proper = pool.proper()
         most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
         tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
-        top = min(most, round(SETTINGS.larger * max(tried)))
+        top = min(most, max(SETTINGS.best, *tried))
         best = self._with(pool, proper, top, known)
         truths = [self._run(best, place, level) for place, level in checked]
         for count in dict.fromkeys(tried):
             small = self._with(pool, proper, count, known)
             runs = [self._run(small, place, level) for place, level in checked]
             apart = np.array([_apart(*pair) for pair in zip(truths, runs, strict=True)])
-            worst = np.quantile(apart / [1.0, SETTINGS.energies], SETTINGS.share, axis=0).max()
+            worst = (apart / [1.0, SETTINGS.energies]).max()
             if worst <= SETTINGS.margin * self.accuracy:
                 break
-        larger = self._with(pool, proper, min(most, round(SETTINGS.larger * count)), known)
+        larger = self._with(pool, proper, min(top, round(SETTINGS.larger * count)), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
         larger = replace(larger, T=None, shares=None, serves=None)
         found = replace(self._serves(pool, larger, known), factors=factors)
