@@ -448,7 +448,9 @@ def _sweep(options: argparse.Namespace) -> int:
         _announce(earlier)
         for _row in analysis.kept_rows(marks, earlier):
             pass  # counted by `earlier` for its notes
-    waiting = [scene for scene, mark in zip(swept.scenes, marks, strict=True) if mark not in earlier]
+    waiting = [
+        scene for scene, mark in zip(swept.scenes, marks, strict=True) if mark not in earlier
+    ]
     if any(scene.reduction.range for scene in waiting):
         with holding(out), _progress(options) as progress:
             make_missing(waiting, out, progress)

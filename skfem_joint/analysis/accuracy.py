@@ -157,9 +157,7 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     )
     seconds, compiled = watch.read()
     notes = (*notes, said)
-    return Choice(
-        accurate.scene, accurate, notes=notes, seconds=seconds, compilation_s=compiled
-    )
+    return Choice(accurate.scene, accurate, notes=notes, seconds=seconds, compilation_s=compiled)
 
 
 def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -50,7 +49,9 @@ def choose_in_range(
     if scene.accuracy.is_given:
         scene, errors = _with_steps(scene, point, partial(progress, "errors in the range"))
         if accuracy.excess(scene.accuracy, errors) > 1.0:
-            return Choice(scene, notes=(_own(f"it errs by an estimated {accuracy.stated(errors)}"),))
+            return Choice(
+                scene, notes=(_own(f"it errs by an estimated {accuracy.stated(errors)}"),)
+            )
         notes = (
             f"The reduced model for the range has steps of {scene.time_step:.4g} s for the "
             f"accuracy asked for; it errs by an estimated {accuracy.stated(errors)}.",
@@ -62,14 +63,12 @@ def choose_in_range(
 
 def _own(why: str) -> str:
     return (
-        f"The reduced model for the range {'does not serve this scene: ' if why else ''}"
-        f"{why.removeprefix('at: ')}. The scene has a reduced model of its own."
+        "The reduced model for the range does not serve this scene, which has one of its own: "
+        f"{why.removeprefix('at: ')}."
     )
 
 
-def _with_steps(
-    scene: Scene, point: System, progress: Progress
-) -> tuple[Scene, Estimate]:
+def _with_steps(scene: Scene, point: System, progress: Progress) -> tuple[Scene, Estimate]:
     """Scene with steps short enough for the accuracy that it asks for, and errors with them.
 
     They are halved as long as most of a too large error comes from them.
@@ -77,12 +76,14 @@ def _with_steps(
     longest = longest_step(point, scene.n_steps * scene.time_step)
     while scene.time_step > longest:
         scene = scene.finer(2)
-    for done in range(accuracy.SETTINGS.most_halvings):
+    for halvings in range(accuracy.SETTINGS.most_halvings + 1):
         plan = plan_of(scene)
         run = verification_run(point, plan, progress=progress)
         errors = range_estimate.of_range(run, plan)
         in_time = accuracy.excess(scene.accuracy, errors, "time_step")
-        if accuracy.excess(scene.accuracy, errors) <= 1.0 or in_time <= accuracy.SETTINGS.worthwhile:
+        enough = in_time <= accuracy.SETTINGS.worthwhile
+        last = halvings == accuracy.SETTINGS.most_halvings
+        if enough or last or accuracy.excess(scene.accuracy, errors) <= 1.0:
             break
         scene = scene.finer(2)
     return scene, errors

@@ -190,9 +190,7 @@ def _of_range_model(
     folder = None if rows.path is None else rows.path.parent
     model = of_scene(scene, range_model(served, folder))
     report = partial(progress, f"reduced model, mode {curve.mode}")
-    (own,) = backbone(
-        model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows
-    )
+    (own,) = backbone(model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
     shown = " and ".join(
         f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
         for name, error in own.estimated.items()

@@ -22,9 +22,9 @@ import numpy as np
 from skfem_joint import __version__, system_files
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
+from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction import reduce
 from skfem_joint.reduction.ranges.points import at, placed
-from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.scene import TABLES_OF_STRUCTURE

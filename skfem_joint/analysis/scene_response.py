@@ -250,8 +250,10 @@ def _curves(
     )
     shares = model.system.shares
     if model.system.serves is not None and shares is not None:
-        of_points = [[replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
-                     for c in curves]
+        of_points = [
+            [replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
+            for c in curves
+        ]
         pairs = zip(levels, of_points, strict=True)
         return [Curve(level, tuple(points)) for level, points in pairs]
     if model.basis is None:

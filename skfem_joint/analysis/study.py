@@ -362,9 +362,7 @@ def _reduced(
     return ModelResult(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
 
 
-def _served(
-    study: Study, choice: Choice, in_range: InRange, integrate: _Integrate
-) -> ModelResult:
+def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> ModelResult:
     """Reduced model that is a point of the model for a range."""
     scene = study.scene
     run = integrate(in_range.system, plan_of(scene))

@@ -325,8 +325,8 @@ class ReductionTable(SceneTable):
         "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
-        "number of joint modes; 'auto' is 12, 5 with reference = 'paper', and with range as many as "
-        "its accuracy takes",
+        "number of joint modes; 'auto' is 12, 5 with reference = 'paper', and with range as many "
+        "as its accuracy takes",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
@@ -374,7 +374,7 @@ class ReductionTable(SceneTable):
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
     )
     range: ServedRangeTable | None = key(
-        "table { slip, frequency, \"joint[0].friction\" }: loads and friction limits that one "
+        'table { slip, frequency, "joint[0].friction" }: loads and friction limits that one '
         "reduced model serves, which is made once and used by run, sweep, response and backbone",
         None,
     )
