@@ -148,7 +148,7 @@ class _Maker:
         proper = pool.proper()
         most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
         tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
-        top = min(most, max(SETTINGS.best, *tried))
+        top = min(most, max(SETTINGS.best, *(3 * m // 2 for m in tried)))
         best = self._with(pool, proper, top, known)
         truths = [self._run(best, place, level) for place, level in checked]
         for count in dict.fromkeys(tried):

@@ -90,7 +90,8 @@ class Place:
 def spread(system: System, range_: Range, count: int) -> list[Place]:
     """Points spread over a range by Sobol's sequence, the same ones at each call.
 
-    Shares of slip and frequencies are even, factors even in their logarithms.
+    Frequencies are even, shares of slip and factors even in their logarithms: few points slip at low
+    shares, and paths to high shares say little of them.
     """
     pairs = intervals(system, range_.limits)
     free = [k for k, (low, high) in enumerate(pairs) if high > low]
@@ -103,7 +104,7 @@ def spread(system: System, range_: Range, count: int) -> list[Place]:
         factors = np.array([pair[0] for pair in pairs])
         for k, share in zip(free, x[2:], strict=True):
             factors[k] = pairs[k][0] * (pairs[k][1] / pairs[k][0]) ** share
-        slip = low + (high - low) * float(x[1])
+        slip = low * (high / low) ** float(x[1])
         places.append(Place(slow + (fast - slow) * float(x[0]), slip, factors))
     return places
 

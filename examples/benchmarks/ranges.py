@@ -1,0 +1,183 @@
+"""One reduced model for a range of slip, frequency and friction, at points drawn at random.
+
+    python examples/benchmarks/ranges.py                      a bar, a plate, a bracket, a solid
+    python examples/benchmarks/ranges.py plate bracket        some of them
+    python examples/benchmarks/ranges.py plate --points 60 --seed 1
+    python examples/benchmarks/ranges.py --quick              a bar, six points
+
+The range: 0.1 to 0.9 of what makes the first joint slip as a whole, 0.1 to 1.3 of the first
+natural frequency with joints stuck, and friction of each joint times 0.5 to 2. Points are drawn
+evenly, those factors evenly in their logarithms. A point runs from rest, three periods of 100
+steps, and is compared with the condensed model (the full one of a bar), with exact Coulomb friction and the same
+steps; at two points that is compared with the full model. Errors are in percent. Off-line times are
+of the processor; a reduction for one point has as many joint modes and follows a path through time.
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from dataclasses import replace
+
+import numpy as np
+
+import skfem_joint as sj
+from benchmarks import head, plates, row, shapes, solids
+
+CYCLES, STEPS = 3, 100
+ASKED = {"displacement_rms": 0.01, "friction_energy": 0.03}
+SLIP, FREQUENCY, FACTORS = (0.1, 0.9), (0.1, 1.3), (0.5, 2.0)
+
+
+def bar():
+    """A bar with two joints, pulled at its end."""
+    strips = [("inner", 0.1, 40), ("between", 0.2, 20), ("outer", 0.1, 40), ("arm", 0.3, 30)]
+    structure = sj.Structure(
+        sj.build_bar(strips, {"fixed": 0.0, "end": 0.7}),
+        sj.Material(E=200e9, density=8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[
+            sj.Joint("inner", pressure=8e6, friction=0.5),
+            sj.Joint("outer", pressure=4e6, friction=0.5),
+        ],
+        stiffness_damping=2e-6,
+    )
+    return structure.system([sj.Load("end", sj.Harmonic(1e4, 500.0))])
+
+
+def plate():
+    """The plate with two bolts of ``plates.py``, 19,880 unknowns, under Coulomb's law."""
+    system = plates.system_of(*plates.SIZES[1][0], True)
+    return replace(system, beta=np.full(system.w.size, np.inf))
+
+
+STRUCTURES = {
+    "bar": bar,
+    "plate": plate,
+    "bracket": lambda: shapes.pulled_bracket(0.5).system(),
+    "solid": lambda: solids.plates(*solids.SIZES[""]).system(),
+}
+
+
+def run(system, cycles=CYCLES):
+    return sj.integrate(system, cycles=cycles, steps_per_cycle=STEPS)
+
+
+def percent(values):
+    return " / ".join(f"{100.0 * value:.2f}" for value in values)
+
+
+def first_frequency(system):
+    return float(sj.natural_modes(system, 1, joints="stuck").frequencies[0])
+
+
+def drawn(system, first, count, seed):
+    """Frequencies, shares of slip and factors of points; ``first`` natural frequency."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        factors = FACTORS[0] * (FACTORS[1] / FACTORS[0]) ** rng.uniform(size=len(system.joints))
+        limits = dict(zip(system.joints, map(float, factors), strict=True))
+        yield first * rng.uniform(*FREQUENCY), rng.uniform(*SLIP), limits
+
+
+def gross(truth):
+    """Whether a joint slips as a whole in a run of an exact model."""
+    system, slips = truth.system, truth.slip_peak > 1e-3 * truth.slip_peak.max()
+    shares = (system.w[p][slips[p]].sum() / system.w[p].sum() for p in system.joint_points)
+    return max(shares) > 0.99
+
+
+def report(name, system, count, seed):
+    first = first_frequency(system)
+    fastest = FREQUENCY[1] * first
+    served = {
+        "slip": SLIP,
+        "frequency": (FREQUENCY[0] * first, fastest),
+        "limits": dict.fromkeys(system.joints, FACTORS),
+    }
+    begin = time.process_time()
+    small = sj.reduce(system, range=served)
+    made = time.process_time() - begin
+    joint_modes = small.n - len(system.loads)
+    middle = sj.at(small, frequency=0.7 * first, slip=0.5).serves.point
+    begin = time.process_time()
+    sj.reduce(sj.at(system, frequency=0.7 * first, level=middle.level), joint_modes)
+    single = time.process_time() - begin
+    exact = system if name == "bar" else sj.condense(sj.at(system, frequency=fastest, level=1.0))
+    cost, apart = [], []
+    for frequency, slip, limits in drawn(system, first, 2, seed + 1000):
+        point = sj.at(small, frequency=frequency, slip=slip, limits=limits)
+        given = {"frequency": frequency, "level": point.serves.point.level, "limits": limits}
+        full, ours = run(sj.at(system, **given)), run(point)
+        other = full if name == "bar" else run(sj.at(exact, **given))
+        cost.append((full.wall_s, ours.wall_s))
+        errors = sj.compare(full, other)
+        apart.append((errors.displacement_rms, abs(errors.friction_energy_per_cycle)))
+    true, stated, refused, whole = [], [], 0, 0
+    for frequency, slip, limits in drawn(system, first, count, seed):
+        try:
+            point = sj.at(small, frequency=frequency, slip=slip, limits=limits)
+        except (sj.InputError, sj.ConvergenceError) as error:
+            print(f"- refused: {error}")
+            refused += 1
+            continue
+        level = point.serves.point.level
+        truth = run(sj.at(exact, frequency=frequency, level=level, limits=limits))
+        ours = run(point)
+        errors, known = sj.compare(truth, ours), sj.estimate(ours).parts["total"]
+        true.append((errors.displacement_rms, abs(errors.friction_energy_per_cycle)))
+        stated.append([known[quantity] for quantity in ASKED])
+        whole += gross(truth)
+    true, stated = np.array(true), np.array(stated)
+    good = np.all(true <= list(ASKED.values()), axis=1)
+    half = np.mean(stated >= 0.5 * true, axis=0)
+    counting = np.where(true > 3e-3, stated >= 0.5 * true, True).mean()
+    full_ms, our_ms = 1e3 / (CYCLES * STEPS) * np.array(cost).mean(axis=0)
+    row(
+        name,
+        system.n,
+        small.n,
+        small.contact_points,
+        f"{made:.0f}",
+        f"{made / single:.1f}",
+        f"{full_ms:.2f}",
+        f"{our_ms:.3f}",
+        f"{full_ms / our_ms:.0f}",
+        f"{good.mean() * 100:.0f}",
+        percent(np.quantile(true[:, 0], [0.5, 0.9, 1.0])),
+        percent(np.quantile(true[:, 1], [0.5, 0.9, 1.0])),
+        percent(half),
+        f"{100 * counting:.1f}",
+        refused,
+        whole,
+        percent(np.max(apart, axis=0)),
+    )
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser()
+    parser.add_argument("structures", nargs="*", default=[])
+    parser.add_argument("--points", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quick", action="store_true")
+    given = parser.parse_args(arguments)
+    names = given.structures or (["bar"] if given.quick else list(STRUCTURES))
+    head(
+        *("structure", "unknowns", "reduced", "friction points", "made, s", "reductions for one"),
+        *("full step, ms", "reduced step, ms", "times faster", "within 1 and 3 %, % of points"),
+        *("history: half / 0.9 / all of points", "friction energy", "stated at least half, %"),
+        *("of those above 0.3 %", "refused", "slip as a whole", "condensed from full, largest"),
+    )
+    for name in names:
+        report(name, STRUCTURES[name](), 6 if given.quick else given.points, given.seed)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
