@@ -144,7 +144,7 @@ BENCHMARKS = "python examples/benchmarks"
 STABILITY = "python examples/stability"
 ESTIMATES = f"{BENCHMARKS}/estimates.py"
 #: Scenes of each class, processes, and where rows are kept.
-DRAWN = "--count 8 --jobs 2 --out {out}/rows.jsonl"
+DRAWN = "--count 2 --jobs 2 --out {out}/rows.jsonl"
 CLAIMS = {
     "paper": Claim(
         "python examples/paper/reproduce.py --out {out}",
@@ -237,6 +237,8 @@ CLAIMS = {
     "steady-others": Claim(
         f"{BENCHMARKS}/steady.py sundials balances", 600, {"steady-others": printed}, timed=True
     ),
+    "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
+    "laws": Claim(f"{BENCHMARKS}/laws.py", 150, {"laws": printed}),
 }
 
 

@@ -48,7 +48,7 @@ class AccuracySettings:
     """
 
     rounds: int = 8
-    most_vectors: int = 100
+    most_vectors: int = 200
     most_halvings: int = 6
     stalled: float = 0.9
     worthwhile: float = 0.4
@@ -235,7 +235,11 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
         least = min(SETTINGS.worthwhile, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and stands.missing is not None:
-            basis = basis.enriched(system, stands.missing.V, stands.missing.velocities)
+            if basis.V.shape[1] >= SETTINGS.most_vectors:
+                break
+            V, velocities = stands.missing.V, stands.missing.velocities
+            most = slice(SETTINGS.most_vectors)  # the most important ones stand first
+            basis = basis.enriched(system, V[:, most], velocities[:, most])
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
@@ -244,7 +248,7 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
-        if basis.V.shape[1] > SETTINGS.most_vectors or halvings > SETTINGS.most_halvings:
+        if halvings > SETTINGS.most_halvings:
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(

@@ -142,8 +142,13 @@ def _until(run: Run, plan: Plan) -> Results:
         return results(run)
     last = min(plan.n_steps // plan.cycle_steps, cycles.friction.size) - 1
     peak, work = cycles.peak[last].max(initial=0.0), cycles.input[last].sum()
-    numbers = float(peak), float(cycles.friction[last]), float(work)
-    return Results(run.system.points, run.point_u, *numbers)
+    return replace(
+        results(run),
+        peak_displacement=float(peak),
+        friction_energy=float(cycles.friction[last]),
+        loop_energy=float(work),
+        by_joint=cycles.by_joint[last],
+    )
 
 
 def _apart(coulomb: Run, own: Results) -> Parts:

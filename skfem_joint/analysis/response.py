@@ -34,8 +34,6 @@ from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.resolution import PER_PERIOD
-from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
@@ -200,22 +198,47 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     return replace(system, loads=tuple(loads))
 
 
-def steady_plan(period: float, steps_per_cycle: int, scheme: Scheme | None = None) -> Plan:
-    """Plan of a search for steady vibration with a period (s)."""
+def steady_plan(system: System, steps_per_cycle: int) -> Plan:
+    """Plan of a search for the steady vibration of a system under its harmonic loads.
+
+    Steps are of the trapezoidal rule, exact at the frequency of the strongest harmonic.
+    """
+    amplitudes = [load.amplitude for load in system.loads]
+    period = common_period(amplitudes) or 1.0
+    parts = [part for amplitude in amplitudes for part in amplitude.harmonics]
+    strongest = max(parts, key=lambda part: (abs(part.amplitude), -part.frequency))
     return Plan(
         step=period / steps_per_cycle,
         n_steps=steps_per_cycle,
-        scheme=scheme or generalized_alpha(),
         cycle_steps=steps_per_cycle,
         until="steady",
+        exact_at=strongest.frequency,
     )
 
 
-def follows_twice(system: System, steps_per_cycle: int) -> bool:
-    """Whether twice the step still follows each load of a system, see `check_resolution`."""
-    period = common_period(load.amplitude for load in system.loads) or 0.0
-    fastest = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    return steps_per_cycle // 2 >= PER_PERIOD * fastest * period * (1.0 - 1e-9)
+def suited_steps(system: System, steps_per_cycle: int) -> int:
+    """Least number of steps in a period, from the one asked for on, that suits the search.
+
+    The trapezoidal rule turns the sign of the force at sticking points from step to step, for ever.
+    A period, or half of one with a change of sign, must not end with the sign that it began with:
+    else Newton's method has no unique step.
+    """
+    if _turns_over(system):
+        return 4 * -(-steps_per_cycle // 4)
+    return steps_per_cycle + 1 - steps_per_cycle % 2
+
+
+def half_steps(system: System, steps_per_cycle: int) -> int:
+    """Number of steps of half the length, or slightly less, that suits the search."""
+    return suited_steps(system, 2 * steps_per_cycle)
+
+
+def _turns_over(system: System) -> bool:
+    """Whether the loads change their sign every half period."""
+    amplitudes = [load.amplitude for load in system.loads]
+    half = 0.5 * (common_period(amplitudes) or 0.0)
+    parts = [part.frequency * half for amplitude in amplitudes for part in amplitude.harmonics]
+    return all(round(2.0 * turns) % 2 == 1 for turns in parts)
 
 
 def response(
@@ -224,7 +247,6 @@ def response(
     levels: Sequence[float] = (1.0,),
     *,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
@@ -243,13 +265,14 @@ def response(
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
         Factors of the loads' amplitudes.
-    steps_per_cycle, scheme
-        As `integrate` takes them.
+    steps_per_cycle : int
+        Time steps in a period of the loads, at least; the next number from there is taken that
+        `suited_steps` allows. They are of the trapezoidal rule, exact at the frequency of the
+        strongest harmonic for linear vibration (:mod:`skfem_joint.stepping.warp`).
     refined : bool
         Whether points are added around peaks and where a curve is steep.
     estimated : bool
-        Whether each point is computed with twice the step too, which gives the error of its step;
-        not done where `follows_twice` says that twice the step is too long.
+        Whether each point is computed with half the step too, which gives the error of its step.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
     progress : callable, optional
@@ -287,7 +310,7 @@ def response(
         for frequency in frequencies[[0, -1]].tolist():
             steady_in_range(system, frequency, 1.0)  # refuses what is outside
     by_model = estimated and system.serves is not None
-    estimated = estimated and follows_twice(system, steps_per_cycle)
+    steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, at_each_frequency = rows or Rows(), 1 + estimated + by_model
     tally = Tally(progress, at_each_frequency * frequencies.size * len(levels))
 
@@ -296,23 +319,19 @@ def response(
         tally.total += at_each_frequency
         rows.total += at_each_frequency
 
+    finer = half_steps(system, steps_per_cycle) if estimated else None
     searches = [
-        _search(frequencies, level, steps_per_cycle, refined, estimated, expect_more)
+        _search(frequencies, level, steps_per_cycle, finer, refined, expect_more)
         for level in levels
     ]
-    curves = _curves(searches, system, scheme, executor, tally, rows)
+    curves = _curves(searches, system, executor, tally, rows)
     if not by_model:
         return curves
-    return [_with_model_errors(c, system, steps_per_cycle, scheme, tally, rows) for c in curves]
+    return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
 
 
 def _with_model_errors(
-    curve: Curve,
-    system: System,
-    steps_per_cycle: int,
-    scheme: Scheme | None,
-    tally: Tally,
-    rows: Rows,
+    curve: Curve, system: System, steps_per_cycle: int, tally: Tally, rows: Rows
 ) -> Curve:
     """Curve of a model for a range with its distance from that of its larger model.
 
@@ -320,12 +339,12 @@ def _with_model_errors(
     """
     serves, largest, points = system.serves, curve.largest, []
     factor = serves.factors.get("history", 1.0) if serves is not None else 1.0
-    origin = rows.mark("larger model", system, scheme, steps_per_cycle)
+    origin = rows.mark("larger model", system, steps_per_cycle)
     for point in curve.points:
         at, found = (point.frequency, curve.level), point
         if point.failure is None:
             loaded = larger_at(system, *at)
-            compute = partial(_steady, loaded, at[0], steps_per_cycle, scheme, None, tally.within)
+            compute = partial(_steady, loaded, at[0], steps_per_cycle, None, tally.within)
             other = rows.row(rows.mark(origin, at), compute)
             change = relative(point.amplitude[largest], other.amplitude[largest])
             error = np.nan if change is None else factor * abs(change)
@@ -348,16 +367,10 @@ class _Request:
     start: State | None
     with_state: bool
 
-    def compute(self, system: System, scheme: Scheme | None, progress: Progress) -> SteadyPoint:
+    def compute(self, system: System, progress: Progress) -> SteadyPoint:
         """The vibration of a system."""
         point = steady_point(
-            system,
-            self.frequency,
-            self.level,
-            self.steps_per_cycle,
-            scheme,
-            self.start,
-            progress,
+            system, self.frequency, self.level, self.steps_per_cycle, self.start, progress
         )
         return point if self.with_state else replace(point, state=None, course=None)
 
@@ -369,7 +382,6 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
-    scheme: Scheme | None,
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
@@ -378,7 +390,7 @@ def _curves(
 
     Each steady vibration is a row, named by all that it depends on.
     """
-    origin = rows.mark("steady point", system, scheme)
+    origin = rows.mark("steady point", system)
     curves: dict[int, Curve] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -389,10 +401,10 @@ def _curves(
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    future = executor.submit(request.compute, system, scheme, silent)
+                    future = executor.submit(request.compute, system, silent)
                     running[future] = number, mark, time.perf_counter()
                     return
-                point = rows.row(mark, partial(request.compute, system, scheme, tally.within))
+                point = rows.row(mark, partial(request.compute, system, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -424,13 +436,14 @@ def _search(
     frequencies: FloatArray,
     level: float,
     steps_per_cycle: int,
+    finer: int | None,
     refined: bool,
-    estimated: bool,
     expect_more: Callable[[], None],
 ) -> _Search:
-    """Request the points of a curve: those asked for, those added, then all with twice the step.
+    """Request the points of a curve: those asked for, those added, then all with a finer step.
 
-    ``expect_more`` is called for each frequency that is added.
+    ``finer`` is the number of steps in a period then, None for no estimate. ``expect_more`` is
+    called for each frequency that is added.
     """
     points: list[SteadyPoint] = []
     state: State | None = None
@@ -450,15 +463,15 @@ def _search(
         points.append((yield _Request(added, level, steps_per_cycle, state, True)))
         points.sort(key=lambda point: point.frequency)
     curve = Curve(level, tuple(points))
-    if not estimated:
+    if finer is None:
         return curve
-    coarse, largest = steps_per_cycle // 2, curve.largest
-    order = (steps_per_cycle / coarse) ** 2 - 1.0  # all schemes are of second order
+    # All schemes are of second order.
+    largest, share = curve.largest, 1.0 / (1.0 - (steps_per_cycle / finer) ** 2)
     for k, point in enumerate(points):
         if point.failure is None:
-            other = yield _Request(point.frequency, level, coarse, point.state, False)
+            other = yield _Request(point.frequency, level, finer, point.state, False)
             change = relative(other.amplitude[largest], point.amplitude[largest])
-            error = np.nan if change is None else abs(change) / order
+            error = np.nan if change is None else abs(change) * share
             points[k] = replace(point, step_error=error)
     return Curve(level, tuple(points))
 
@@ -482,7 +495,6 @@ def steady_point(
     frequency: float,
     level: float = 1.0,
     steps_per_cycle: int = 200,
-    scheme: Scheme | None = None,
     start: State | None = None,
     progress: Progress = silent,
 ) -> SteadyPoint:
@@ -492,21 +504,14 @@ def steady_point(
     given. The other arguments are those of :func:`response`.
     """
     loaded = at_frequency(system, frequency, level)
-    return _steady(loaded, frequency, steps_per_cycle, scheme, start, progress)
+    return _steady(loaded, frequency, steps_per_cycle, start, progress)
 
 
 def _steady(
-    system: System,
-    frequency: float,
-    steps_per_cycle: int,
-    scheme: Scheme | None,
-    start: State | None,
-    progress: Progress,
+    system: System, frequency: float, steps_per_cycle: int, start: State | None, progress: Progress
 ) -> SteadyPoint:
     """Steady vibration of a system that has its loads at a frequency (Hz)."""
-    period = common_period(load.amplitude for load in system.loads) or 1.0 / frequency
-    plan = steady_plan(period, steps_per_cycle, scheme)
-    plan = replace(plan, save=Save(fields=system.is_dense))
+    plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress)
         check_short_of_gross_slip(run)

@@ -153,7 +153,8 @@ def given_backbones(
     """
     if "backbone" not in scene.model_fields_set:
         return []
-    table, report = scene.backbone, partial(progress, "backbone")
+    table, report, rows = scene.backbone, partial(progress, "backbone"), rows or Rows()
+    rows.total += len(table.modes) * (1 + levels_of_a_curve(table.levels))
     return backbone(
         scene.system(), table.modes, table.levels, table.up_to, progress=report, rows=rows
     )

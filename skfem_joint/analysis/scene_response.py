@@ -15,9 +15,9 @@ from skfem_joint.analysis.response import (
     Curve,
     SteadyPoint,
     at_frequency,
-    follows_twice,
     response,
     steady_plan,
+    suited_steps,
 )
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of, origin_of
@@ -31,8 +31,6 @@ from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
@@ -154,7 +152,7 @@ def scene_response(
     stuck, loose = (linear_response(system, fine, held) for held in (True, False))
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
-        of_a_curve += 1 + frequencies.size * follows_twice(system, scene.time.steps_per_cycle)
+        of_a_curve += 1 + frequencies.size
     rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
@@ -213,17 +211,11 @@ def _prepared(
         basis = condensed_basis(loaded)
         return _Prepared(name, condensed_system(loaded, basis.V), basis, level)
     loaded, options = at_frequency(system, resonance, level), options_of(scene)
-    plan = _plan(scene, resonance)
+    plan = steady_plan(loaded, suited_steps(loaded, scene.time.steps_per_cycle))
     plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
     basis = make_reduced(scene.structure(), loaded, options, plan)
     small = reduced_system(loaded, basis, **options.friction)
     return _Prepared(name, small, basis, level, (*basis.notes, *notes_of_reduction(loaded, small)))
-
-
-def _plan(scene: Scene, frequency: float) -> Plan:
-    """Plan of a search for steady vibration at a frequency (Hz)."""
-    scheme = generalized_alpha(scene.time.rho_infinity)
-    return steady_plan(1.0 / frequency, scene.time.steps_per_cycle, scheme)
 
 
 def _curves(
@@ -242,7 +234,6 @@ def _curves(
         frequencies,
         [level / model.level for level in levels],
         steps_per_cycle=scene.time.steps_per_cycle,
-        scheme=generalized_alpha(scene.time.rho_infinity),
         estimated=scene.accuracy.estimate,
         executor=executor,
         progress=partial(progress, f"{model.name} model"),
@@ -279,14 +270,13 @@ def _checked(
     """Errors at the peak of each curve, if they are asked for, and what to beware of."""
     estimates: list[Estimate] = []
     notes: list[str] = []
-    scheme, steps = generalized_alpha(scene.time.rho_infinity), scene.time.steps_per_cycle
     for curve in curves:
         notes += _frequencies_without(model.name, curve)
         if scene.accuracy.estimate:
             errors, not_estimated = _estimate(model, scene, curve, progress, rows)
             estimates.append(errors)
             notes += not_estimated
-            notes += step_error_notes(model.name, curve, model.system, steps, scheme)
+            notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
 
 
@@ -324,8 +314,8 @@ def _estimate(
 def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> dict[str, Parts]:
     """Estimated errors at the peak of a curve, by source and quantity."""
     frequency = curve.peak[0]
-    plan = _plan(scene, frequency)
     full = at_frequency(scene.system(), frequency, curve.level)
     loaded = at_frequency(model.system, frequency, curve.level / model.level)
+    plan = steady_plan(full, suited_steps(full, scene.time.steps_per_cycle))
     run = integrate_plan(loaded, plan, progress=report)
     return dict(run_estimate.of_run(full, model.basis, run, plan, progress=report).parts)

@@ -2,9 +2,9 @@
 
 A longer step says nothing of what the step itself does not follow: friction and kinks of loads
 excite higher modes, which a coarse run leaves at rest, and one with twice the step all the more.
-(It stated 80 % of quantities between a half and three times the truth, one half step 93 %, a half
-and a quarter all of them: 91 quantities of 32 random scenes.) So the run is compared with runs of
-half and of a quarter of the step,
+(Of 412 quantities of 141 random scenes twice the step stated 86 % between a half and three times
+the truth, a half step 94 %, a half and a quarter 99 %.) So the run is compared with runs of half
+and of a quarter of the step,
 
     error = |u(h/4) - u(h)| + rest,    rest = |u(h/4) - u(h/2)| r / (1 - r),
 
@@ -16,7 +16,8 @@ reduced model beside them that takes the three steps: modes of its static slip p
 natural modes with the contact held and with it loose, and all contact points (merged ones, where
 they are very many). What this model errs by itself is in all three runs and cancels. Its run with
 the step asked for is compared with the full model's. If they differ by more than the steps, it is
-no model of these errors, and the full one is run once more with half the step.
+no model of these errors, and the full one is run once more with half the step. (Of 479 quantities
+of 160 plates and solids 99 % were stated as above; 6 scenes in 179 took the full model.)
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from skfem_joint.analysis.estimate import (
     by_cycle,
     verification_run,
 )
-from skfem_joint.analysis.history import QUANTITIES, difference, extrapolation, results
+from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.modes import lowest_modes
@@ -123,28 +124,35 @@ def of_full(
     """
     verify = partial(verification_run, progress=progress)
     if _is_small(system, plan):
-        errors = by_finer_steps(run, *(verify(system, plan.finer(k)) for k in (2, 4)))
-        return Estimate({"time_step": errors, "total": errors})
+        return by_finer_steps(run, *(verify(system, plan.finer(k)) for k in (2, 4)))
     errors = _of_reduced(system, run, plan, verify)
-    if errors is None:
-        errors = by_finer_steps(run, verify(system, plan.finer(2)))
-    return Estimate({"time_step": errors, "total": errors})
+    return errors or by_finer_steps(run, verify(system, plan.finer(2)))
 
 
-def by_finer_steps(run: Run, half: Run, quarter: Run | None = None) -> Parts:
-    """Errors of a run from runs of the same model with half and a quarter of its step."""
-    if quarter is None:
-        return _times(extrapolation(2.0**2), _apart(half, run))
-    first, second = _apart(half, run), _apart(quarter, half)
-    rest: Parts = {}
-    for name in QUANTITIES:
-        one, other = first[name], second[name]
-        ratio = other / one if one and other is not None else SETTINGS.most
-        ratio = min(max(ratio, SETTINGS.least), SETTINGS.most)
-        rest[name] = None if other is None else other * ratio / (1.0 - ratio)
+def by_finer_steps(run: Run, half: Run, quarter: Run | None = None) -> Estimate:
+    """Errors of a run from runs of the same model with half and maybe a quarter of its step."""
+    first, rest = _apart(half, run), dict.fromkeys(QUANTITIES, SETTINGS.least)
+    best, last = results(half), first
+    if quarter is not None:
+        best, last = results(quarter), _apart(quarter, half)
+        rest = {name: _ratio(first[name], last[name]) for name in QUANTITIES}
+    left: Parts = {}
+    for name, ratio in rest.items():
+        change = last[name]
+        left[name] = None if change is None else change * ratio / (1.0 - ratio)
     # The distance itself is no guess, and has no lower bound: with one, 13 % of errors between 0.1
     # and 0.3 % were stated at more than three times the truth, without it 5 %.
-    return added(difference(results(quarter), results(run)), rest)
+    base = results(run)
+    errors = added(difference(best, base), left)
+    joints = joint_differences(best, base, run.system.joints, left["friction_energy"] or 0.0)
+    return Estimate({"time_step": errors, "total": errors}, by_joint=joints)
+
+
+def _ratio(first: float | None, second: float | None) -> float:
+    """Ratio of two changes within its bounds; the larger one where it is not known."""
+    if not first or second is None:
+        return SETTINGS.most
+    return min(max(second / first, SETTINGS.least), SETTINGS.most)
 
 
 def _is_small(system: System, plan: Plan) -> bool:
@@ -154,21 +162,23 @@ def _is_small(system: System, plan: Plan) -> bool:
     return system.contact_points > 0 and arranged(system).kind == "chain"
 
 
-def _of_reduced(system: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts | None:
+def _of_reduced(
+    system: System, run: Run, plan: Plan, verify: Callable[..., Run]
+) -> Estimate | None:
     """Errors of a step by a reduced model; None where there is none, or where it is too poor."""
     try:
         small = reduced_for_steps(system, plan)
     except (InputError, ConvergenceError):
         return None  # without friction, without a load, or no path: the full model is run
     runs = [verify(small, plan.finer(k)) for k in (1, 2, 4)]
-    errors, own = by_finer_steps(*runs), _apart(run, runs[0])
-    for name, error in errors.items():
-        distance = own[name]
-        if (
-            error is None
-            or distance is None
-            or distance > max(SETTINGS.negligible, SETTINGS.trusted * error)
-        ):
+    errors, apart = by_finer_steps(*runs), _apart(run, runs[0])
+    for name, distance in apart.items():
+        error = errors.of("total", name)
+        if error is None and distance is None:
+            continue  # zero in both
+        if error is None or distance is None:
+            return None
+        if distance > max(SETTINGS.negligible, SETTINGS.trusted * error):
             return None
     return errors
 
@@ -208,10 +218,6 @@ def _natural_modes(system: System) -> tuple[FloatArray, FloatArray]:
     held = system.K + SETTINGS.held * float(system.K.diagonal().mean()) * (B.T @ B)
     count = min(SETTINGS.natural_modes, system.n)
     return tuple(lowest_modes(K, system.M, count)[1] for K in (held, system.K))
-
-
-def _times(factor: float, parts: Parts) -> Parts:
-    return {name: None if e is None else factor * e for name, e in parts.items()}
 
 
 def _apart(fine: Run, coarse: Run) -> Parts:

@@ -12,18 +12,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import numpy as np
-
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.stepping.arrangement import arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
-from skfem_joint.stepping.schemes import State
-from skfem_joint.stepping.steady import copied, note_of, periodic_state, turns_over
+from skfem_joint.stepping.recording import Recorder, Run
 from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.stepping.warp import warped
 from skfem_joint.system import System
 
 _log = logging.getLogger(__name__)
@@ -84,11 +81,14 @@ class Driver:
         start: tuple[FloatArray, FloatArray],
         tolerance: float,
     ) -> None:
-        self.given, self.plan, self.to = given, plan, arranged(given)
+        self.given, self.plan = given, plan
+        # Velocities in the equations that are stepped are the true ones over `warp`.
+        self.warp, self.to = plan.warp, arranged(given)
+        self.to = replace(self.to, system=warped(self.to.system, self.warp))
         self.system, self.h, self.n_steps, self.done = self.to.system, plan.step, plan.n_steps, 0
         self.loads = LoadSteps(self.system, self.h, self.n_steps)
         self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h)
-        u, v = map(self.to.inner, start)
+        u, v = self.to.inner(start[0]), self.to.inner(start[1]) / self.warp
         self.stepper = choose(self.to, plan.scheme, u, v, tolerance, self.recorder)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
@@ -187,8 +187,10 @@ class Driver:
             interrupted=interrupted,
             counts=self.stepper.counts,
         )
-        final = to.outer(run.final[0]), to.outer(run.final[1])
-        return replace(run, system=self.given, u=to.outer(run.u), v=to.outer(run.v), final=final)
+        final = to.outer(run.final[0]), self.warp * to.outer(run.final[1])
+        v, point_v = self.warp * to.outer(run.v), self.warp * run.point_v
+        u = to.outer(run.u)
+        return replace(run, system=self.given, u=u, v=v, point_v=point_v, final=final)
 
     def restart(self, t: float) -> None:
         """Make the acceleration consistent with the loads just after ``t``."""
@@ -252,67 +254,3 @@ class Driver:
         middle = 0.5 * (a + b)
         self._part(index, a, middle, False, depth)
         self._part(index, middle, b, last, depth)
-
-
-def steady_run(driver: Driver, progress: Callable[..., None] | None) -> Run:
-    """Run of the period at which vibration has become steady, by a driver at its start."""
-    plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
-    odd = turns_over(system.load_amplitudes(driver.h * np.arange(driver.n_steps + 1.0)))
-    parts = 2 if odd else 1  # of a period
-    changes: list[float] = []
-
-    def show() -> None:
-        if progress is not None:
-            gone = len(changes) / parts + driver.done / driver.n_steps
-            progress(int(gone), 0, note_of(gone, changes))
-
-    def half_or_whole(start: State) -> tuple[State, float, float, float]:
-        """Go through one period, or half of one whose other half is its mirror image."""
-        energy = _through(driver, start, Save(points=False), parts, show)
-        end, recorder = stepper.now, driver.recorder
-        work = float(np.abs(recorder.input_work).sum())
-        end = State(*(-part for part in end)) if odd else end
-        return end, energy, work, float(recorder.friction_work.sum())
-
-    steady = periodic_state(system, stepper.now, half_or_whole, changes, parts)
-    start, periods = copied(steady.state), -(-len(changes) // parts)
-    _through(driver, copied(start), Save(), 1, show)
-    drift = system.P @ steady.drift
-    ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
-    vibration = driver.recorder.stored.point_u - ahead
-    high, low = vibration.max(axis=0), vibration.min(axis=0)
-    if plan.save != Save():
-        _through(driver, copied(start), plan.save, 1, show)
-        periods += 1
-    if plan.cycle_steps is not None:
-        driver.recorder.end_cycle()
-    driver.elapsed = time.perf_counter() - begin
-    run = driver.finish(system.stored_energy(*start[:2]))
-    counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
-    vibrates = Steady(
-        periods=periods,
-        change=changes[-1],
-        amplitude=0.5 * (high - low),
-        offset=0.5 * (high + low),
-        drift=drift,
-        unstrained=steady.unstrained,
-    )
-    return replace(run, steady=vibrates, counters=counters)
-
-
-def _through(
-    driver: Driver, start: State, save: Save, parts: int, show: Callable[[], None]
-) -> float:
-    """Go through a period, or one of two ``parts`` of it, from ``start``.
-
-    Returns the largest energy at its quarters, J.
-    """
-    stepper, steps, energy = driver.stepper, driver.n_steps // parts, 0.0
-    driver.done, stepper.now = 0, start
-    driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
-    for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
-        while driver.done < end:
-            driver.advance(end, SETTINGS.chunk_s)
-            show()
-        energy = max(energy, driver.system.stored_energy(*stepper.now[:2]))
-    return energy

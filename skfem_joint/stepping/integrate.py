@@ -20,11 +20,12 @@ from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
-from skfem_joint.stepping.driver import Driver, steady_run
+from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import check_jumps, check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.stepping.shooting import steady_run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.values import COUNT, POSITIVE, check, check_some
+from skfem_joint.stepping.warp import warp_factor
+from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
 
 def check_until(until: str) -> None:
@@ -39,6 +41,9 @@ class Plan:
     until : {"end", "steady"}
         Whether the run ends after ``n_steps``, or gives the period (of ``n_steps``) at which
         vibration has become steady.
+    exact_at : float, optional
+        Frequency, Hz, at which steps of the trapezoidal rule are exact for linear vibration, see
+        :mod:`skfem_joint.stepping.warp`.
     """
 
     step: float
@@ -47,6 +52,7 @@ class Plan:
     save: Save = field(default_factory=Save)
     cycle_steps: int | None = None
     until: Literal["end", "steady"] = "end"
+    exact_at: float | None = None
 
     def __post_init__(self) -> None:
         check("step", self.step, POSITIVE)
@@ -55,6 +61,15 @@ class Plan:
             raise InputError(f"n_steps: found {self.n_steps:.3g}, must be at most 2^53")
         check_some(COUNT, cycle_steps=self.cycle_steps)
         check_until(self.until)
+        if self.exact_at is not None:
+            check("exact_at", self.exact_at, between(0.0, 0.5 / self.step))
+            if not self.scheme.coefficients(1.0).trapezoidal:
+                raise InputError("exact_at: needs the trapezoidal rule, rho_infinity = 1")
+
+    @property
+    def warp(self) -> float:
+        """Factor of the velocity by which the steps are exact at a frequency, 1 for none."""
+        return warp_factor(2.0 * math.pi * (self.exact_at or 0.0), self.step)
 
     @property
     def duration(self) -> float:

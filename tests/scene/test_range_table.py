@@ -3,11 +3,13 @@
 import pytest
 from scene_texts import problems_of, scene_of
 
-RANGE = "range = { slip = [0.1, 0.9], frequency = [100.0, 900.0], %s }"
+from skfem_joint.errors import InputError
+
+RANGE = "range = { %sslip = [0.1, 0.9], frequency = [100.0, 900.0] }"
 
 
 def with_range(more: str = "") -> tuple[str, str]:
-    return ("modes = 5", RANGE % more)
+    return ("modes = 5", RANGE % (f"{more}, " if more else ""))
 
 
 @pytest.mark.parametrize(
@@ -96,5 +98,5 @@ def test_the_force_of_bolts_is_a_factor_if_all_bolts_of_a_joint_have_it():
             )
         }
     )
-    with pytest.raises(ValueError, match="by other factors than each other"):
+    with pytest.raises(InputError, match="by other factors than each other"):
         table.factors((harder,))

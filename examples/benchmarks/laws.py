@@ -1,0 +1,66 @@
+"""How far arctan laws are from Coulomb's: stated beside runs of the full model under both laws.
+
+    python examples/benchmarks/laws.py            two minutes
+    python examples/benchmarks/laws.py --quick    bars alone
+
+Relative to Coulomb's law: the friction energy of the last cycle, or of a pulse, in percent.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from benchmarks import EXAMPLES, head, row
+from skfem_joint import load_scene, run_scene
+from skfem_joint.analysis.estimate import verification_run
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.analysis.scene_plan import plan_of
+
+HARMONIC, IMPULSE = "structure_harmonic", "structure_impulse"
+#: What is shown: a shipped scene, its beta (s/m), and other values of its load and time.
+BARS = (
+    ("bar of the paper, 500 Hz", HARMONIC, 1e5, {}, {}),
+    ("the same", HARMONIC, 1e3, {}, {}),
+    ("the same, 5 Hz", HARMONIC, 1e5, {"frequency": 5.0}, {"cycles": 3}),
+    ("the same, 0.1 Hz", HARMONIC, 1e5, {"frequency": 0.1}, {"cycles": 3}),
+    ("bar of the paper, pulse", IMPULSE, 1e5, {}, {}),
+    ("the same", IMPULSE, 1e3, {}, {}),
+)
+PLATES = (
+    ("plate with two bolts, 500 Hz", "plate_bolts", 1e5, {}, {}),
+    ("the same, 100 Hz", "plate_bolts", 1e5, {"frequency": 100.0}, {}),
+    ("the same, less load", "plate_bolts", 1e5, {"frequency": 100.0, "amplitude": 4e3}, {}),
+    ("two plates", "two_plates", 1e5, {}, {}),
+)
+
+
+def true(scene):
+    """Difference of the friction energy of two full runs."""
+    system, plan = scene.system(), plan_of(scene)
+    both = (verification_run(each, plan) for each in (system.with_beta(np.inf), system))
+    return difference(*map(results, both))["friction_energy"]
+
+
+def stated(scene, model):
+    """Difference that one model states, and its total error."""
+    study = run_scene(scene.changed(models={"run": [model]}))
+    errors = study.finished().models[model].estimate
+    return [errors.of(source, "friction_energy") for source in ("coulomb", "total")]
+
+
+def main(arguments):
+    head("scene", "beta, s/m", "true", "full model states", "reduced model states", "its total")
+    for title, name, beta, load, time in (*BARS, *(() if "--quick" in arguments else PLATES)):
+        scene = load_scene(EXAMPLES / f"{name}.toml").changed(joint={"beta": beta})
+        scene = scene.changed(load=load, time=time, output={"plots": False, "vtk": False})
+        values = [true(scene), stated(scene, "full")[0], *stated(scene, "reduced")]
+        row(title, f"{beta:g}", *(f"{100 * value:.3g} %" for value in values))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,221 @@
+"""Shooting: a driver goes through periods, or halves of them, until a state ends as it began.
+
+`steady_run` is the run of the period at which vibration has become steady. `Shooting` is the map
+that :func:`skfem_joint.stepping.steady.periodic_state` finds the fixed point of.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import lstsq, lu_factor, lu_solve
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.stepping.driver import SETTINGS, Driver
+from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
+from skfem_joint.stepping.schemes import State
+from skfem_joint.stepping.steady import (
+    Passage,
+    note_of,
+    periodic_state,
+    turns_over,
+    unstrained,
+)
+from skfem_joint.stepping.transition import (
+    Transition,
+    advanced,
+    moving_unknowns,
+    state_of,
+    transition,
+)
+
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Numbers of Newton's method for the fixed point.
+
+    Attributes
+    ----------
+    unknowns : int
+        Most unknowns, of those that move, for which the derivative is a dense matrix.
+    chain : int
+        Periods of mixing before Newton's method is tried on a chain, whose steps are so cheap that
+        a derivative costs as much as many of them.
+    singular : float
+        Relative singular values of the derivative, for loads whose halves of a period are no mirror
+        images, that are round-off.
+    """
+
+    unknowns: int = 1200
+    chain: int = 40
+    singular: float = 1e-11
+
+
+NEWTON = ShootingSettings()
+
+
+class _Derivative:
+    """Derivative of the map of a period, see `steady.Derivative`.
+
+    Unknowns that stick all the time take the mean of both ends of the passage.
+    """
+
+    def __init__(self, transition: Transition, sign: float) -> None:
+        self.transition, self.sign = transition, sign
+        self.held, self.solve = np.nan, None
+
+    def step(self, change: FloatArray, held: float) -> FloatArray:
+        """Step (2 n,) for a change by the map."""
+        if held != self.held:
+            matrix = -self.sign * self.transition.matrix
+            matrix[np.diag_indices_from(matrix)] += 1.0 + held
+            if self.sign < 0.0 or held > 0.0:
+                factor = lu_factor(matrix, overwrite_a=True, check_finite=False)
+                self.solve = partial(lu_solve, factor, check_finite=False)
+            else:
+                self.solve = partial(_least, matrix)
+            self.held = held
+        part = self.solve(self.transition.restricted(change))
+        return self.transition.extended(0.5 * change, part)
+
+
+class Shooting:
+    """The map of a period, or of half of one with a change of sign, see `steady.PeriodMap`.
+
+    With the trapezoidal rule its states are advanced ones, else all that a step starts from.
+
+    Attributes
+    ----------
+    changes : list of float
+        Change over each passage so far, relative.
+    """
+
+    def __init__(self, driver: Driver, show: Callable[[], None]) -> None:
+        self.driver, self.show = driver, show
+        loads, plan = driver.system.load_amplitudes, driver.plan
+        turns = turns_over(loads(driver.h * np.arange(driver.n_steps + 1.0)))
+        self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
+        self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
+        equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
+        small = driver.system.n <= NEWTON.unknowns or driver.to.kind == "contact"
+        self.patience: int | None = None
+        if self.trapezoidal and equal and small and driver.to.kind != "linear":
+            self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
+        self.passed = 0
+
+    def coordinates(self, state: State) -> FloatArray:
+        """State as a row of numbers."""
+        return advanced(state, self.driver.h) if self.trapezoidal else np.concatenate(state)
+
+    def state(self, x: FloatArray) -> State:
+        """State of a row of numbers."""
+        now = self.driver.stepper.now
+        if self.trapezoidal:
+            return state_of(x, now.sigma, self.driver.h)
+        ends = np.cumsum([part.size for part in now])[:-1]
+        return State(*map(np.array, np.split(x, ends)))
+
+    def __call__(self, x: FloatArray) -> Passage:
+        """Go through it from a state."""
+        newton = self.patience is not None and self.passed >= self.patience
+        save = Save(points=False, fields=newton)
+        energy = through(self.driver, self.state(x), save, self.parts, self.show)
+        self.passed += 1
+        recorder = self.driver.recorder
+        work = float(np.abs(recorder.input_work).sum())
+        end = self.sign * self.coordinates(self.driver.stepper.now)
+        return Passage(end, energy, work, float(recorder.friction_work.sum()))
+
+    @property
+    def end(self) -> State:
+        """State at the end of the last passage, its sign changed if the map does that."""
+        return State(*(self.sign * part for part in self.driver.stepper.now))
+
+    def derivative(self) -> _Derivative | None:
+        """Derivative where it went through last; None if a step was halved, or too much moves."""
+        driver, recorder = self.driver, self.driver.recorder
+        if recorder.halved_steps or not recorder.field_rows:
+            return None
+        v, omega = recorder.stored.v[1 : recorder.field_rows], 2.0 * np.pi / driver.plan.duration
+        if moving_unknowns(driver.system, v).size > NEWTON.unknowns:
+            return None
+        J = transition(driver.system, driver.to.kind, driver.h, v, omega)
+        return _Derivative(J, self.sign)
+
+
+def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:
+    """Least solution of equations whose matrix may be singular."""
+    return np.asarray(lstsq(matrix, change, cond=NEWTON.singular, lapack_driver="gelsy")[0])
+
+
+def steady_run(driver: Driver, progress: Callable[..., None] | None) -> Run:
+    """Run of the period at which vibration has become steady, by a driver at its start."""
+    plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
+    changes: list[float] = []
+
+    def show() -> None:
+        if progress is not None:
+            gone = len(changes) / shooting.parts + driver.done / driver.n_steps
+            progress(int(gone), 0, note_of(gone, changes))
+
+    shooting, first = Shooting(driver, show), stepper.now.u.copy()
+    motions, odd = unstrained(system), shooting.parts == 2
+    momenta = system.M @ motions
+    moved = periodic_state(system, shooting.coordinates(stepper.now), shooting, motions, changes)
+    start, periods = shooting.end, -(-len(changes) // shooting.parts)
+    if odd:  # half a period, its sign changed: back where it began from there
+        place, moved = -0.5 * moved, np.zeros_like(moved)
+    else:
+        place = motions @ (momenta.T @ (first - start.u))
+    start = start._replace(u=start.u + place)
+    # One more passage suffices where it stores every row.
+    save = replace(plan.save, points=True) if plan.save.every == 1 else Save()
+    through(driver, copied(start), save, 1, show)
+    drift = system.P @ moved
+    ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
+    vibration = driver.recorder.stored.point_u - ahead
+    high, low = vibration.max(axis=0), vibration.min(axis=0)
+    if plan.save != save:
+        through(driver, copied(start), plan.save, 1, show)
+        periods += 1
+    if plan.cycle_steps is not None:
+        driver.recorder.end_cycle()
+    driver.elapsed = time.perf_counter() - begin
+    run = driver.finish(system.stored_energy(*start[:2]))
+    counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
+    vibrates = Steady(
+        periods=periods,
+        change=changes[-1],
+        amplitude=0.5 * (high - low),
+        offset=0.5 * (high + low),
+        drift=drift,
+        unstrained=motions.shape[1],
+    )
+    return replace(run, steady=vibrates, counters=counters)
+
+
+def through(
+    driver: Driver, start: State, save: Save, parts: int, show: Callable[[], None]
+) -> float:
+    """Go through a period, or one of two ``parts`` of it, from ``start``.
+
+    Returns the largest energy at its quarters, J.
+    """
+    stepper, steps, energy = driver.stepper, driver.n_steps // parts, 0.0
+    driver.done, stepper.now = 0, start
+    driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
+    for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
+        while driver.done < end:
+            driver.advance(end, SETTINGS.chunk_s)
+            show()
+        energy = max(energy, driver.system.stored_energy(*stepper.now[:2]))
+    return energy
+
+
+def copied(state: State) -> State:
+    """State that later steps, which may work in place, do not change."""
+    return State(*(np.array(part) for part in state))
