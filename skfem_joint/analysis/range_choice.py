@@ -10,7 +10,7 @@ from skfem_joint.analysis.accuracy import Choice, InRange
 from skfem_joint.analysis.estimate import Estimate, verification_run
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.scene_range import ServedScene, point_of, range_model
-from skfem_joint.errors import InputError
+from skfem_joint.errors import JointError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.resolution import longest_step
@@ -35,7 +35,7 @@ def choose_in_range(
     Raises
     ------
     InputError, ConvergenceError
-        If the model for the range cannot be made or loaded, or its point does not converge.
+        If the model for the range cannot be made or loaded, or a run of it does not converge.
     """
     watch = Stopwatch()
     progress("model for the range", 0, 1)
@@ -43,7 +43,7 @@ def choose_in_range(
     progress("model for the range", 1, 1)
     try:
         point = point_of(scene, model)
-    except InputError as error:
+    except JointError as error:  # also where no load is found at which a joint slips as a whole
         return Choice(scene, notes=(_own(str(error)),))
     chosen, notes = InRange(point), tuple[str, ...]()
     if scene.accuracy.is_given:
