@@ -128,7 +128,7 @@ def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, A
         arrays[member] = load.vector
         shape = _described(load.amplitude, member, load.on, arrays)
         described.append({"on": load.on, "amplitude": shape})
-    texts = {name: list(getattr(system, name)) for name in _NAMES}
+    texts: dict[str, Any] = {name: list(getattr(system, name)) for name in _NAMES}
     content = texts | {"loads": described, "made_for": system.made_for}
     if system.serves is not None:
         content["serves"] = _serves_content(system.serves, arrays)

@@ -68,7 +68,7 @@ def imported(module: str, tree: ast.AST) -> set[str]:
 
 def place(module: str) -> int:
     folder = module.rpartition(".")[0] or ("cli" if module == "cli" else "")
-    folder = "ground" if module in GROUND else folder
+    folder = "ground" if module in GROUND else folder.removesuffix(".ranges")
     return len(FOLDERS) if module in ("__init__", "__main__") else FOLDERS.index(folder)
 
 

@@ -228,6 +228,13 @@ CLAIMS = {
     "growth": Claim(f"{BENCHMARKS}/growth.py", 100, {"growth": printed}, timed=True),
     "sweep": Claim(f"{BENCHMARKS}/sweep.py", 200, {"sweep": printed}, timed=True),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
+    "ranges": Claim(
+        f"{BENCHMARKS}/ranges.py plate bracket",
+        400,
+        {"ranges": printed},
+        short=f"{BENCHMARKS}/ranges.py --quick",
+        timed=True,
+    ),
     "steady": Claim(
         f"{BENCHMARKS}/steady.py backbones responses published",
         600,

@@ -8,9 +8,10 @@
 The range: 0.1 to 0.9 of what makes the first joint slip as a whole, 0.1 to 1.3 of the first
 natural frequency with joints stuck, and friction of each joint times 0.5 to 2. Points are drawn
 evenly, those factors evenly in their logarithms. A point runs from rest, three periods of 100
-steps, and is compared with the condensed model (the full one of a bar), with exact Coulomb friction and the same
-steps; at two points that is compared with the full model. Errors are in percent. Off-line times are
-of the processor; a reduction for one point has as many joint modes and follows a path through time.
+steps, and is compared with the condensed model (the full one of a bar), with exact Coulomb friction
+and the same steps; at two points that is compared with the full model. Errors are in percent.
+Off-line times are of the processor; a reduction for one point has as many joint modes, and follows
+a path through time.
 """
 
 import argparse

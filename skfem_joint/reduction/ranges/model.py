@@ -172,16 +172,15 @@ class _Maker:
         levels, factor = [], 1.0
         for place in places[: TRAINING.first]:
             levels.append(factor * pool.nominal(place))
-            slip = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
-            sticks = least_share(self.system, slip <= THRESHOLD * slip.max())
+            peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
+            sticks = least_share(self.system, peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:
                 factor /= float(np.sqrt(TRAINING.raised))
         known = scaled(places[: TRAINING.first], levels)
         rough = self._with(pool, pool.proper(), TRAINING.rough, known)
-        levels = []
-        for place in places:
+        for place in places[TRAINING.first :]:
             level, guess = searched_level(rough, place.frequency, place.factors)
             levels.append(TRAINING.missed * guess if level is None else level)
         known = scaled(places, levels)

@@ -10,6 +10,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
+from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
@@ -51,16 +52,16 @@ class StuckVibration:
         count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
         modes = np.asarray(F @ shapes[:, :count])
         static = F @ solve(np.asarray(F.T @ system.load_vectors()))
-        W = np.hstack([modes, np.reshape(static, (system.n, -1))])
-        small = [np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K)]
+        W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
+        M, C, K = (np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K))
         inner = path.to.system
 
         def on_rows(forces: FloatArray) -> FloatArray:
             return np.asarray(inner.B @ path.to.force(forces))
 
-        motions = (on_rows(A @ W) for A in (system.M, system.C, system.K))
-        rows = on_rows(system.load_vectors()), *motions
-        return StuckVibration(modes, *small, W.T @ system.load_vectors(), rows)
+        loads = system.load_vectors()
+        rows = on_rows(loads), on_rows(system.M @ W), on_rows(system.C @ W), on_rows(system.K @ W)
+        return StuckVibration(modes, M, C, K, W.T @ loads, rows)
 
     def level(self, system: System) -> float:
         """Factor on the loads of a system at which the forces on a joint add up to its limit.
@@ -76,7 +77,7 @@ class StuckVibration:
         for harmonic, number in parts:
             omega = 2.0 * np.pi * harmonic.frequency
             Z = self.K - omega**2 * self.M + 1j * omega * self.C
-            x = np.linalg.lstsq(Z, self.loads[:, number].astype(complex))[0]
+            x = np.linalg.solve(Z, self.loads[:, number].astype(complex))
             load, M, C, K = self.rows
             row = load[:, number] - (K @ x - omega**2 * (M @ x) + 1j * omega * (C @ x))
             forces += abs(harmonic.amplitude) * system.slip_norm(np.abs(row))

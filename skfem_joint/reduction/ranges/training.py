@@ -90,8 +90,8 @@ class Place:
 def spread(system: System, range_: Range, count: int) -> list[Place]:
     """Points spread over a range by Sobol's sequence, the same ones at each call.
 
-    Frequencies are even, shares of slip and factors even in their logarithms: few points slip at low
-    shares, and paths to high shares say little of them.
+    Frequencies are even, shares of slip and factors even in their logarithms: few points slip at
+    low shares, and paths to high shares say little of them.
     """
     pairs = intervals(system, range_.limits)
     free = [k for k, (low, high) in enumerate(pairs) if high > low]

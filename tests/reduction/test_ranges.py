@@ -1,0 +1,151 @@
+"""Models for a range: exact rescaling, saved and loaded, errors beside full runs, refusals."""
+
+import numpy as np
+import pytest
+
+import skfem_joint as sj
+from skfem_joint.analysis.history import compare
+from skfem_joint.reduction.ranges.stuck import StuckVibration
+from skfem_joint.reduction.ranges.training import spread
+from skfem_joint.served import Range
+from skfem_joint.stepping.quasi_static import QuasiStatic
+
+ASKED = {"slip": (0.2, 0.9), "frequency": (100.0, 900.0), "limits": {"inner": (0.5, 2.0)}}
+
+
+@pytest.fixture(scope="module")
+def system():
+    """A bar with two joints; the outer one always slips first with these factors."""
+    strips = [("inner", 0.1, 12), ("between", 0.2, 6), ("outer", 0.1, 12), ("arm", 0.2, 6)]
+    structure = sj.Structure(
+        sj.build_bar(strips, {"fixed": 0.0, "end": 0.6}),
+        sj.Material(E=200e9, density=8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[
+            sj.Joint("inner", pressure=8e6, friction=0.5),
+            sj.Joint("outer", pressure=4e6, friction=0.5),
+        ],
+        stiffness_damping=2e-6,
+    )
+    return structure.system([sj.Load("end", sj.Harmonic(1e4, 500.0))])
+
+
+@pytest.fixture(scope="module")
+def small(system):
+    return sj.reduce(system, 14, range=ASKED)
+
+
+def run(model):
+    return sj.integrate(model, cycles=3, steps_per_cycle=100)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "slip", "factor"), [(140.0, 0.85, 0.6), (480.0, 0.3, 1.9), (820.0, 0.6, 1.0)]
+)
+def test_points_are_as_close_to_the_full_model_as_asked_and_their_errors_are_stated(
+    system, small, frequency, slip, factor
+):
+    point = sj.at(small, frequency=frequency, slip=slip, limits={"inner": factor})
+    at = point.serves.point
+    full = run(sj.at(system, frequency=frequency, level=at.level, limits=at.limits))
+    ours = run(point)
+    errors, stated = compare(full, ours), sj.estimate(ours).parts["total"]
+    friction = abs(errors.friction_energy_per_cycle)
+    assert errors.displacement_rms < 0.01
+    assert friction < 0.03
+    assert stated["displacement_rms"] > 0.5 * errors.displacement_rms
+    assert stated["friction_energy"] > 0.5 * friction
+
+
+def test_a_factor_common_to_loads_and_all_limits_rescales_the_solution(small):
+    limits, twice = {"inner": 1.0, "outer": 1.0}, {"inner": 2.0, "outer": 2.0}
+    one = sj.at(small, frequency=300.0, slip=0.5, limits=limits)
+    level = one.serves.point.level
+    other = sj.at(small, frequency=300.0, level=2.0 * level, limits=twice)
+    assert other.serves.point.slip == pytest.approx(0.5, rel=1e-9)
+    first, second = run(one), run(other)
+    assert np.abs(second.point_u - 2.0 * first.point_u).max() < 1e-9 * np.abs(second.point_u).max()
+    assert second.cycles.friction == pytest.approx(4.0 * first.cycles.friction, rel=1e-9)
+
+
+def test_a_saved_model_serves_and_states_errors_to_the_same_bits(small, tmp_path):
+    loaded = sj.load(sj.save(small, tmp_path / "small.npz"))
+    where = {"frequency": 650.0, "slip": 0.4, "limits": {"inner": 1.5}}
+    ours, theirs = (run(sj.at(model, **where)) for model in (small, loaded))
+    np.testing.assert_array_equal(ours.point_u, theirs.point_u)
+    assert sj.estimate(ours).parts == sj.estimate(theirs).parts
+    assert repr(loaded) == repr(small)
+    point = sj.load(sj.save(sj.at(small, **where), tmp_path / "point.npz"))
+    assert point.serves.point == sj.at(small, **where).serves.point
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        ({"frequency": 950.0, "slip": 0.5}, "950 Hz, outside the range"),
+        ({"frequency": 500.0, "slip": 0.95}, "outside the range of the reduced model, 0.2 to 0.9"),
+        ({"frequency": 500.0, "slip": 1.1}, "a joint slips as a whole"),
+        ({"frequency": 500.0, "level": 1e3}, "a joint slips as a whole"),
+        ({"frequency": 500.0, "slip": 0.5, "limits": {"inner": 2.5}}, "even with a common factor"),
+        ({"frequency": 500.0, "slip": 0.5, "limits": {"outer": 1.3, "inner": 0.6}}, "a common"),
+        ({"frequency": 500.0, "slip": 0.5, "limits": {"middle": 1.0}}, "'middle'"),
+        ({"frequency": 500.0, "slip": 0.5, "limits": {"inner": -1.0}}, "limits.inner"),
+        ({"frequency": 500.0, "slip": 0.5, "level": 1.0}, "slip or level"),
+        ({"frequency": 500.0}, "slip or level"),
+    ],
+)
+def test_a_point_outside_the_range_is_refused(small, where, words):
+    with pytest.raises(sj.InputError, match=words):
+        sj.at(small, **where)
+
+
+def test_a_point_is_no_model_of_the_range(small, system):
+    point = sj.at(small, frequency=500.0, slip=0.5)
+    with pytest.raises(sj.InputError, match="model of the whole range"):
+        sj.at(point, frequency=500.0, slip=0.5)
+    with pytest.raises(sj.InputError, match="without a range"):
+        sj.at(system, frequency=500.0, slip=0.5)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"slip": (0.1, 0.9)}, "frequency is missing"),
+        (ASKED | {"slip": (0.1, 1.2)}, r"range\.slip"),
+        (ASKED | {"frequency": (900.0, 100.0)}, r"range\.frequency"),
+        (ASKED | {"frequency": 900.0}, "two numbers"),
+        (ASKED | {"limits": {"middle": (0.5, 2.0)}}, "'middle'"),
+        (ASKED | {"level": (1.0, 2.0)}, "'level'"),
+        ("all", "mapping"),
+    ],
+)
+def test_a_range_that_makes_no_sense_is_refused(system, asked, words):
+    with pytest.raises(sj.InputError, match=words):
+        sj.reduce(system, range=asked)
+
+
+def test_what_is_found_for_the_whole_range_cannot_be_given(system):
+    with pytest.raises(sj.InputError, match="leave them out"):
+        sj.reduce(system, range=ASKED, friction_points=10)
+
+
+def test_slow_vibration_without_slip_passes_the_load_to_the_joint_next_to_it(system):
+    """At rest the arm carries the load to the outer joint alone: its limit is the level."""
+    path = QuasiStatic(system)
+    stuck = StuckVibration.of(system, path, 900.0, 8)
+    limit = 4e6 * 0.5 * 0.05 * 0.1
+    slow = sj.at(system, frequency=1e-3, level=1.0)
+    assert stuck.level(slow) == pytest.approx(limit / 1e4, rel=1e-3)
+
+
+def test_training_points_are_in_the_range_and_go_a_little_beyond_its_slip(system):
+    asked = Range.of(ASKED)
+    places = spread(system, asked, 16)
+    assert len({place.frequency for place in places}) == 16
+    for place in places:
+        assert 100.0 <= place.frequency <= 900.0
+        assert 0.2 <= place.slip <= 0.9 * 1.1
+        assert 0.5 <= place.factors[0] <= 2.0
+        assert place.factors[1] == 1.0
