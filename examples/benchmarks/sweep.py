@@ -7,7 +7,7 @@
 
 BLAS runs on one thread. Both are run in turn, and medians are reported.
 
-With ``--range`` 100 points of a plate pressed on a base, of load, frequency and friction, are run in
+With ``--range`` 100 points of a plate, of load, frequency and friction, are run in
 one process by one model for their range, which is made in that time, and each tenth of them by a
 reduced model of its own, both with estimated errors. The time of the latter is multiplied by ten.
 """
