@@ -218,7 +218,7 @@ def _run(options: argparse.Namespace) -> int:
         if options.resume and not checkpoints.files():
             _log.warning("No checkpoint in %s: the run starts anew.", out)
     with output.prepare(scene, out) as notes, _progress(options) as progress:
-        study = run_scene(scene, progress, checkpoints)
+        study = run_scene(scene, progress, checkpoints, out)
         if options.certify and not study.ended:
             with _executor(options) as executor:
                 study = _certify(study, progress, executor)
@@ -435,6 +435,7 @@ def _sweep(options: argparse.Namespace) -> int:
     """Run the scenes of a sweep that are not finished, write all rows and print the failures."""
     from skfem_joint.analysis import sweep as analysis
     from skfem_joint.analysis.rows import Rows
+    from skfem_joint.analysis.scene_range import make_missing
     from skfem_joint.files import holding
     from skfem_joint.output import folder, sweeps
     from skfem_joint.scene import load_sweep
@@ -447,6 +448,12 @@ def _sweep(options: argparse.Namespace) -> int:
         _announce(earlier)
         for _row in analysis.kept_rows(marks, earlier):
             pass  # counted by `earlier` for its notes
+    waiting = [
+        scene for scene, mark in zip(swept.scenes, marks, strict=True) if mark not in earlier
+    ]
+    if any(scene.reduction.range for scene in waiting):
+        with holding(out), _progress(options) as progress:
+            make_missing(waiting, out, progress)
     executors = analysis.executors(options.executor, options.workers, options.address)
     with _progress(options) as progress, executors as make:
         try:

@@ -2,21 +2,36 @@
 
     python examples/benchmarks/sweep.py            three minutes on two idle cores
     python examples/benchmarks/sweep.py --quick    short scenes: mostly the start
+    python examples/benchmarks/sweep.py --range    one reduced model against one for each scene
+    python examples/benchmarks/sweep.py --range --quick     the same for 20 points
 
 BLAS runs on one thread. Both are run in turn, and medians are reported.
+
+With ``--range`` 100 points of a plate, of load, frequency and friction, are run in
+one process by one model for their range, which is made in that time, and each tenth of them by a
+reduced model of its own, both with estimated errors. The time of the latter is multiplied by ten.
 """
 
 import os
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from statistics import median
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
+import numpy as np
+
 from skfem_joint.analysis.sweep import processes, sweep
-from skfem_joint.scene import load_sweep
+from skfem_joint.scene import load_scene, load_sweep
+
+EXAMPLES = Path(__file__).parents[1]
+#: Range of the points of the plate.
+RANGE = {"slip": [0.1, 0.9], "frequency": [200.0, 900.0], "joint[0].friction": [0.4, 1.2]}
+#: Each so manieth point has a reduced model of its own too.
+EACH = 10
 
 
 def seconds(scenes, workers):
@@ -29,9 +44,59 @@ def seconds(scenes, workers):
     return spent
 
 
+def points(count):
+    """Scenes of the plate, of load, frequency and friction drawn at random."""
+    draw = np.random.default_rng(29)
+    plate = load_scene(EXAMPLES / "plate_reference.toml", ["reduced"])
+    plate = plate.changed(
+        reduction={"range": RANGE, "modes": None},
+        output={"plots": False, "vtk": False},
+    )
+    for _ in range(count):
+        friction = draw.uniform(0.4, 1.2)
+        yield plate.changed(
+            {
+                "joint[0].friction": friction,
+                "load[0].amplitude": draw.uniform(0.25, 0.6) * friction * 100e3,  # of its limit
+                "load[0].frequency": draw.uniform(200.0, 900.0),
+            }
+        )
+
+
+def one_model(count):
+    """Time of a sweep by one model for its range, against a model for each scene."""
+    scenes = list(points(count))
+    own = [scene.changed(reduction={"range": None}) for scene in scenes[::EACH]]
+    spent, rows = [], []
+    with ThreadPoolExecutor(1) as executor:
+        list(sweep(own[:1], executor))  # compiles
+        for chosen in (scenes, own):
+            begin = time.perf_counter()
+            rows.append(sorted(sweep(chosen, executor), key=lambda row: row.number))
+            spent.append(time.perf_counter() - begin)
+    failed = [row.failure for each in rows for row in each if row.failure]
+    if failed:
+        raise SystemExit(f"scenes have failed: {failed}")
+    outside = sum(any("does not serve" in text for text in row.warnings) for row in rows[0])
+    name = "reduced.estimated_error.friction_energy_per_cycle.total"
+    errors = [median(row.results[name] for row in each) for each in rows]
+    print(
+        f"{count} points by one model for their range: {spent[0]:.0f} s, {outside} of them outside "
+        f"of it with a model of their own; friction energy errs by an estimated "
+        f"{100 * errors[0]:.2g} % (median)"
+    )
+    print(
+        f"{len(own)} of them by models of their own: {spent[1]:.0f} s, {100 * errors[1]:.2g} %; "
+        f"all would take {EACH * spent[1]:.0f} s, {EACH * spent[1] / spent[0]:.1f} times as long"
+    )
+
+
 def main(arguments):
+    if "--range" in arguments:
+        one_model(20 if "--quick" in arguments else 100)
+        return
     cycles, rounds = (3, 1) if "--quick" in arguments else (1000, 2)
-    swept = load_sweep(Path(__file__).parents[1] / "lap_joint_sweep.toml")
+    swept = load_sweep(EXAMPLES / "lap_joint_sweep.toml")
     scenes = [scene.changed(time={"cycles": cycles}) for scene in swept.scenes]
     times = {1: [], 2: []}
     for k in range(rounds):

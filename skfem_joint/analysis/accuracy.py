@@ -79,6 +79,22 @@ class AccurateModel:
 
 
 @dataclass(frozen=True)
+class InRange:
+    """A reduced model that serves a range, at the point that a scene is.
+
+    Attributes
+    ----------
+    system : System
+        The reduced model.
+    estimate : Estimate, optional
+        Its estimated errors, where the scene asks for an accuracy.
+    """
+
+    system: System
+    estimate: Estimate | None = None
+
+
+@dataclass(frozen=True)
 class Choice:
     """What is run of a scene, so that the accuracy that it asks for is met.
 
@@ -88,6 +104,8 @@ class Choice:
         Scene with the time steps that are taken at first.
     accurate : AccurateModel, optional
         Reduced model that meets the accuracy; None where none is asked for.
+    in_range : InRange, optional
+        Point of a model for a range, in place of a reduced model of the scene's own.
     notes : tuple of str
         What to beware of.
     seconds, compilation_s : float
@@ -96,6 +114,7 @@ class Choice:
 
     scene: Scene
     accurate: AccurateModel | None = None
+    in_range: InRange | None = None
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     compilation_s: float = 0.0
@@ -136,7 +155,9 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
         f"and steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
         f"{stated(accurate.estimate)}."
     )
-    return Choice(accurate.scene, accurate, (*notes, said), *watch.read())
+    seconds, compiled = watch.read()
+    notes = (*notes, said)
+    return Choice(accurate.scene, accurate, notes=notes, seconds=seconds, compilation_s=compiled)
 
 
 def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:

@@ -117,6 +117,9 @@ def against_coulomb(
     verify = partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
         plan = plan.first(_settles(run))
+    if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
+        larger = run.system.serves.larger
+        return _apart(verify(_steep(larger), plan), results(verify(larger, plan)))
     if basis is None:
         return _of_full(system, run, plan, verify)
     if picks_unknowns(run.system.B):

@@ -23,8 +23,8 @@ free of these assumptions, can be compared with the curve.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -36,6 +36,7 @@ from skfem_joint.analysis.gross_slip import (
     still_share,
 )
 from skfem_joint.analysis.own_law_damping import own_law_damping
+from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
@@ -139,6 +140,9 @@ class Backbone:
         cycle was followed at each level.
     warnings : tuple of str
         What to beware of.
+    estimated : dict of str to float
+        Estimated largest relative errors of ``frequency`` and ``damping_ratio``, of a reduced model
+        for a range; empty for other models.
     """
 
     mode: int
@@ -159,6 +163,7 @@ class Backbone:
     state: tuple[str, ...]
     masing_error: float | None
     warnings: tuple[str, ...]
+    estimated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -230,6 +235,7 @@ def backbone(
         If a level does not converge.
     """
     system.check_any_load("backbone")
+    check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
     check("backbone: levels", levels, COUNT)
     check("backbone: up_to", up_to, POSITIVE)
@@ -245,11 +251,20 @@ def backbone(
             f"backbone: found mode {numbers.max()}, there are {frequencies.size} with the contact "
             "stuck"
         )
+    if system.serves is not None:
+        of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
+        check_modes(system.serves, of_mode, of_mode, up_to)
     shares = np.geomspace(SETTINGS.lowest, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
     curves = []
     for k in numbers.tolist():
         mode = _Mode(k, shapes[:, k - 1], frequencies, to.system.M @ shapes[:, k - 1])
         curves.append(_curve(to, path, mode, shares, slips_at))
+    if system.serves is None:
+        return curves
+    larger = alone(system)
+    for k, curve in enumerate(curves):
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at, rows=rows)
+        curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
     return curves
 
 

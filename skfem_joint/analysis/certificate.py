@@ -205,7 +205,7 @@ def certify(
     model = study.models[name]
     known = model.estimate or Estimate({})
     parts = dict(known.parts)
-    if model.basis is None:
+    if name == "full":
         base = results(model.run)
         sources = mesh_and_law(study.scene, base, progress, executor, law=False)[0]
         parts |= {error.source: error.errors for error in sources}

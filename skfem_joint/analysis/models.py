@@ -34,7 +34,7 @@ class Model:
         Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
         beside a full one.
     basis : Basis, optional
-        What a reduced or condensed model is made of.
+        What a reduced or condensed model is made of; None for one that serves a range.
     errors : Errors, optional
         Distance from the full model, where both were run.
     estimate : Estimate, optional
@@ -61,14 +61,20 @@ class Model:
     def slip_peak(self) -> FloatArray:
         """Largest slip of each contact point of the full model, m, as far as it is known, (m,).
 
-        That of a reduced model is of the run that its modes were made from.
+        That of a reduced model is of the run that its modes were made from; of one that serves a
+        range it is that of the friction points that stand for the contact points.
         """
-        return self.run.slip_peak if self.basis is None else self.basis.history.slip_peak
+        if self.basis is not None:
+            return self.basis.history.slip_peak
+        shares = self.run.system.shares
+        return self.run.slip_peak if shares is None else (shares > 0.0).T @ self.run.slip_peak
 
     @property
     def modes(self) -> int | None:
         """Number of vectors of the basis; None for the full model."""
-        return None if self.basis is None else int(self.basis.V.shape[1])
+        if self.basis is None:
+            return None if self.name == "full" else self.run.system.n
+        return int(self.basis.V.shape[1])
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,12 @@ import numpy as np
 
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
+from skfem_joint.analysis.range_modes import check_whole
+from skfem_joint.analysis.range_response import (
+    check_short_of_gross_slip,
+    larger_at,
+    steady_in_range,
+)
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
@@ -101,6 +107,9 @@ class SteadyPoint:
     step_error : float
         Estimated relative error of the largest amplitude by the time step; nan if it is not
         estimated.
+    model_error : float
+        Estimated relative error of the largest amplitude by the modes of a reduced model for a
+        range; nan for other models.
     failure : str, optional
         Why no steady vibration was found.
     """
@@ -119,6 +128,7 @@ class SteadyPoint:
     state: State | None = None
     course: FloatArray | None = None
     step_error: float = np.nan
+    model_error: float = np.nan
     failure: str | None = None
 
 
@@ -169,8 +179,11 @@ class Curve:
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
     """Same system with its loads at another frequency (Hz, of their common period) and level.
 
-    InputError if a load is not made of harmonics, or the frequency is not positive.
+    InputError if a load is not made of harmonics, or the frequency is not positive, or outside the
+    range of a model for one.
     """
+    if system.serves is not None and system.serves.point is None:
+        return steady_in_range(system, frequency, level)
     period = common_period(load.amplitude for load in system.loads)
     harmonic = all(load.amplitude.harmonics for load in system.loads)
     if period is None or frequency <= 0.0 or not harmonic:
@@ -245,8 +258,9 @@ def response(
     Parameters
     ----------
     system : System
-        Full or condensed; its loads are harmonic. A model made by `skfem_joint.reduce` serves its
-        own loads only and is refused.
+        Full, condensed, or reduced for a range with ``reduce(system, range=...)``; its loads are
+        harmonic. A model that `skfem_joint.reduce` made without a range serves its own loads only
+        and is refused. One for a range has no points in gross slip, which say so.
     frequencies : ndarray, shape (k,)
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -281,6 +295,7 @@ def response(
         If no frequency of a level has a steady vibration.
     """
     system.check_any_load("response")
+    check_whole(system, "response")
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)
     check("response: steps_per_cycle", steps_per_cycle, COUNT)
@@ -291,8 +306,12 @@ def response(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
+    if system.serves is not None:
+        for frequency in frequencies[[0, -1]].tolist():
+            steady_in_range(system, frequency, 1.0)  # refuses what is outside
+    by_model = estimated and system.serves is not None
     steps_per_cycle = suited_steps(system, steps_per_cycle)
-    rows, at_each_frequency = rows or Rows(), 2 if estimated else 1
+    rows, at_each_frequency = rows or Rows(), 1 + estimated + by_model
     tally = Tally(progress, at_each_frequency * frequencies.size * len(levels))
 
     def expect_more() -> None:
@@ -305,7 +324,34 @@ def response(
         _search(frequencies, level, steps_per_cycle, finer, refined, expect_more)
         for level in levels
     ]
-    return _curves(searches, system, executor, tally, rows)
+    curves = _curves(searches, system, executor, tally, rows)
+    if not by_model:
+        return curves
+    return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
+
+
+def _with_model_errors(
+    curve: Curve, system: System, steps_per_cycle: int, tally: Tally, rows: Rows
+) -> Curve:
+    """Curve of a model for a range with its distance from that of its larger model.
+
+    The distance is multiplied with the factor that was found where the model was made.
+    """
+    serves, largest, points = system.serves, curve.largest, []
+    factor = serves.factors.get("history", 1.0) if serves is not None else 1.0
+    origin = rows.mark("larger model", system, steps_per_cycle)
+    for point in curve.points:
+        at, found = (point.frequency, curve.level), point
+        if point.failure is None:
+            loaded = larger_at(system, *at)
+            compute = partial(_steady, loaded, at[0], steps_per_cycle, None, tally.within)
+            other = rows.row(rows.mark(origin, at), compute)
+            change = relative(point.amplitude[largest], other.amplitude[largest])
+            error = np.nan if change is None else factor * abs(change)
+            found = replace(point, model_error=error)
+        tally.add()
+        points.append(found)
+    return Curve(curve.level, tuple(points))
 
 
 @dataclass(frozen=True)
@@ -457,10 +503,18 @@ def steady_point(
     ``start`` is the displacement (m) and velocity (m/s) that the search starts from; rest if not
     given. The other arguments are those of :func:`response`.
     """
-    system = at_frequency(system, frequency, level)
+    loaded = at_frequency(system, frequency, level)
+    return _steady(loaded, frequency, steps_per_cycle, start, progress)
+
+
+def _steady(
+    system: System, frequency: float, steps_per_cycle: int, start: State | None, progress: Progress
+) -> SteadyPoint:
+    """Steady vibration of a system that has its loads at a frequency (Hz)."""
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress)
+        check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, str(error))
     vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])

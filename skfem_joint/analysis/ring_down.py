@@ -12,18 +12,20 @@ and 3,200 steps in a period. A scheme that damps what its steps do not follow ha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
-from skfem_joint.analysis.backbone import Backbone
+from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
+from skfem_joint.analysis.range_modes import alone, check_whole, distances, ringing
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.served import Served
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Save
@@ -60,6 +62,9 @@ class RingDown:
     step_error : dict of str to float
         Estimated relative errors of ``frequency`` and ``damping_ratio`` from the time step: largest
         differences to the first cycles with half of it, times 4/3.
+    estimated : dict of str to float
+        Estimated errors of the same two by the modes of a reduced model for a range that was
+        released in its mode; empty for others.
     """
 
     time: FloatArray
@@ -69,6 +74,7 @@ class RingDown:
     energy: FloatArray
     friction_work: FloatArray
     step_error: dict[str, float]
+    estimated: dict[str, float] = field(default_factory=dict)
 
 
 def ring_down(
@@ -118,8 +124,12 @@ def ring_down(
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
+    check_whole(system, "ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
+    if system.serves is not None:
+        steps = cycles, steps_per_cycle, scheme
+        return _in_range(system, system.serves, curve, steps, start, progress)
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
     unloaded = replace(system, loads=(), P=modal, points=("modal",))
     plan = Plan(
@@ -142,6 +152,27 @@ def ring_down(
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=_apart(ours, _decay(finer.point("modal"), again)),
     )
+
+
+def _in_range(
+    system: System,
+    serves: Served,
+    curve: Backbone,
+    steps: tuple[int, int, Scheme | None],
+    start: tuple[FloatArray, FloatArray] | None,
+    progress: Callable[..., None] | None,
+) -> RingDown:
+    """Free vibration of a model for a range, with its distance from that of its larger model.
+
+    The larger one is released at the same level, in its own displacement there.
+    """
+    model = ringing(system, curve.stuck_frequency)
+    rung = ring_down(replace(model, serves=None), curve, *steps, start, progress)
+    if start is not None:
+        return rung
+    share = float(curve.level[-1] / curve.slips_at)
+    (other,) = backbone(alone(system), (curve.mode,), 1, share, curve.slips_at)
+    return replace(rung, estimated=distances(serves, rung, ring_down(alone(model), other, *steps)))
 
 
 class _Decay(NamedTuple):

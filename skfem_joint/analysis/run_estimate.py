@@ -110,7 +110,12 @@ def of_run(
     plan: Plan,
     progress: Callable[..., None] | None = None,
 ) -> Estimate:
-    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's."""
+    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
+
+    Those of a model for a range are estimated by what it carries.
+    """
+    if run.system.serves is not None:
+        return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
     return of_reduced(system, basis, run.system, plan, run, progress)

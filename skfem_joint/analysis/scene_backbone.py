@@ -12,6 +12,7 @@ from skfem_joint.analysis.normal_force import NormalChange, normal_change_of_mod
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import options_of, origin_of
+from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
@@ -129,7 +130,10 @@ def scene_backbone(
         for curve in full:
             own = _OfMode(system, curve, start)
             if name != "full":
-                own, notes = _of_small_model(name, scene, curve, start, progress, rows)
+                if name == "reduced" and scene.reduction.range is not None:
+                    own, notes = _of_range_model(scene, curve, progress, rows)
+                else:
+                    own, notes = _of_small_model(name, scene, curve, start, progress, rows)
                 warnings += notes
             model.curves.append(own.curve)
             model.errors.append(_distances(own.curve, curve))
@@ -172,6 +176,33 @@ class _OfMode:
     system: System
     curve: Backbone
     start: State | None
+
+
+def _of_range_model(
+    scene: Scene, curve: Backbone, progress: Progress, rows: Rows
+) -> tuple[_OfMode, tuple[str, ...]]:
+    """Model for the range of a scene, with its curve of a mode of the full model.
+
+    InputError if the mode or its levels are outside the range.
+    """
+    served, table = served_scene(scene), scene.backbone
+    if served is None:
+        raise InputError("reduction.range: missing")
+    folder = None if rows.path is None else rows.path.parent
+    model = of_scene(scene, range_model(served, folder))
+    report = partial(progress, f"reduced model, mode {curve.mode}")
+    (own,) = backbone(model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
+    shown = " and ".join(
+        f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
+        for name, error in own.estimated.items()
+    )
+    note = (
+        f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
+        f"share of its largest value: {shown}."
+    )
+    shares = model.shares
+    slip = own.slip if shares is None else own.slip @ (shares > 0.0)
+    return _OfMode(model, replace(own, slip=slip), None), (note,)
 
 
 def _of_small_model(

@@ -21,6 +21,7 @@ from skfem_joint.analysis.response import (
 )
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of, origin_of
+from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
 from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
@@ -157,7 +158,7 @@ def scene_response(
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
-        model = _prepared(name, scene, table, resonance)
+        model = _prepared(name, scene, table, resonance, rows)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = _curves(model, scene, table, frequencies, executor, progress, rows)
@@ -196,9 +197,15 @@ class _Prepared:
     notes: tuple[str, ...] = ()
 
 
-def _prepared(name: str, scene: Scene, table: ResponseTable, resonance: float) -> _Prepared:
-    """Model of a scene; a reduced one serves steady vibration at the ``resonance`` (Hz) best."""
+def _prepared(
+    name: str, scene: Scene, table: ResponseTable, resonance: float, rows: Rows
+) -> _Prepared:
+    """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
     system, level = scene.system(), max(table.levels)
+    served = served_scene(scene) if name == "reduced" else None
+    if served is not None:
+        folder = None if rows.path is None else rows.path.parent
+        return _Prepared(name, of_scene(scene, range_model(served, folder)))
     if name == "full":
         return _Prepared(name, system)
     if name == "condensed":
@@ -234,6 +241,14 @@ def _curves(
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
     )
+    shares = model.system.shares
+    if model.system.serves is not None and shares is not None:
+        of_points = [
+            [replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
+            for c in curves
+        ]
+        pairs = zip(levels, of_points, strict=True)
+        return [Curve(level, tuple(points)) for level, points in pairs]
     if model.basis is None:
         return curves
     slips = system.B @ model.basis.V

@@ -14,17 +14,20 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from skfem_joint.analysis import run_estimate
-from skfem_joint.analysis.accuracy import Choice, choose, shortened_steps, stated
+from skfem_joint.analysis.accuracy import Choice, InRange, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.history import compare, difference, joint_differences, results
 from skfem_joint.analysis.models import Failure, Model, Study
+from skfem_joint.analysis.range_choice import choose_in_range
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of, plan_of
+from skfem_joint.analysis.scene_range import served_scene, structure_of
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, JointError
@@ -48,7 +51,10 @@ _log = logging.getLogger(__name__)
 
 
 def run_scene(
-    scene: Scene, progress: Progress = silent, checkpoints: Checkpoints | None = None
+    scene: Scene,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+    folder: Path | None = None,
 ) -> Study:
     """Run the models that a scene asks for, and nothing else, and compare them.
 
@@ -60,6 +66,8 @@ def run_scene(
     checkpoints : Checkpoints, optional
         Where to save the models as they run. A model that was saved whole is not integrated again;
         the modes of a reduced one are made again.
+    folder : Path, optional
+        Where a model for the range of the scene is loaded from, and saved to if it is not there.
 
     Returns
     -------
@@ -78,16 +86,59 @@ def run_scene(
     KeyboardInterrupt
         If it is interrupted before the first model has run a step.
     """
+    served = served_scene(scene)
+    in_range = None if served is None else choose_in_range(scene, served, folder, progress)
+    return _described_and_run(scene, in_range, progress, checkpoints)
+
+
+def run_scene_in_range(scene: Scene, folder: Path | None, progress: Progress = silent) -> Study:
+    """Run a scene as `run_scene` does, but without its full system if its range serves it.
+
+    Its reduced model is then a point of the model for the range, and nothing of the scene is
+    described or assembled: structure and system of the study are those in the middle of the range.
+    """
+    served = served_scene(scene)
+    in_range = None if served is None else choose_in_range(scene, served, folder, progress)
+    if served is None or in_range is None or in_range.in_range is None:
+        return _described_and_run(scene, in_range, progress, None)
+    if scene.models.run != ("reduced",):
+        return _described_and_run(scene, in_range, progress, None)
+    middle = structure_of(served)
+    notes = (*middle.doubts, *in_range.notes)
+    study = Study(in_range.scene, middle.structure, middle.system, warnings=notes)
+    return _with_models(study, in_range, None, progress, None, "")
+
+
+def _described_and_run(
+    scene: Scene, in_range: Choice | None, progress: Progress, checkpoints: Checkpoints | None
+) -> Study:
+    """Study of a scene; ``in_range`` says whether the model for its range serves it."""
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
     path = factors_at_rest(system)
     description = describe(scene, path)
-    choice = choose(scene, path, progress)
-    if "reduced" not in scene.models.run or choice.accurate is not None:
+    if in_range is not None and in_range.in_range is not None:
+        choice = in_range
+    else:
+        choice = choose(scene, path, progress)
+        choice = replace(choice, notes=(*(in_range.notes if in_range else ()), *choice.notes))
+    if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
         path = None  # its factors are large, and no basis needs them
     notes = (*doubts(structure, system), *description.doubts, *choice.notes)
     study = Study(choice.scene, structure, system, description, warnings=notes)
-    for name in scene.models.run:
+    return _with_models(study, choice, path, progress, checkpoints, origin)
+
+
+def _with_models(
+    study: Study,
+    choice: Choice,
+    path: QuasiStatic | None,
+    progress: Progress,
+    checkpoints: Checkpoints | None,
+    origin: str,
+) -> Study:
+    """Study with the models that its scene asks for, until one fails or is interrupted."""
+    for name in study.scene.models.run:
         checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
         labelled = partial(progress, f"{name} model")
         integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
@@ -288,6 +339,8 @@ def _reduced(
 ) -> ModelResult:
     watch, scene, accurate = Stopwatch(), study.scene, choice.accurate
     notes: tuple[str, ...] = ()
+    if choice.in_range is not None:
+        return _served(study, choice, choice.in_range, integrate)
     if accurate is not None:
         basis, system = accurate.basis, accurate.system
     else:
@@ -307,6 +360,15 @@ def _reduced(
     model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
     errors = None if accurate is None else accurate.estimate
     return ModelResult(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
+
+
+def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> ModelResult:
+    """Reduced model that is a point of the model for a range."""
+    scene = study.scene
+    run = integrate(in_range.system, plan_of(scene))
+    offline, compiled = choice.seconds + run.preparation_s, choice.compilation_s
+    model = Model("reduced", run, offline, {}, estimate=in_range.estimate)
+    return ModelResult(scene, replace(model, compilation_s=compiled + run.compilation_s))
 
 
 def _condensed(

@@ -14,6 +14,7 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
@@ -21,7 +22,8 @@ from skfem_joint.analysis import memory
 from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import origin_of
-from skfem_joint.analysis.study import run_scene
+from skfem_joint.analysis.scene_range import make_missing
+from skfem_joint.analysis.study import run_scene, run_scene_in_range
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
@@ -85,6 +87,7 @@ def sweep(
     journal : Path, optional
         File that each row is appended to. Scenes that have a row there are not run again: their
         rows come first. Scenes whose process was killed, or that raised an error, have no row.
+        Reduced models for ranges are kept in its folder, by which an earlier sweep made them.
 
     Yields
     ------
@@ -94,20 +97,28 @@ def sweep(
     ------
     InputError
         If the journal is no file of rows, or another process writes to its folder.
+    InputError, ConvergenceError
+        If the reduced model for a range of scenes cannot be made.
     """
     scenes = list(scenes)
-    with nullcontext() if journal is None else holding(journal.parent):
+    with ExitStack() as stack:
+        if journal is not None:
+            stack.enter_context(holding(journal.parent))
         kept = Rows(journal)
         marks = marks_of(scenes, kept)
         waiting = deque(k for k, mark in enumerate(marks) if mark not in kept)
         yield from kept_rows(marks, kept)
-        with closing(_rows(scenes, waiting, executor)) as rows:
-            for row, settled in rows:
-                if settled:
-                    content = {"results": row.results, "failure": row.failure}
-                    content["warnings"] = list(row.warnings)
-                    kept.keep(marks[row.number], content)
-                yield row
+        folder = None if journal is None else journal.parent
+        if any(scenes[k].reduction.range for k in waiting):
+            folder = folder or Path(stack.enter_context(TemporaryDirectory()))
+            make_missing((scenes[k] for k in waiting), folder)
+        rows = stack.enter_context(closing(_rows(scenes, waiting, executor, folder)))
+        for row, settled in rows:
+            if settled:
+                content = {"results": row.results, "failure": row.failure}
+                content["warnings"] = list(row.warnings)
+                kept.keep(marks[row.number], content)
+            yield row
 
 
 def marks_of(scenes: Iterable[Scene], kept: Rows) -> list[str]:
@@ -121,7 +132,10 @@ def kept_rows(marks: Sequence[str], kept: Rows) -> Iterator[Row]:
 
 
 def _rows(
-    scenes: list[Scene], waiting: deque[int], executor: Executor | Callable[[], Executor]
+    scenes: list[Scene],
+    waiting: deque[int],
+    executor: Executor | Callable[[], Executor],
+    folder: Path | None,
 ) -> Generator[tuple[Row, bool]]:
     """Rows as they finish, and whether another run of the scene would give the same.
 
@@ -135,7 +149,7 @@ def _rows(
     try:
         while groups:
             broken: list[int] = []
-            for number, future in _finished(pool, scenes, groups[-1], broken):
+            for number, future in _finished(pool, scenes, groups[-1], broken, folder):
                 error = future.exception()
                 if error is None:
                     yield Row(number, *future.result()), True
@@ -167,7 +181,11 @@ def _rows(
 
 
 def _finished(
-    pool: Executor, scenes: list[Scene], waiting: deque[int], broken: list[int]
+    pool: Executor,
+    scenes: list[Scene],
+    waiting: deque[int],
+    broken: list[int],
+    folder: Path | None,
 ) -> Iterator[tuple[int, Future[Content]]]:
     """Numbers and futures of scenes as they finish, until all have or the pool breaks.
 
@@ -184,7 +202,7 @@ def _finished(
                 # It is sent without its matrices, and stores no fields, which nobody would see.
                 light = scene.unassembled(output={"vtk": False, "plots": False})
                 try:
-                    running[pool.submit(_run, light)] = number
+                    running[pool.submit(_run, light, folder)] = number
                 except BrokenExecutor:
                     broken.append(number)
             for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
@@ -198,11 +216,17 @@ def _finished(
             future.cancel()
 
 
-def _run(scene: Scene) -> Content:
-    """Run a scene in the process that it is sent to: results, failure and warnings of its row."""
-    memory.check(scene, memory.default_limit())
+def _run(scene: Scene, folder: Path | None = None) -> Content:
+    """Run a scene in the process that it is sent to: results, failure and warnings of its row.
+
+    A model for its range is in the folder, unless the process has no access to it.
+    """
     try:
-        study = run_scene(scene)
+        if scene.reduction.range is None:
+            memory.check(scene, memory.default_limit())
+            study = run_scene(scene)
+        else:  # the model was made, so that there is memory for the full system
+            study = run_scene_in_range(scene, folder)
     except JointError as error:
         return {}, str(error), []
     failure = "" if study.failure is None else str(study.failure.error)

@@ -79,6 +79,12 @@ class NamedMesh:
         return {name: facets for name, facets in groups if name not in self.points}
 
     @property
+    def identity(self) -> list[Any]:
+        """Arrays and names that distinguish this mesh from another."""
+        geometry = [self.mesh.p, self.mesh.t, self.order, self.coordinates]
+        return [geometry, [self.regions, self.boundaries, self.points]]
+
+    @property
     def n_elements(self) -> int:
         """Number of elements."""
         return int(self.mesh.t.shape[1])

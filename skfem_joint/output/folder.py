@@ -42,8 +42,12 @@ _WHOSE = {
     "self": "the full model's own run with",
     "paper": "the paper's reference joint, scaled to",
 }
-# Checkpoints and rows, from which an interrupted command is resumed, and hidden files.
-_PASSED = re.compile(r"checkpoint_.*\.npz|(sweep|response|backbone|error-time)_rows\.jsonl|\..*")
+# Checkpoints and rows, from which an interrupted command is resumed, models for ranges, which other
+# commands use, and hidden files.
+_PASSED = re.compile(
+    r"checkpoint_.*\.npz|(sweep|response|backbone|error-time)_rows\.jsonl|"
+    r"range_[0-9a-f]{16}\.npz|\..*"
+)
 
 
 @contextmanager

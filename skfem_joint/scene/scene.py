@@ -369,6 +369,14 @@ def _model_problems(scene: Scene) -> Iterator[str]:
             f"models.run: found '{name}' in a scene without [[joint]]; a linear scene has nothing "
             "to reduce by its joints, run 'full' alone"
         )
+    if scene.reduction.range is not None:
+        yield from scene.reduction.range.problems(scene.joint)
+        for i, load in enumerate(scene.load):
+            if not load.to_amplitude().harmonics:
+                yield (
+                    f"reduction.range: found beside load[{i}] of kind = '{load.kind}', must be of "
+                    "kind 'harmonic' or 'multi_harmonic': a range has frequencies of loads"
+                )
     if "reduced" not in scene.models.run:
         return
     joints, lengths = {joint.on for joint in scene.joint}, scene.reduction.active_length

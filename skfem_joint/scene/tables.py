@@ -17,6 +17,7 @@ from skfem_joint import loads
 from skfem_joint.errors import InputError
 from skfem_joint.load_tables import read_table
 from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.values import (
     LARGEST_COUNT,
     Auto,
@@ -324,7 +325,8 @@ class ReductionTable(SceneTable):
         "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
-        "number of joint modes; 'auto' is 12, and 5 with reference = 'paper'",
+        "number of joint modes; 'auto' is 12, 5 with reference = 'paper', and with range as many "
+        "as its accuracy takes",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
@@ -371,6 +373,23 @@ class ReductionTable(SceneTable):
         "auto",
         allowed="'auto', 'estimate', a length in m, or a table { joint = length }",
     )
+    range: ServedRangeTable | None = key(
+        'table { slip, frequency, "joint[0].friction" }: loads and friction limits that one '
+        "reduced model serves, which is made once and used by run, sweep, response and backbone",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _range_stands_alone(self) -> Self:
+        others = sorted(self.model_fields_set - {"range", "modes"})
+        if self.range is not None and others:
+            raise mistake(
+                f"found beside {' and '.join(others)}; a model for a range takes its friction "
+                "points, law and all but the number of joint modes from the range. Leave out "
+                "either of them",
+                "range",
+            )
+        return self
 
 
 class AccuracyTable(SceneTable):

@@ -196,9 +196,7 @@ class Structure:
     @property
     def identity(self) -> list[Any]:
         """Arrays and names that distinguish this mesh from another."""
-        mesh = self.mesh
-        geometry = [mesh.mesh.p, mesh.mesh.t, mesh.order, mesh.coordinates]
-        return [geometry, [mesh.regions, mesh.boundaries, mesh.points]]
+        return self.mesh.identity
 
     def meshed(self, purpose: str) -> Structure:
         """Return the structure itself: its geometry is known, whatever the purpose."""

@@ -31,6 +31,7 @@ PAGES = {
     "docs/how-to/paraview.md": False,
     "docs/how-to/python.md": True,
     "docs/how-to/python-results.md": False,
+    "docs/how-to/ranges.md": True,
     "docs/how-to/sweeps.md": True,
     "README.md": True,
 }

@@ -17,6 +17,7 @@ PURE = {
     *("poisson", "friction", "ratio", "rho_infinity", "displacement", "energy", "levels", "up_to"),
     *("axis", "direction"),  # their length does not count
     *("sweep.KEY.from", "sweep.KEY.to"),  # in the unit of the key they stand for
+    *("reduction.range.slip", "reduction.range.KEY"),
 }
 
 

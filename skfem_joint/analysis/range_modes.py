@@ -1,0 +1,106 @@
+"""What a model for a range does for backbones and ring-downs: which modes, how far, and its errors.
+
+Modes of such a model hold what its loads excite, with the contact stuck and slipping, up to the
+highest frequency and slip of its range. A mode of the structure beyond that, or a higher level, is
+refused. Errors are the distance from the larger model that it carries, times the factor that was
+found where the model was made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.errors import InputError, refuse
+from skfem_joint.reduction.ranges.points import point_of
+from skfem_joint.served import Point, Served
+from skfem_joint.system import System
+
+#: Levels may pass the highest slip of a range by this, relative, which is round-off.
+_NEAR = 1e-9
+
+
+def check_whole(system: System, what: str) -> None:
+    """InputError if a system is a point of a range, and not the model of the whole range."""
+    if system.serves is not None and system.serves.point is not None:
+        raise InputError(
+            f"{what}: found a point of a range, must be the model of the whole range, as "
+            "sj.reduce(system, range=...) returns it"
+        )
+
+
+def check_modes(
+    serves: Served, modes: Iterable[int], frequencies: Mapping[int, float], up_to: float
+) -> None:
+    """Refuse modes and levels outside a range.
+
+    Parameters
+    ----------
+    serves : Served
+    modes : iterable of int
+        Numbers of modes, from 1.
+    frequencies : mapping
+        Their frequencies with the contact stuck, Hz.
+    up_to : float
+        The highest level, as a share of that at which the first joint slips as a whole.
+
+    Raises
+    ------
+    InputError
+    """
+    (_, highest), (_, most) = serves.range.frequency, serves.range.slip
+    refuse(
+        f"backbone: mode {k} has {frequencies[k]:.6g} Hz with the contact stuck, above the range "
+        f"of the reduced model, up to {highest:.6g} Hz; make one for a wider range, or give the "
+        "full system"
+        for k in modes
+        if frequencies[k] > highest * (1.0 + _NEAR)
+    )
+    if up_to > most * (1.0 + _NEAR):
+        raise InputError(
+            f"backbone: found up_to {up_to:g}, above the slip of the range of the reduced model, "
+            f"up to {most:g} of what makes the first joint slip as a whole; lower up_to, or make a "
+            "model for a wider range"
+        )
+
+
+def ringing(system: System, frequency: float) -> System:
+    """Model for a range, with the law that resolves the least slip at a frequency (Hz)."""
+    serves = system.serves
+    if serves is None:
+        return system
+    point = Point(frequency, 1.0, {}, serves.range.slip[0])
+    return point_of(system, point, np.ones(len(system.joints)))
+
+
+def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
+    """Estimated errors of a curve's frequency and damping, by their names.
+
+    They are relative to the largest value of the curve.
+
+    Parameters
+    ----------
+    serves : Served
+    curve, larger : Backbone or RingDown
+        Of the model and of its larger one, at the same levels or in the same cycles.
+    """
+    errors = {}
+    for name, factor in (("frequency", "history"), ("damping_ratio", "energy")):
+        values, reference = getattr(curve, name), getattr(larger, name)
+        count = min(values.size, reference.size)
+        size = float(np.abs(reference[:count]).max(initial=0.0))
+        apart = float(np.abs(values[:count] - reference[:count]).max(initial=0.0))
+        errors[name] = serves.factors.get(factor, 1.0) * apart / size if size > 0.0 else 0.0
+    return errors
+
+
+def alone(system: System) -> System:
+    """The larger model of a model for a range, of the whole range."""
+    serves = system.serves
+    if serves is None:
+        raise InputError("range: found a model that serves no range")
+    larger: System = serves.larger
+    return replace(larger, serves=None)

@@ -1,0 +1,47 @@
+"""Steady vibration by a model for a range: its points, and where a joint slips as a whole in it.
+
+How much slips is judged by the steady vibration itself: the load that makes a joint slip as a whole
+within some cycles from rest is another one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from skfem_joint.errors import ConvergenceError
+from skfem_joint.reduction.ranges.points import SETTINGS, check_within, point_of, sticking
+from skfem_joint.served import Point
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system import System
+
+
+def steady_in_range(system: System, frequency: float, level: float) -> System:
+    """Model for a range at one frequency (Hz) and level, whose share of slip is not known.
+
+    InputError if the frequency is outside the range.
+    """
+    factors = np.ones(len(system.joints))
+    check_within(system, frequency, factors)
+    return point_of(system, Point(frequency, level, {}, math.nan), factors)
+
+
+def larger_at(system: System, frequency: float, level: float) -> System:
+    """The larger model that a model for a range carries, at one frequency (Hz) and level."""
+    point = steady_in_range(system, frequency, level)
+    serves = point.serves
+    larger: System = point if serves is None else serves.larger
+    return replace(larger, serves=None)
+
+
+def check_short_of_gross_slip(run: Run) -> None:
+    """ConvergenceError if a joint slips as a whole in a run of a model for a range."""
+    if run.system.serves is None or not run.slip_peak.any():
+        return
+    if sticking(run) <= 1.0 - SETTINGS.whole:
+        raise ConvergenceError(
+            "a joint slips as a whole, which the reduced model for a range does not serve; lower "
+            "the level, or give the full system"
+        )
