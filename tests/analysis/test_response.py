@@ -49,6 +49,31 @@ def test_a_linear_response_is_the_amplitude_of_complex_numbers():
     np.testing.assert_allclose(found, exact, rtol=1e-4)  # of 256 times in a period
 
 
+def test_a_linear_response_adds_the_harmonics_of_all_loads_through_sharp_resonances():
+    system = arm(sj.Harmonic(1.0, 1000.0), damping_ratio=1e-4)
+    two = sj.MultiHarmonic((sj.Harmonic(2.0, 1000.0, 0.3), sj.Harmonic(0.7, 3000.0, -1.0)))
+    (tip,) = system.loads
+    middle = replace(tip, vector=np.eye(system.n)[system.n // 2], amplitude=two)
+    system = replace(system, loads=(tip, middle))
+    K, C, M = (A.toarray() for A in (system.K, system.C, system.M))
+    # Around the first resonance of the third harmonic, and up to beyond the third of the first.
+    f = np.concatenate([np.linspace(400.0, 900.0, 150), np.linspace(1000.0, 9000.0, 250)])
+    turn = 2.0 * np.pi * np.arange(256) / 256
+    exact = []
+    for frequency in f:
+        motion = np.zeros((len(system.points), turn.size))
+        for load in system.loads:
+            for part in load.amplitude.harmonics:
+                multiple = part.frequency / 1000.0
+                omega = 2.0 * np.pi * multiple * frequency
+                u = np.linalg.solve(K + 1j * omega * C - omega**2 * M, load.vector)
+                wave = part.amplitude * np.sin(multiple * turn + part.phase)
+                turned = part.amplitude * np.cos(multiple * turn + part.phase)
+                motion += np.outer(system.P @ u.real, wave) + np.outer(system.P @ u.imag, turned)
+        exact.append(0.5 * np.ptp(motion, axis=1))
+    np.testing.assert_allclose(linear_response(system, f, stuck=False), exact, rtol=1e-6)
+
+
 def test_peaks_are_found_and_fall_with_the_level():
     system = bar()
     levels = np.array([0.03, 0.1, 0.3]) * system.w.sum()
