@@ -89,14 +89,15 @@ class Point:
         Factor on the loads of the system that the model was made of.
     limits : dict of str to float
         Factor on the friction limits of each joint in the range.
-    slip : float
-        Share of the level at which the first joint slips as a whole.
+    slip : float, optional
+        Share of the level at which the first joint slips as a whole; None where the point was
+        taken by its level, and its run shows how much slips.
     """
 
     frequency: float
     level: float
     limits: Mapping[str, float]
-    slip: float
+    slip: float | None = None
 
 
 @dataclass(frozen=True)

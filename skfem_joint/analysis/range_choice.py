@@ -12,6 +12,7 @@ from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.scene_range import ServedScene, point_of, range_model
 from skfem_joint.errors import JointError
 from skfem_joint.progress import Progress, silent
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.stopwatch import Stopwatch
@@ -23,8 +24,9 @@ def choose_in_range(
 ) -> Choice:
     """Take the point that a scene is of the model for its range, if that serves it.
 
-    The model is loaded from the folder, or made and saved there. Where the scene asks for an
-    accuracy, the time steps are chosen by the point's estimated errors.
+    The model is loaded from the folder, or made and saved there. A run of the point shows whether a
+    joint slips as a whole. Where the scene asks for an accuracy, the time steps are chosen by the
+    point's estimated errors.
 
     Returns
     -------
@@ -35,7 +37,7 @@ def choose_in_range(
     Raises
     ------
     InputError, ConvergenceError
-        If the model for the range cannot be made or loaded, or a run of it does not converge.
+        If the model for the range cannot be made or loaded.
     """
     watch = Stopwatch()
     progress("model for the range", 0, 1)
@@ -43,11 +45,16 @@ def choose_in_range(
     progress("model for the range", 1, 1)
     try:
         point = point_of(scene, model)
-    except JointError as error:  # also where no load is found at which a joint slips as a whole
+        if scene.accuracy.is_given:
+            shorter, errors = _with_steps(scene, point, partial(progress, "errors in the range"))
+        else:
+            report = partial(progress, "slip in the range")
+            check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
+    except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
     chosen, notes = InRange(point), tuple[str, ...]()
     if scene.accuracy.is_given:
-        scene, errors = _with_steps(scene, point, partial(progress, "errors in the range"))
+        scene = shorter
         if accuracy.excess(scene.accuracy, errors) > 1.0:
             return Choice(
                 scene, notes=(_own(f"it errs by an estimated {accuracy.stated(errors)}"),)

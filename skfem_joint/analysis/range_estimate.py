@@ -15,6 +15,7 @@ from collections.abc import Callable
 from skfem_joint.analysis.estimate import Estimate, added, verification_run
 from skfem_joint.analysis.history import difference, extrapolation, results
 from skfem_joint.errors import InputError
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 
@@ -36,13 +37,14 @@ def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) 
     InputError
         If the system is no point of a range.
     ConvergenceError
-        If a step of a verification run does not converge.
+        If a joint slips as a whole in the run, or a step of a verification run does not converge.
     KeyboardInterrupt
         If a verification run is interrupted.
     """
     serves = run.system.serves
     if serves is None or serves.point is None:
         raise InputError("estimate: found a run of no point of a range; take one by sj.at")
+    check_short_of_gross_slip(run)
     base = results(run)
     larger = results(verification_run(serves.larger, plan, progress=progress))
     halved = results(verification_run(run.system, plan.finer(2), progress=progress))

@@ -6,15 +6,12 @@ within some cycles from rest is another one.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
-from skfem_joint.errors import ConvergenceError
-from skfem_joint.reduction.ranges.points import SETTINGS, check_within, point_of, sticking
+from skfem_joint.reduction.ranges.points import check_within, point_of
 from skfem_joint.served import Point
-from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
 
@@ -25,7 +22,7 @@ def steady_in_range(system: System, frequency: float, level: float) -> System:
     """
     factors = np.ones(len(system.joints))
     check_within(system, frequency, factors)
-    return point_of(system, Point(frequency, level, {}, math.nan), factors)
+    return point_of(system, Point(frequency, level, {}), factors)
 
 
 def larger_at(system: System, frequency: float, level: float) -> System:
@@ -34,14 +31,3 @@ def larger_at(system: System, frequency: float, level: float) -> System:
     serves = point.serves
     larger: System = point if serves is None else serves.larger
     return replace(larger, serves=None)
-
-
-def check_short_of_gross_slip(run: Run) -> None:
-    """ConvergenceError if a joint slips as a whole in a run of a model for a range."""
-    if run.system.serves is None or not run.slip_peak.any():
-        return
-    if sticking(run) <= 1.0 - SETTINGS.whole:
-        raise ConvergenceError(
-            "a joint slips as a whole, which the reduced model for a range does not serve; lower "
-            "the level, or give the full system"
-        )

@@ -20,17 +20,14 @@ import numpy as np
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.analysis.range_modes import check_whole
-from skfem_joint.analysis.range_response import (
-    check_short_of_gross_slip,
-    larger_at,
-    steady_in_range,
-)
+from skfem_joint.analysis.range_response import larger_at, steady_in_range
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save

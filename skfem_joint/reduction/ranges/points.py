@@ -86,7 +86,8 @@ def at(
         Share of the load that makes the first joint slip as a whole, at that frequency and with
         those limits, within four cycles from rest.
     level : float, optional
-        Factor on the loads, in place of ``slip``.
+        Factor on the loads, in place of ``slip``. Nothing is run to find how much slips there: the
+        point's own run shows it, and `estimate` refuses one in which a joint slips as a whole.
     limits : mapping of str to float, optional
         Factor on the friction limits of joints by name; 1 where not given.
 
@@ -98,10 +99,9 @@ def at(
     Raises
     ------
     InputError
-        If the point is outside the range, a joint slips as a whole, a name is unknown, or a load is
-        not harmonic.
+        If the point is outside the range, a name is unknown, or a load is not harmonic.
     ConvergenceError
-        If no load is found at which a joint slips as a whole.
+        If ``slip`` is given, and no load is found at which a joint slips as a whole.
     """
     check("frequency", frequency, POSITIVE)
     check_some(POSITIVE, slip=slip, level=level)
@@ -119,15 +119,15 @@ def at(
     if serves.point is not None:
         raise InputError("at: found a point of a range, must be the model of the whole range")
     check_within(system, frequency, factors)
-    gross = gross_slip_level(system, frequency, factors)
-    share = slip if slip is not None else float(level or 0.0) / gross
-    _check_slip(serves, share)
-    level = share * gross if level is None else level
-    return point_of(system, Point(frequency, level, dict(limits or {}), share), factors)
+    if slip is not None:
+        _check_slip(serves, slip)
+        level = slip * gross_slip_level(system, frequency, factors)
+    point = Point(frequency, float(level or 0.0), dict(limits or {}), slip)
+    return point_of(system, point, factors)
 
 
 def point_of(system: System, point: Point, factors: FloatArray) -> System:
-    """Model of a point whose share of slip is known, without a check; ``factors`` of all joints."""
+    """Model of a point, without a check; ``factors`` of all joints."""
     serves = system.serves
     assert serves is not None
     mean = float(np.exp(np.log(factors).mean())) if factors.size else 1.0
@@ -216,10 +216,23 @@ def _factors(system: System, limits: Mapping[str, float]) -> FloatArray:
 
 
 def sticking(run: Run) -> float:
-    """Least share of a joint's friction limit whose points stick throughout a reduced run."""
-    slip = run.slip_peak
-    still = slip <= SETTINGS.still * slip.max(initial=0.0)
-    return least_share(run.system, still)
+    """Least share of a joint's friction limit whose points stick throughout a reduced run.
+
+    A point sticks too that slips no further than its law creeps in a period at half of its limit.
+    """
+    slip, system = run.slip_peak, run.system
+    period = common_period(load.amplitude for load in system.loads) or 0.0
+    still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
+    return least_share(system, still)
+
+
+def check_short_of_gross_slip(run: Run) -> None:
+    """ConvergenceError if a joint slips as a whole in a run of a model for a range."""
+    if run.system.serves is not None and sticking(run) <= 1.0 - SETTINGS.whole:
+        raise ConvergenceError(
+            "a joint slips as a whole, which the reduced model for the range does not serve; lower "
+            "the level, or give the full system"
+        )
 
 
 def least_share(system: System, points: BoolArray) -> float:
