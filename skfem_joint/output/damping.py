@@ -210,12 +210,14 @@ def write_response(
     header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(SETTINGS.harmonics)]
     header += ["friction_energy_J", "input_energy_J"]
     header += ["largest_slip_m", "slipping_share", "periods", "residual"]
-    header += ["step_error", *joints]
+    served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
+    header += ["step_error", *(["model_error"] if served else []), *joints]
     rows = [
         [
             model.name, curve.level, p.frequency, p.failure is None, *p.amplitude, *p.phase,
             *p.offset, *np.abs(p.harmonics).ravel(), p.friction_energy, p.input_energy,
             p.slip.max(initial=0.0), p.share, p.periods, p.change, p.step_error,
+            *([p.model_error] if served else []),
         ]
         for model in response.models
         for curve in model.curves

@@ -1,5 +1,6 @@
 """Scenes of a range: one model for all of them, made once, whose points say what they are."""
 
+import csv
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ from joint_scenes import bar_scene, harmonic, joint
 import skfem_joint as sj
 from skfem_joint.analysis import scene_range
 from skfem_joint.analysis.scene_range import of_scene, point_of, range_model, served_scene
+from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.analysis.study import run_scene, run_scene_in_range
 from skfem_joint.analysis.sweep import Row, sweep
+from skfem_joint.output.damping import write_response
 from skfem_joint.scene import Scene
 
 RANGE = {"slip": [0.2, 0.8], "frequency": [1000.0, 2500.0], "joint[0].friction": [0.4, 1.0]}
@@ -148,6 +151,19 @@ def test_a_response_by_one_model_is_as_far_from_the_full_one_as_it_says(model):
     (full,) = sj.response(INSIDE[0].system(), frequencies, estimated=False, **options)
     error = np.abs(found.column("amplitude") / full.column("amplitude") - 1.0).ravel()
     assert (error < 2.0 * found.column("model_error") + 1e-3).all()
+
+
+def test_the_table_of_a_response_has_the_errors_of_its_model(model, tmp_path, monkeypatch):
+    frequencies = {"from": 1300.0, "to": 2000.0, "points": 2}
+    asked = scene(response={"frequencies": frequencies})
+    monkeypatch.setattr("skfem_joint.analysis.scene_response.range_model", lambda *given: model)
+    response = scene_response(asked)
+    write_response(tmp_path, response)
+    with (tmp_path / "response.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    written = [float(row["model_error"]) for row in rows]
+    assert len(written) >= 2
+    assert written == pytest.approx(response.models[0].curves[0].column("model_error"), rel=1e-6)
 
 
 def test_a_response_says_where_a_joint_slips_as_a_whole_and_what_is_outside(model):
