@@ -77,6 +77,6 @@ except sj.InputError as error:
 # Estimated errors of the friction energy over the true ones.
 figure, axes = plt.subplots(figsize=(7.0, 4.5))
 axes.loglog(*(100.0 * np.array(errors).T), "o")
-axes.axline((1.0, 1.0), slope=1.0, color="0.6")
+axes.axline((0.1, 0.1), (1.0, 1.0), color="0.6")
 axes.set(xlabel="error of the friction energy, %", ylabel="estimated, %")
 figure.savefig("range_model.png")
