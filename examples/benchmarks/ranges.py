@@ -125,14 +125,15 @@ def report(name, system, count, seed):
     for frequency, slip, limits in drawn(system, first, count, seed):
         try:
             point = sj.at(small, frequency=frequency, slip=slip, limits=limits)
+            ours = run(point)
+            known = sj.estimate(ours).parts["total"]
         except (sj.InputError, sj.ConvergenceError) as error:
             print(f"- refused: {error}")
             refused += 1
             continue
         level = point.serves.point.level
         truth = run(sj.at(exact, frequency=frequency, level=level, limits=limits))
-        ours = run(point)
-        errors, known = sj.compare(truth, ours), sj.estimate(ours).parts["total"]
+        errors = sj.compare(truth, ours)
         true.append((errors.displacement_rms, abs(errors.friction_energy_per_cycle)))
         stated.append([known[quantity] for quantity in ASKED])
         whole += gross(truth)
