@@ -117,12 +117,13 @@ def _solutions(
     force = np.linalg.norm(F, axis=0)
     basis, known = np.zeros((n, 0)), np.zeros(omega.size, dtype=np.bool_)
     chosen = np.unique(np.linspace(0, omega.size - 1, SETTINGS.first).astype(int))
+    points = np.arange(P.shape[0])
     while True:
         for row in chosen:
             H = sum(a * A for a, A in zip(factors[:, row], matrices, strict=True))
             order = {"diag_pivot_thresh": SETTINGS.pivot, "options": {"SymmetricMode": True}}
             u = splu(sparse.csc_array(H), "MMD_AT_PLUS_A", **order).solve(F.astype(complex))
-            found[np.ix_([row], range(P.shape[0]), acting)] = P @ u
+            found[np.ix_([row], points, acting)] = P @ u
             basis = _with(basis, np.hstack([u.real, u.imag]))
         known[chosen] = True
         images = [A @ basis for A in matrices]
@@ -137,7 +138,7 @@ def _solutions(
             break
         chosen = _largest(worst)
     rest = np.flatnonzero(~known)
-    found[np.ix_(rest, range(P.shape[0]), acting)] = (P @ basis) @ y[rest]
+    found[np.ix_(rest, points, acting)] = (P @ basis) @ y[rest]
     return found
 
 

@@ -163,7 +163,7 @@ def _kept(served: ServedScene, folder: Path | None) -> System:
     if path is not None and path.exists():
         return system_files.load(path)
     _log.info("Making the reduced model for the range %s.", served.range)
-    asked = {} if served.accuracy is None else {"accuracy": served.accuracy}
+    asked: dict[str, Any] = {} if served.accuracy is None else {"accuracy": served.accuracy}
     modes = served.middle.reduction.modes
     model = reduce(served.middle.system(), modes, range=served.range, **asked)
     if path is not None:
