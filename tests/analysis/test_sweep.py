@@ -75,7 +75,7 @@ def test_only_what_was_in_a_broken_pool_is_run_again_and_only_the_culprit_fails(
 ):
     runs: Counter[float] = Counter()
 
-    def run(one):
+    def run(one, folder):
         friction = one.joint[0].friction
         runs[friction] += 1
         if friction == 0.3:
@@ -104,7 +104,7 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
 ):
     ran: list[float] = []
 
-    def run(one):
+    def run(one, folder):
         ran.append(one.joint[0].friction)
         if ran[-1] == 0.2:
             raise MemoryError("for want of memory")

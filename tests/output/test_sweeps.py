@@ -174,7 +174,7 @@ def test_a_row_kept_as_the_interrupt_comes_is_in_the_table(tmp_path, capsys, mon
 
     keep = Rows.keep
     monkeypatch.setattr(sweep, "executors", in_threads)
-    monkeypatch.setattr(sweep, "_run", lambda _: (row(0, 1e-4).results, "", []))
+    monkeypatch.setattr(sweep, "_run", lambda *_: (row(0, 1e-4).results, "", []))
     with monkeypatch.context() as patched:
         patched.setattr(Rows, "keep", kept_and_interrupted)
         assert cli.main(arguments) == cli.INTERRUPTED
