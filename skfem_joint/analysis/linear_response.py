@@ -128,7 +128,8 @@ def _solutions(
         known[chosen] = True
         images = [A @ basis for A in matrices]
         small = np.stack([basis.T @ image for image in images])
-        y = np.linalg.solve(np.tensordot(factors, small, (0, 0)), basis.T @ F)
+        # Singular at an undamped natural frequency; residuals show where it is no solution.
+        y = np.linalg.pinv(np.tensordot(factors, small, (0, 0))) @ (basis.T @ F)
         triangle = np.linalg.qr(np.hstack([F, *images]), mode="r")
         own = np.broadcast_to(np.eye(acting.size), (omega.size, acting.size, acting.size))
         parts = [-a[:, np.newaxis, np.newaxis] * y for a in factors]
