@@ -8,6 +8,7 @@ motion, from micro-slip to gross slip.
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -495,7 +496,7 @@ def _harmonic(rng, kind, first, second, cheap):
     low = float(np.exp(rng.uniform(np.log(0.08), np.log(0.7)))) * first
     steps = int(rng.choice([30, 40, 60, 80, 100, 150, 200][: 7 if cheap else 5]))
     cycles = int(rng.integers(3, 7)) if cheap else int(rng.integers(2, 5))
-    phase = lambda: float(rng.uniform(0.0, 2.0 * np.pi))  # noqa: E731
+    phase = partial(rng.uniform, 0.0, 2.0 * np.pi)
     loads = [[(1.0, low, 0.0)]]
     if kind == "two loads":
         ratio = int(rng.integers(2, 5))

@@ -26,7 +26,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis.estimate import Parts, verification_run
+from skfem_joint.analysis.estimate import Parts, cycles_to_settle, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray
@@ -116,7 +116,8 @@ def against_coulomb(
         return None
     verify = partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
-        plan = plan.first(_settles(run))
+        lost = run.cycles.friction[np.newaxis]
+        plan = plan.first(cycles_to_settle(lost, SETTINGS.settled, SETTINGS.fewest_cycles))
     if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
         larger = run.system.serves.larger
         return _apart(verify(_steep(larger), plan), results(verify(larger, plan)))
@@ -126,13 +127,6 @@ def against_coulomb(
         return _apart(verify(run.system.with_beta(np.inf), plan), _until(run, plan))
     small = _on(system, basis, basis.V if V is None else V)
     return _apart(verify(_steep(small), plan), results(verify(small, plan)))
-
-
-def _settles(run: Run) -> int:
-    """Cycles after which the friction energy of a cycle hardly changes any more."""
-    lost = run.cycles.friction
-    changes = np.abs(lost - lost[-1:]) > SETTINGS.settled * np.abs(lost[-1:])
-    return max(SETTINGS.fewest_cycles, int(np.flatnonzero(changes).max(initial=-1)) + 2)
 
 
 def _until(run: Run, plan: Plan) -> Results:

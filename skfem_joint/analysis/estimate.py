@@ -390,10 +390,17 @@ def _by_reference(
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
-    series = np.stack(by_cycle(run))
+    return cycles_to_settle(np.stack(by_cycle(run)), SETTINGS.settled, SETTINGS.fewest_cycles)
+
+
+def cycles_to_settle(series: FloatArray, settled: float, fewest: int) -> int:
+    """Cycles after which rows of ``series`` (rows, cycles) change by less than a share ``settled``.
+
+    At least ``fewest``; all of them where the rows go on changing.
+    """
     last = series[:, -1:]
-    changes = np.any(np.abs(series - last) > SETTINGS.settled * np.abs(last), axis=0)
-    return max(SETTINGS.fewest_cycles, int(np.flatnonzero(changes).max(initial=-1)) + 2)
+    changes = np.any(np.abs(series - last) > settled * np.abs(last), axis=0)
+    return max(fewest, int(np.flatnonzero(changes).max(initial=-1)) + 2)
 
 
 def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
