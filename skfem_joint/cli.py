@@ -398,8 +398,9 @@ def _response(options: argparse.Namespace) -> int:
     response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
-            response = scene_response(scene, executor, progress, rows)
+            # The backbones first: they take seconds, and a wrong mode ends the command at once.
             curves = given_backbones(scene, progress, rows)
+            response = scene_response(scene, executor, progress, rows)
         notes = [*notes, *(note for curve in curves for note in curve.warnings)]
         response = replace(response, warnings=(*response.warnings, *notes))
         files = damping.write_response(options.out, response, curves)

@@ -26,7 +26,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis.estimate import Parts, cycles_to_settle, verification_run
+from skfem_joint.analysis.estimate import Parts, by_cycle, cycles_to_settle, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
 from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray
@@ -62,6 +62,8 @@ class LawSettings:
         one, over the difference between the laws.
     negligible : float
         Such a difference that does not count.
+    nothing : float
+        Share of the own law's value below which Coulomb's is taken to be zero.
     """
 
     steeper: float = 1e3
@@ -71,6 +73,7 @@ class LawSettings:
     overhead: int = 1000
     trusted: float = 1.0
     negligible: float = 0.02
+    nothing: float = 1e-4
 
 
 SETTINGS = LawSettings()
@@ -115,18 +118,40 @@ def against_coulomb(
     if np.isinf(system.beta[system.w > 0.0]).all():
         return None
     verify = partial(verification_run, progress=progress)
+    whole = plan
     if plan.cycle_steps is not None and plan.until == "end":
-        lost = run.cycles.friction[np.newaxis]
-        plan = plan.first(cycles_to_settle(lost, SETTINGS.settled, SETTINGS.fewest_cycles))
+        plan = plan.first(_settles(run))
+    while True:
+        coulomb, own = _both(system, run, plan, basis, V, verify)
+        if plan.n_steps == whole.n_steps or _settles(coulomb) < coulomb.cycles.friction.size:
+            return _apart(coulomb, own)
+        plan = whole.first(2 * coulomb.cycles.friction.size)
+
+
+def _settles(run: Run) -> int:
+    """Cycles after which the energies and the peak of a run are alike, or all of them."""
+    series = np.stack(by_cycle(run))
+    return cycles_to_settle(series, SETTINGS.settled, SETTINGS.fewest_cycles)
+
+
+def _both(
+    system: System,
+    run: Run,
+    plan: Plan,
+    basis: Basis | None,
+    V: FloatArray | None,
+    verify: Callable[..., Run],
+) -> tuple[Run, Results]:
+    """Run under Coulomb's law, and results under the model's own law."""
     if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
-        larger = run.system.serves.larger
-        return _apart(verify(_steep(larger), plan), results(verify(larger, plan)))
+        steep, larger = _laws(run.system.serves.larger)
+        return verify(steep, plan), results(verify(larger, plan))
     if basis is None:
         return _of_full(system, run, plan, verify)
     if picks_unknowns(run.system.B):
-        return _apart(verify(run.system.with_beta(np.inf), plan), _until(run, plan))
-    small = _on(system, basis, basis.V if V is None else V)
-    return _apart(verify(_steep(small), plan), results(verify(small, plan)))
+        return verify(run.system.with_beta(np.inf), plan), _until(run, plan)
+    steep, own = _on(system, basis, basis.V if V is None else V)
+    return verify(steep, plan), results(verify(own, plan))
 
 
 def _until(run: Run, plan: Plan) -> Results:
@@ -146,48 +171,59 @@ def _until(run: Run, plan: Plan) -> Results:
 
 
 def _apart(coulomb: Run, own: Results) -> Parts:
-    """Differences relative to Coulomb's law; 1 where that gives nothing and the own law does."""
+    """Differences relative to Coulomb's law; 1 where that gives next to nothing beside the own."""
     reference = results(coulomb)
     parts = difference(reference, own)
     for name in QUANTITIES[1:]:
-        if parts[name] is None and getattr(own, name) != 0.0:
+        under, value = abs(getattr(reference, name)), abs(getattr(own, name))
+        if value > 0.0 and under < SETTINGS.nothing * value:
             parts[name] = 1.0
     return parts
 
 
-def _steep(system: System) -> System:
-    """Dense system under a law that stands for Coulomb's."""
-    finite = system.beta[np.isfinite(system.beta) & (system.w > 0.0)]
-    return system.with_beta(SETTINGS.steeper * float(finite.max()))
+def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
+    """Dense system under a law that stands for Coulomb's, and under its own laws.
+
+    A dense system takes no set-valued law: where its own is Coulomb's, the steep one stands for it
+    in both. ``steepest`` is the steepness, s/m, that the velocities of such joints ask for.
+    """
+    carries = system.w > 0.0
+    finite = np.isfinite(system.beta) & carries
+    least = 0.0 if finite.any() and finite[carries].all() else steepest
+    steep = SETTINGS.steeper * max(float(system.beta[finite].max(initial=0.0)), least)
+    return system.with_beta(steep), replace(system, beta=np.minimum(system.beta, steep))
 
 
-def _on(system: System, basis: Basis, V: FloatArray) -> System:
-    """Reduced model on vectors V with the system's own law, very many points merged."""
+def _on(system: System, basis: Basis, V: FloatArray) -> tuple[System, System]:
+    """Reduced models on vectors V under both laws, very many points merged."""
     small = system.project(V)
-    if system.contact_points <= MERGING.many:
-        return small
-    narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
-    merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
-    return shared_points(small, merged.shares, merged.w)
+    if system.contact_points > MERGING.many:
+        narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
+        merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
+        small = shared_points(small, merged.shares, merged.w)
+    fastest = basis.history.slip_velocity
+    return _laws(small, 1.0 / fastest if fastest else 0.0)
 
 
-def _of_full(system: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
-    """Differences of a full model: by itself where it is small, else by a reduced one."""
+def _of_full(
+    system: System, run: Run, plan: Plan, verify: Callable[..., Run]
+) -> tuple[Run, Results]:
+    """Both of a full model: by itself where it is small, else by a reduced one."""
     own = _until(run, plan)
     cost = plan.n_steps * (system.n + SETTINGS.overhead)
     if system.is_dense:
-        return _apart(verify(_steep(system), plan), own)
+        return verify(_laws(system)[0], plan), own
     if cost > SETTINGS.small and arranged(system).kind != "chain":
-        parts = _by_reduced(system, own, plan, verify)
-        if parts is not None:
-            return parts
-    return _apart(verify(system.with_beta(np.inf), plan), own)
+        both = _by_reduced(system, own, plan, verify)
+        if both is not None:
+            return both
+    return verify(system.with_beta(np.inf), plan), own
 
 
 def _by_reduced(
     system: System, own: Results, plan: Plan, verify: Callable[..., Run]
-) -> Parts | None:
-    """Differences of a reduced model; None where there is none, or where it is too poor."""
+) -> tuple[Run, Results] | None:
+    """Both of a reduced model; None where there is none, or where it is too poor."""
     whole = plan
     if plan.until == "steady":
         whole = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
@@ -195,11 +231,12 @@ def _by_reduced(
         basis = make_basis(system, Options(), whole, enriched=True)
     except (InputError, ConvergenceError):
         return None  # no static slip path: the full model itself is run
-    small = _on(system, basis, basis.V)
+    steep, small = _on(system, basis, basis.V)
     first = results(verify(small, plan))
-    parts = _apart(verify(_steep(small), plan), first)
+    coulomb = verify(steep, plan)
     energy = QUANTITIES[2]
-    poor, apart = difference(own, first)[energy], parts[energy]
+    poor, apart = difference(own, first)[energy], _apart(coulomb, first)[energy]
     if poor is None or apart is None:
         return None
-    return parts if poor <= max(SETTINGS.negligible, SETTINGS.trusted * apart) else None
+    trusted = poor <= max(SETTINGS.negligible, SETTINGS.trusted * apart)
+    return (coulomb, first) if trusted else None

@@ -60,7 +60,8 @@ class BackbonePeak:
     frequency, amplitude : float
         Of the peak, Hz and m.
     frequency_error, amplitude_error : float
-        Estimated relative errors of both.
+        Estimated relative errors of both. The first is nan where the amplitude is largest at an end
+        of the curve, which is no peak, the second where it is not known.
     backbone_frequency : float
         At this amplitude, Hz; nan beyond the highest level of the backbone.
     backbone_error : float
@@ -81,14 +82,19 @@ class BackbonePeak:
     slope: float
 
     @property
+    def at_end(self) -> bool:
+        """Whether the largest amplitude is at an end of the frequencies, which is no peak."""
+        return bool(np.isnan(self.frequency_error))
+
+    @property
     def apart(self) -> float:
         """Relative distance of the peak from the backbone, nan beyond it."""
         return self.frequency / self.backbone_frequency - 1.0
 
     @property
     def error(self) -> float:
-        """Sum of the errors of both, with that of the amplitude by which the backbone is read."""
-        by_amplitude = abs(self.slope) * self.amplitude_error
+        """Sum of the errors of both, with that of the amplitude, if known, at which they meet."""
+        by_amplitude = abs(self.slope) * float(np.nan_to_num(self.amplitude_error))
         return self.frequency_error + by_amplitude + self.backbone_error
 
 
@@ -110,14 +116,13 @@ def backbone_errors(curve: Backbone) -> FloatArray:
 def _peak(curve: Curve) -> tuple[float, float, float]:
     """Frequency (Hz) and amplitude (m) of the peak, and the relative error of the frequency.
 
-    The error is the distance to the nearest point where the peak is at an end of the curve.
+    The error is nan where the largest amplitude is at an end of the curve, which is no peak.
     """
     f, A = curve.known
     frequency, amplitude = curve.peak
     k = int(A.argmax())
     if not 0 < k < f.size - 1:
-        beside = f[1] if k == 0 else f[-2]
-        return frequency, amplitude, float(abs(beside / frequency - 1.0))
+        return frequency, amplitude, np.nan
     other, _ = parabola_vertex(f[k - 1 : k + 2], A[k - 1 : k + 2] ** -2.0)
     error = abs(other / frequency - 1.0)
     if 1 < k < f.size - 2:
@@ -150,11 +155,11 @@ def backbone_peaks(
             frequency, amplitude, off = _peak(response)
             curve = min(curves, key=lambda c: float(np.abs(c.frequency / frequency - 1.0).min()))
             reading = _read(curve, response.largest, amplitude)
-            estimated = None
+            known = None
             if model.estimates:
-                estimated = model.estimates[k].of("total", "peak_displacement")
+                known = model.estimates[k].of("total", "peak_displacement")
             where = model.name, response.level, curve.mode, frequency, amplitude, off
-            peaks.append(BackbonePeak(*where, estimated or 0.0, *reading))
+            peaks.append(BackbonePeak(*where, np.nan if known is None else known, *reading))
     return peaks
 
 
@@ -167,5 +172,6 @@ def _read(curve: Backbone, point: int, amplitude: float) -> tuple[float, float, 
     frequency = np.r_[curve.stuck_frequency, f]
     errors = np.r_[0.0, backbone_errors(curve)]
     here, error = (float(np.interp(amplitude, rising, y)) for y in (frequency, errors))
-    near = np.interp(amplitude * np.array([0.99, 1.01]), rising, frequency)
-    return here, error, float((near[1] - near[0]) / 0.02 / here)
+    two = np.minimum(amplitude * np.array([0.99, 1.01]), rising[-1])
+    near = np.interp(two, rising, frequency)
+    return here, error, float((near[1] - near[0]) / np.log(two[1] / two[0]) / here)

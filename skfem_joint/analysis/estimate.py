@@ -306,8 +306,8 @@ def of_reduced(
     if run is None or not plan.save.points:
         run = verify(reduced, plan)
     if plan.cycle_steps is not None:
-        plan = plan.first(_settles(run))
-        if plan.n_steps < run.counters.steps:
+        whole, plan = plan, plan.first(_settles(run))
+        if plan.n_steps < whole.n_steps:
             run = verify(reduced, plan)
     base = results(run)
     if reference is None and not points.condensed:
@@ -500,13 +500,13 @@ class _Points:
         return known[j]
 
     def everywhere(self, V: FloatArray, beta: float) -> System:
-        """Reduced model on V with all points."""
+        """Model on V with all points, under the law of the full one but no steeper than asked."""
         return replace(self.projection(V), beta=np.minimum(self.system.beta, beta))
 
     def model(self, V: FloatArray, beta: float) -> System:
         """Reduced model on V with the points of verification runs."""
         if self.condensed:
-            return slips_first(self.projection(V))
+            return slips_first(self.everywhere(V, beta))
         small = self.everywhere(V, beta)
         if self.all_are_kept:
             return small
@@ -639,7 +639,7 @@ def _left(changes: list[Parts]) -> Parts:
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
             most = SETTINGS.most if last > SETTINGS.enough else SETTINGS.slowest
-            ratio = min(last / before, most) if before > 0.0 else 0.0
+            ratio = min(last / before, most) if before > 0.0 else most
         errors[name] = None if last is None else _series(last, ratio)
     return errors
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy import sparse
@@ -11,11 +13,15 @@ from scipy import sparse
 from skfem_joint.analysis import range_estimate, step_estimate
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
-from skfem_joint.errors import InputError
+from skfem_joint.analysis.history import QUANTITIES
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis, Origin
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
+
+_log = logging.getLogger(__name__)
 
 
 def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estimate:
@@ -70,23 +76,31 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
                 "condense return it"
             )
         errors = step_estimate.of_full(system, run, plan, progress)
-        return _with_coulomb(errors, against_coulomb(system, run, plan, progress=progress))
+        return _with_coulomb(errors, partial(against_coulomb, system, run, plan, progress=progress))
     _check_origin(system, origin)
     errors = of_reduced(origin.system, origin.basis, system, plan, run, progress)
     V = None if errors.missing is None else errors.missing.V
-    return _with_coulomb(
-        errors, against_coulomb(origin.system, run, plan, origin.basis, V, progress)
-    )
+    apart = partial(against_coulomb, origin.system, run, plan, origin.basis, V, progress)
+    return _with_coulomb(errors, apart)
 
 
-def _with_coulomb(errors: Estimate, apart: Parts | None) -> Estimate:
-    """Copy with the distance from Coulomb's law, if that is not the law itself."""
+def _with_coulomb(errors: Estimate, compared: Callable[[], Parts | None]) -> Estimate:
+    """Copy with the distance from Coulomb's law, if that is not the law itself.
+
+    It is not known, which is logged, where a run under that law does not converge.
+    """
+    try:
+        apart = compared()
+    except ConvergenceError as error:
+        _log.warning("The distance from Coulomb's law is not known: %s", error)
+        apart = dict.fromkeys(QUANTITIES)
     return errors if apart is None else replace(errors, parts={**errors.parts, "coulomb": apart})
 
 
 def _check_origin(system: System, origin: Origin) -> None:
-    """Refuse a model whose loads or friction limits were changed after it was made."""
+    """Refuse a model whose matrices, loads or limits were changed after it was made."""
     full, V = origin.system, origin.basis.V
+    probe = np.cos(np.arange(V.shape[1]))
     same = (
         V.shape[1] == system.n
         and len(full.loads) == len(system.loads)
@@ -95,12 +109,23 @@ def _check_origin(system: System, origin: Origin) -> None:
             a.amplitude == b.amplitude and np.allclose(V.T @ a.vector, b.vector)
             for a, b in zip(full.loads, system.loads, strict=True)
         )
+        and all(
+            _alike(V.T @ (whole @ (V @ probe)), own @ probe)
+            for whole, own in ((full.M, system.M), (full.C, system.C), (full.K, system.K))
+            if whole is not None and own is not None
+        )
     )
     if not same:
         raise InputError(
-            "estimate: the loads or the friction limits of this model are not those of the full "
-            "system that it was made from; change them there, and reduce or condense it again"
+            "estimate: the matrices, the loads or the friction limits of this model are not those "
+            "of the full system that it was made from; change them there, and reduce or condense "
+            "it again"
         )
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two vectors differ by round-off of a projection."""
+    return bool(np.linalg.norm(a - b) <= 1e-6 * np.linalg.norm(a))
 
 
 def of_run(

@@ -42,15 +42,23 @@ def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:
     lines = []
     for p in peaks:
         where = f"Peak of the {p.model} model at level {p.level:g}"
+        if p.at_end:
+            lines.append(
+                f"{where}: none between its frequencies, the amplitude is largest at "
+                f"{p.frequency:.6g} Hz, an end of them; widen response.frequencies."
+            )
+            continue
         if np.isnan(p.backbone_frequency):
             lines.append(f"{where}: beyond the backbone of mode {p.mode}; raise backbone.up_to.")
             continue
+        unknown = np.isnan(p.amplitude_error)
         within = "within" if abs(p.apart) <= p.error else "more than"
         lines.append(
             f"{where}: {100.0 * p.apart:+.2g} % off the backbone of mode {p.mode} in frequency, "
-            f"{within} the {100.0 * p.error:.2g} % that both state."
+            f"{within} the {100.0 * p.error:.2g} % that both state"
+            + (" without the amplitude's error, which is not known." if unknown else ".")
         )
-    if any(abs(p.apart) > p.error for p in peaks):
+    if any(abs(p.apart) > p.error for p in peaks if not p.at_end):
         lines.append(
             "Where a peak is off by more, the vibration is not that of one mode: higher "
             "frequencies near odd multiples take part, or another mode is near."
@@ -83,12 +91,12 @@ def peaks_figure(
         f, error = (np.interp(y, np.r_[0.0, moved], values) for values in (f, error))
         panel.plot(f, y, color="#444444", label=f"backbone of mode {mode.mode}")
         panel.fill_betweenx(y, f * (1.0 - error), f * (1.0 + error), color="#999999", alpha=0.4)
-    for p in peaks:
+    for p in (p for p in peaks if not p.at_end):
         panel.errorbar(
             p.frequency,
             p.amplitude / scale,
             xerr=p.frequency * p.frequency_error,
-            yerr=p.amplitude * p.amplitude_error / scale,
+            yerr=p.amplitude * np.nan_to_num(p.amplitude_error) / scale,
             fmt=_MARKS[p.model],
             color="#c2185b",
             capsize=3,
@@ -105,5 +113,5 @@ def peaks_figure(
 
 
 def _first(peaks: Sequence[BackbonePeak], model: str) -> BackbonePeak:
-    """First of the peaks of a model."""
-    return next(p for p in peaks if p.model == model)
+    """First of the peaks of a model that are drawn."""
+    return next(p for p in peaks if p.model == model and not p.at_end)

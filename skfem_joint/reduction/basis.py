@@ -312,8 +312,8 @@ def reduced_system(
     friction_points : "auto", "all" or int
         Most friction points; with the paper's modes along lines, of each active zone.
     beta : "auto" or float
-        Steepness of the law of friction, s/m. "auto" is that of the system, but no steeper than the
-        modes resolve velocities.
+        Largest steepness of the laws of friction, s/m; a joint whose own law is less steep keeps
+        it. "auto" is what the modes resolve of velocities.
     periodic : bool
         Whether the run to come repeats itself; the law of a free decay is steeper.
 
@@ -337,7 +337,7 @@ def reduced_system(
     if friction_points != "all":
         reduced = basis.fewer_points(reduced, count)
     if not isinstance(beta, str):
-        return replace(reduced, beta=np.full_like(reduced.beta, beta))
+        return replace(reduced, beta=np.minimum(reduced.beta, beta))
     velocity = basis.history.slip_velocity or SETTINGS.stuck_velocity
     share = basis.history.resolved if periodic else basis.history.resolved / SETTINGS.decaying
     steepest = 1.0 / (share * velocity)

@@ -93,6 +93,7 @@ def test_coulombs_own_results_are_compared_with_nothing(monkeypatch):
         study = run_scene(scene)
         counts.append(len(taken) - before)
         notes.append(any("creeps" in warning for warning in study.warnings))
-    assert counts[0] == counts[1] == counts[2] + 1
+    assert counts[0] == counts[1]
+    assert 1 <= counts[0] - counts[2] <= 2  # twice where the first cycles are not alike
     assert notes == [False] * 3
     assert "coulomb" not in study.models["full"].estimate.parts

@@ -75,3 +75,22 @@ def test_peaks_lie_on_the_backbone_unless_friction_excites_higher_modes(tip, low
 
 def test_a_scene_without_the_table_has_no_backbone():
     assert given_backbones(bar_scene("full")) == []
+
+
+def test_an_end_of_the_frequencies_is_no_peak(tmp_path):
+    scene = bar(True, 900.0, 1000.0)
+    curves, response = given_backbones(scene), scene_response(scene)
+    (peak,) = backbone_peaks(response.models, curves)
+    assert peak.at_end
+    lines = response_lines(response, curves)
+    assert "widen response.frequencies" in lines[1]
+    assert len(lines) == 2
+    write_response(tmp_path, response, curves)
+    assert (tmp_path / "backbone_response.png").stat().st_size > 10_000
+
+
+def test_the_error_of_an_amplitude_that_was_not_estimated_is_not_known():
+    scene = bar(True, 1100.0, 1150.0)
+    (peak,) = backbone_peaks(scene_response(scene).models, given_backbones(scene))
+    assert np.isnan(peak.amplitude_error)
+    assert 0.0 < peak.error < 5e-3

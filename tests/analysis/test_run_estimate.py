@@ -1,0 +1,81 @@
+"""Errors of a run as `estimate` takes it: models changed by hand, joints of different laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import skfem_joint as sj
+from skfem_joint.analysis.against_coulomb import SETTINGS, against_coulomb
+
+STEPS = {"cycles": 5, "steps_per_cycle": 80}
+
+
+def bar(*betas: float) -> sj.System:
+    """Bar pressed on a base in one joint or two, of one law each."""
+    segments = [("joint", 0.2, 10), ("arm", 0.2, 10), ("second", 0.1, 5), ("tip", 0.2, 10)]
+    joints = [
+        sj.Joint(name, pressure=pressure, friction=0.6, beta=beta)
+        for name, pressure, beta in zip(("joint", "second"), (8e6, 4e6), betas, strict=False)
+    ]
+    structure = sj.Structure(
+        sj.build_bar(segments, {"fixed": 0.0, "free_end": 0.7}),
+        sj.Material(E=200e9, density=8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=joints,
+        stiffness_damping=1e-5,
+    )
+    return structure.system([sj.Load("free_end", sj.Harmonic(20e3, 300.0))])
+
+
+def test_a_condensed_model_states_the_error_of_a_softer_law():
+    system = bar(np.inf)
+    softer = sj.integrate(sj.condense(system).with_beta(1e3), **STEPS)
+    true = sj.compare(sj.integrate(system, **STEPS), softer).friction_energy_per_cycle
+    errors = sj.estimate(softer)
+    assert true > 0.3
+    for source in ("law", "total"):
+        assert 0.5 < errors.of(source, "friction_energy") / true < 3.0
+
+
+@pytest.mark.parametrize("make", [lambda system: system, sj.condense, sj.reduce])
+def test_joints_of_different_laws_are_compared_with_coulombs(make):
+    system = bar(1e2, np.inf)
+    errors = sj.estimate(sj.integrate(make(system), **STEPS))
+    true = sj.compare(
+        sj.integrate(system.with_beta(np.inf), **STEPS), sj.integrate(system, **STEPS)
+    ).friction_energy_per_cycle
+    assert errors.of("coulomb", "friction_energy") == pytest.approx(true, rel=0.2)
+
+
+def test_a_reduced_model_makes_no_law_steeper():
+    system = bar(10.0, np.inf)
+    reduced = sj.reduce(system, friction_points="all", beta=1e4)
+    assert set(reduced.beta) == {10.0, 1e4}
+
+
+def test_laws_are_compared_until_the_cycles_of_both_are_alike():
+    """A lightly damped bar builds up for longer under Coulomb's law than under the own one."""
+    made = bar(1e2)
+    lightly = replace(made, C=1e-2 * made.C)
+    frequency = sj.natural_modes(lightly, 1).frequencies[0]
+    load = replace(lightly.loads[0], amplitude=sj.Harmonic(3e3, frequency))
+    system = replace(lightly, loads=(load,))
+    laws = (system, system.with_beta(np.inf))
+    run, coulomb = (sj.integrate(law, cycles=40, steps_per_cycle=60) for law in laws)
+    true = run.cycles.friction[-1] / coulomb.cycles.friction[-1] - 1.0
+    stated = against_coulomb(system, run, run.plan)["friction_energy"]
+    assert true > 1.0
+    assert stated == pytest.approx(true, rel=SETTINGS.settled)
+
+
+@pytest.mark.parametrize("changed", ["C", "K"])
+@pytest.mark.parametrize("make", [sj.condense, sj.reduce])
+def test_a_model_whose_matrices_were_changed_is_refused(make, changed):
+    small = make(bar(1e3))
+    other = replace(small, **{changed: 1.5 * getattr(small, changed)})
+    run = sj.integrate(other, **STEPS)
+    with pytest.raises(sj.InputError, match="matrices"):
+        sj.estimate(run)
