@@ -306,8 +306,8 @@ def of_reduced(
     if run is None or not plan.save.points:
         run = verify(reduced, plan)
     if plan.cycle_steps is not None:
-        whole, plan = plan, plan.first(_settles(run))
-        if plan.n_steps < whole.n_steps:
+        steps, plan = plan.n_steps, plan.first(_settles(run))
+        if plan.n_steps < steps:
             run = verify(reduced, plan)
     base = results(run)
     if reference is None and not points.condensed:
