@@ -24,7 +24,7 @@ from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of,
 from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.progress import Progress, silent
+from skfem_joint.progress import Progress, announced, silent
 from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
@@ -148,7 +148,11 @@ def scene_response(
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
     fine = np.union1d(frequencies, np.linspace(between.from_, between.to, 400))
-    stuck, loose = (linear_response(system, fine, held) for held in (True, False))
+    limits = []
+    for held, limit in ((True, "stuck"), (False, "loose")):
+        with announced(progress, f"linear response, {limit}"):
+            limits.append(linear_response(system, fine, held))
+    stuck, loose = limits
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
         of_a_curve += 1 + frequencies.size
@@ -157,7 +161,8 @@ def scene_response(
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
-        model = _prepared(name, scene, table, resonance)
+        with announced(progress, f"making the {name} model"):
+            model = _prepared(name, scene, table, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = _curves(model, scene, table, frequencies, executor, progress, rows)
