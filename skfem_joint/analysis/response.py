@@ -32,6 +32,7 @@ from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loade
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
@@ -220,7 +221,7 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
     A period, or half of one with a change of sign, must not end with the sign that it began with:
     else Newton's method has no unique step.
     """
-    if _turns_over(system):
+    if odd_loads(system):
         return 4 * -(-steps_per_cycle // 4)
     return steps_per_cycle + 1 - steps_per_cycle % 2
 
@@ -228,14 +229,6 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
 def half_steps(system: System, steps_per_cycle: int) -> int:
     """Number of steps of half the length, or slightly less, that suits the search."""
     return suited_steps(system, 2 * steps_per_cycle)
-
-
-def _turns_over(system: System) -> bool:
-    """Whether the loads change their sign every half period."""
-    amplitudes = [load.amplitude for load in system.loads]
-    half = 0.5 * (common_period(amplitudes) or 0.0)
-    parts = [part.frequency * half for amplitude in amplitudes for part in amplitude.harmonics]
-    return all(round(2.0 * turns) % 2 == 1 for turns in parts)
 
 
 def response(

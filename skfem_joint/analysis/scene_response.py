@@ -31,6 +31,7 @@ from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
@@ -330,5 +331,10 @@ def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> d
     full = at_frequency(scene.system(), frequency, curve.level)
     loaded = at_frequency(model.system, frequency, curve.level / model.level)
     plan = steady_plan(full, suited_steps(full, scene.time.steps_per_cycle))
-    run = integrate_plan(loaded, plan, progress=report)
+    near = min(
+        (p for p in curve.points if p.state is not None), key=lambda p: abs(p.frequency - frequency)
+    )
+    run = integrate_plan(
+        loaded, plan, initial=near.state if odd_loads(full) else None, progress=report
+    )
     return dict(run_estimate.of_run(full, model.basis, run, plan, progress=report).parts)
