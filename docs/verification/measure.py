@@ -236,7 +236,7 @@ CLAIMS = {
         timed=True,
     ),
     "steady": Claim(
-        f"{BENCHMARKS}/steady.py backbones responses published",
+        f"{BENCHMARKS}/steady.py backbones responses light published",
         600,
         {"steady": printed},
         timed=True,
