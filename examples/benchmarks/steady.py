@@ -130,9 +130,9 @@ def responses(quick):
             state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
-    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms of processor a "
-          f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
-          f"same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
+    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms "
+          f"of processor a frequency, {used} periods in all; each from rest {mixed}, by plain "
+          f"iteration to the same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
     for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
