@@ -245,9 +245,6 @@ CLAIMS = {
         f"{BENCHMARKS}/steady.py sundials balances", 600, {"steady-others": printed}, timed=True
     ),
     "response": Claim(f"{BENCHMARKS}/response.py reduced", 100, {"response": printed}, timed=True),
-    "response-condensed": Claim(
-        f"{BENCHMARKS}/response.py condensed", 900, {"response-condensed": printed}, timed=True
-    ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
 }
