@@ -5,11 +5,11 @@ better in one respect. No step of the full model is taken. (On short bars a run 
 would be cheaper, but verification runs take tenths of a second, and show which source errs.)
 
 Where contact is small, the best of them is a condensed model with the full model's points and law
-(:mod:`skfem_joint.analysis.condensed_reference`), run with the step itself, with half of it and,
-where that changes results by more than a percent, with a quarter of it. The total is the distance
-from its finest run and what that leaves. All contact points instead of the reduced model's, and
-then a steeper law, on the same basis, tell points and law from the basis. On plates with several
-bolts under Coulomb's law errors fall so slowly with modes that nothing else was reliable.
+(:mod:`skfem_joint.analysis.condensed_reference`), run with the step itself, with half and with a
+quarter of it. The total is the distance from its finest run and what that leaves. All contact
+points instead of the reduced model's, and then a steeper law, on the same basis, tell points and
+law from the basis. On plates with several bolts under Coulomb's law errors fall so slowly with
+modes that nothing else was reliable.
 
 Where contact is larger, a condensed model would be too slow:
 
@@ -17,8 +17,9 @@ basis
     The residual of its run in the full equation shows which modes the basis misses
     (:mod:`skfem_joint.reduction.missing_modes`). The model is run again with the first of these
     modes and with the next proper modes of its own snapshots. If that changes the results, it is
-    run once more with the modes that this run misses, and again with more of them where changes do
-    not fall. The ratio of the last change to the one before is extrapolated to what is missing.
+    run once more with the modes that this run misses, and again with twice as many of them where
+    changes do not fall. The ratio of the last change to the one before is extrapolated to what is
+    missing.
 law
     A law of friction ten times as steep, but no steeper than the full model's, with the first of
     the missing modes; further verification runs of the basis keep it.
@@ -112,9 +113,14 @@ class EstimateSettings:
     enough : float
         Relative change by added modes below which no more are added.
     slowest : float
-        Largest ratio of the second change to the first that the rest is extrapolated with.
-    least : float
-        Least ratio of the change by a quarter of the step to that by half of it: second order.
+        Ratio of a change by added modes to the one before above which more are added. The rest is
+        extrapolated with it where the ratio is not known, or where the change is less than
+        ``enough``.
+    most : float
+        Largest ratio that the rest is extrapolated with.
+    step_least, step_most : float
+        Bounds of the ratio of the change by a quarter of the step to that by half of it: second
+        and first order.
     steeper : float
         Steepness of the law in its verification run over that of the model.
     chance, at_least : float
@@ -139,7 +145,9 @@ class EstimateSettings:
     most_runs: int = 4
     enough: float = 1e-3
     slowest: float = 0.4
-    least: float = 0.25
+    most: float = 0.75
+    step_least: float = 0.25
+    step_most: float = 0.5
     steeper: float = 10.0
     chance: float = 0.7
     at_least: float = 0.1
@@ -379,12 +387,38 @@ def of_reduced(
 def _of_steps(run: Results, finer: Callable[[int], Run]) -> tuple[Results, Parts]:
     """Results with a quarter of the step of a run, and what that leaves of the step's error.
 
-    ``finer`` runs the same model with so many times as many steps. As with full models,
-    :mod:`skfem_joint.analysis.step_estimate`: changes go on as a geometric series.
+    ``finer`` runs the same model with so many times as many steps.
     """
     half, quarter = results(finer(2)), results(finer(4))
-    changes = [difference(half, run), difference(quarter, half)]
-    return quarter, _left(changes, SETTINGS.least)
+    return quarter, left_of_steps(difference(half, run), difference(quarter, half))
+
+
+def left_of_steps(before: Parts | None, last: Parts) -> Parts:
+    """What halving a step leaves of its error, when changes go on as a geometric series.
+
+    Parameters
+    ----------
+    before, last : dict
+        Changes by half of the step, and by a quarter in place of half of it. Without the first of
+        them the step is taken to be of second order.
+    """
+    least, most = SETTINGS.step_least, SETTINGS.step_most
+
+    def ratio(name: str, change: float) -> float:
+        if before is None:
+            return least
+        first = before[name]
+        return min(max(change / first, least), most) if first else most
+
+    return {
+        name: None if change is None else _series(change, ratio(name, change))
+        for name, change in last.items()
+    }
+
+
+def _series(last: float, ratio: float) -> float:
+    """Sum of what follows the last term of a geometric series."""
+    return last * ratio / (1.0 - ratio)
 
 
 def _by_reference(
@@ -636,16 +670,16 @@ def _rest(left: Parts) -> float:
     return left["friction_energy"] or 0.0
 
 
-def _left(changes: list[Parts], least: float = 0.0) -> Parts:
-    """What is left after changes that go on as a geometric series of a ratio of at ``least`` so."""
+def _left(changes: list[Parts]) -> Parts:
+    """What is left after changes by added modes that go on as a geometric series."""
     errors: Parts = {}
     for name in QUANTITIES:
         last, ratio = changes[-1][name], SETTINGS.slowest
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
-            ratio = min(last / before, SETTINGS.slowest) if before > 0.0 else 0.0
-            ratio = max(ratio, least)
-        errors[name] = None if last is None else last * ratio / (1.0 - ratio)
+            most = SETTINGS.most if last > SETTINGS.enough else SETTINGS.slowest
+            ratio = min(last / before, most) if before > 0.0 else 0.0
+        errors[name] = None if last is None else _series(last, ratio)
     return errors
 
 
