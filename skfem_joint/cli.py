@@ -27,7 +27,7 @@ from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.files import needed, read_text
 from skfem_joint.processes import SAFE_PATH
-from skfem_joint.progress import Progress, progress_bar
+from skfem_joint.progress import Progress, announced, progress_bar
 from skfem_joint.terminal import plain_streams, unfiltered
 
 if TYPE_CHECKING:
@@ -395,7 +395,8 @@ def _response(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    response_table(scene)  # before earlier results are removed
+    with _progress(options) as progress, announced(progress, "making the structure"):
+        response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.

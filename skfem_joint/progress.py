@@ -54,6 +54,14 @@ class Tally:
 
 
 @contextmanager
+def announced(report: Progress, label: str) -> Iterator[None]:
+    """Report the begin and the end of work that cannot be counted."""
+    report(label, 0, 0)
+    yield
+    report(label, 1, 1)
+
+
+@contextmanager
 def progress_bar(quiet: bool = False, lines: bool = False) -> Iterator[Progress]:
     """Progress on the error stream: a bar on a terminal, else lines now and then.
 
@@ -82,7 +90,8 @@ def shown_by(bar: Bar, write: Callable[[str], None] | None = None) -> Progress:
     """Progress that updates a bar and, if there is ``write``, writes lines of it.
 
     A line comes at least ten seconds after the one before, and at least a tenth of the time that
-    has passed since the start.
+    has passed since the start. Work that cannot be counted, of which nothing else is heard before
+    it ends, has its line as it begins.
     """
     from rich.markup import escape
 
@@ -100,10 +109,12 @@ def shown_by(bar: Bar, write: Callable[[str], None] | None = None) -> Progress:
         description = escape(printable(shown))  # without markup or control characters
         bar.update(task.id, completed=done, total=total or None, description=description)
         now = bar.get_time()
-        if write is not None and now - last >= max(10.0, 0.1 * (now - begin)):
+        begins = total == 0 and not note
+        if write is not None and (begins or now - last >= max(10.0, 0.1 * (now - begin))):
             last, left = now, task.time_remaining
             rest = "" if not left else f", about {timedelta(seconds=round(left))} left"
             counted = f"{done} of {total}" if total else ""
-            write(f"{label}: {', '.join(filter(None, (counted, note)))}{rest}")
+            said = ", ".join(filter(None, (counted, note)))
+            write((f"{label}: {said}" if said else label) + rest)
 
     return progress

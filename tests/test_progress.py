@@ -27,7 +27,7 @@ from skfem_joint.analysis.backbone import backbone, levels_of_a_curve
 from skfem_joint.analysis.gross_slip import SETTINGS as GROSS_SLIP
 from skfem_joint.analysis.response import response
 from skfem_joint.loads import Harmonic
-from skfem_joint.progress import bar_on, shown_by
+from skfem_joint.progress import announced, bar_on, shown_by
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.steady import SETTINGS as STEADY
 
@@ -46,12 +46,19 @@ def test_a_response_reports_every_vibration_that_it_searches_for(estimated):
     curves, reports = reported_by(
         lambda report: response(BAR, frequencies, levels, estimated=estimated, progress=report)
     )
-    searched = sum(len(curve.points) for curve in curves) * (2 if estimated else 1)
-    counts = [report for report in reports if len(report) == 2]
-    assert [done for done, _ in counts] == list(range(1, searched + 1))
-    assert counts[-1] == (searched, searched)
+    each = 2 if estimated else 1
+    frequency_counts = [len(curve.points) for curve in curves]
+    searched = each * sum(frequency_counts)
+    done, total = np.array([report for report in reports if len(report) == 2]).T
+    np.testing.assert_array_equal(done, np.arange(1, searched + 1))
+    assert total[-1] == searched
     assert all("periods" in report[2] for report in reports if len(report) > 2)
-    assert counts[0][1] == 10 * (2 if estimated else 1)  # those asked for, before any is added
+    # At first those asked for, and the added ones that are likely.
+    assert total[0] == each * 2 * (5 + 5 // 3)
+    # After a curve the other one is taken to be like it, until it proves to have more.
+    after = done > each * frequency_counts[0]
+    assert total[after][0] == each * 2 * frequency_counts[0]
+    assert np.all(np.diff(total[after]) >= 0)
 
 
 def test_a_backbone_reports_every_level_and_part_of_a_loop():
@@ -140,6 +147,15 @@ def test_a_line_holds_the_note_of_what_cannot_be_counted():
         clock.progress("full model", done, total, "3.5 periods")
     lines = ["full model: 3.5 periods", "full model: 3 of 40, 3.5 periods"]
     assert [line for _, line in clock.said] == lines
+
+
+def test_work_that_cannot_be_counted_is_said_as_it_begins():
+    clock = Clock()
+    clock.now += 0.5
+    for label in ("making the structure", "linear response"):
+        with announced(clock.progress, label):
+            clock.now += 3.0
+    assert clock.said == [(1000.5, "making the structure"), (1003.5, "linear response")]
 
 
 def test_a_bar_shows_names_as_they_are():

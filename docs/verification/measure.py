@@ -236,7 +236,7 @@ CLAIMS = {
         timed=True,
     ),
     "steady": Claim(
-        f"{BENCHMARKS}/steady.py backbones responses published",
+        f"{BENCHMARKS}/steady.py backbones responses light published",
         600,
         {"steady": printed},
         timed=True,
@@ -244,6 +244,7 @@ CLAIMS = {
     "steady-others": Claim(
         f"{BENCHMARKS}/steady.py sundials balances", 600, {"steady-others": printed}, timed=True
     ),
+    "response": Claim(f"{BENCHMARKS}/response.py reduced", 100, {"response": printed}, timed=True),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
 }

@@ -2,14 +2,16 @@
 
     python examples/benchmarks/steady.py [PART ...] [--quick]
 
-Parts are backbones, responses, published, sundials and balances, all if none is named.
+Parts are backbones, responses, light, published, sundials and balances, all if none is named.
 
 Damping curves of 20 levels of a bar with 100 contact points and a plate with 3,979; a response of
 that bar at 3, 10 and 30 % of its friction limit through its resonance, with 200 steps a period,
 beside plain iteration of its periods and plain marching; its steady states beside the arctan law
 marched by SUNDIALS, and beside a harmonic balance (extra ``bench``); and the cantilever with a
 Coulomb element of the second example of NLstep (M. Krack and J. Gross, University of Stuttgart; see
-doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Times are of one thread.
+doi:10.1016/j.compstruc.2021.106698), on matrices of one's own. Light damping of bars and condensed
+bolted plates stands beside exact linear vibration, and an oscillator beside Den Hartog's. Times are
+of one thread, those of a frequency its processor's.
 """
 
 import os
@@ -38,6 +40,7 @@ from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
 from skfem_joint.analysis import response
+from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.stepping import shooting, steady
 
 RESONANCE, STEPS = 2500.0, 200  # Hz, per period
@@ -121,15 +124,15 @@ def responses(quick):
     for level in (0.03, 0.1, 0.3):
         state = None
         for frequency in frequencies.tolist():
-            begin = time.perf_counter()
+            begin = time.process_time()
             point = response.steady_point(system, frequency, level, STEPS, state)
-            times.append(time.perf_counter() - begin)
+            times.append(time.process_time() - begin)
             state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
     mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
-    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms a "
-          f"frequency, {used} periods in all; each from rest {mixed}, by plain iteration to the "
-          f"same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
+    print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms "
+          f"of processor a frequency, {used} periods in all; each from rest {mixed}, by plain "
+          f"iteration to the same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip
     for share, frequency, _ in CASES:
         case = bar(frequency, share)
         run = sj.integrate(case, until="steady", steps_per_cycle=STEPS)
@@ -140,6 +143,93 @@ def responses(quick):
             f"- {100 * share:g} % at {frequency:g} Hz: marched {marched.counters.steps // STEPS} "
             f"periods, amplitude {100 * apart:+.2g} %, friction energy {100 * energy:+.2g} %."
         )
+
+
+def lightly_damped(system, ratio):
+    """System with Coulomb friction and stiffness damping; its first stuck frequency, Hz."""
+    first = float(sj.natural_modes(system, 1, joints="stuck").frequencies[0])
+    damping = 2.0 * ratio / (2.0 * np.pi * first)
+    return replace(system, C=damping * system.K).with_beta(np.inf), first
+
+
+def light(quick):
+    """Print amplitudes of lightly damped structures beside the exact ones where all sticks.
+
+    Two condensed plates under bolts and two bars, at the first resonance and beside it, 100 steps a
+    period. Loads are small enough for all points to stick. Then the same with loads under which
+    points slip, beside 400 steps a period.
+    """
+    bars = {f"bar, {n} elements": bar(elements=n) for n in ((20,) if quick else (20, 100))}
+    sizes = ((24, 12, 0.25),) if quick else ((24, 12, 0.25), (63, 31, 0.25))
+    plates = {f"bolted plate, {x} by {y}": sj.condense(system_of(x, y, width, True))
+              for x, y, width in sizes}  # fmt: skip
+    rows = []
+    print()
+    head("structure", "damping ratio", "frequency over the first", "stuck: apart", "periods", "s")
+    for name, given in (bars | plates).items():
+        for ratio in (1e-4, 1e-5):
+            system, first = lightly_damped(given, ratio)
+            force = abs(system.loads[0].amplitude.peak_value)
+            limit = float(system.w.sum()) / force
+            for near in (1.0, 1.0 + ratio):
+                level, begin = 1e-3 * 2.0 * ratio * limit, time.perf_counter()
+                point = response.steady_point(system, near * first, level, 100)
+                spent = time.perf_counter() - begin
+                exact = linear_response(system, np.array([near * first]), True)[0]
+                at = exact.argmax()
+                apart = 100.0 * (point.amplitude[at] / (level * exact[at]) - 1.0)
+                shown = point.failure or f"{apart:+.2g} %"
+                row(
+                    name,
+                    f"{ratio:g}",
+                    f"1 + {near - 1.0:.0e}",
+                    shown,
+                    point.periods,
+                    f"{spent:.2g}",
+                )
+            rows.append((name, ratio, system, 0.99 * first, 0.02 * limit))
+    print()
+    head("slipping", "damping ratio", "share of limits that slips", "from 400 steps", "stated")
+    for name, ratio, system, frequency, level in rows:
+        point, finer, finest = (
+            response.steady_point(system, frequency, level, steps) for steps in (100, 200, 400)
+        )
+        failure = point.failure or finer.failure or finest.failure
+        at = int(np.argmax(point.amplitude))
+        own, half, quarter = (p.amplitude[at] for p in (point, finer, finest))
+        shown = failure or f"{100 * (own / quarter - 1):+.2g} %"
+        row(
+            name,
+            f"{ratio:g}",
+            f"{point.share:.2g}",
+            shown,
+            f"{400 / 3 * abs(own / half - 1):.2g} %",
+        )
+    hartog()
+
+
+def hartog():
+    """Print amplitudes of an oscillator with Coulomb friction beside J. P. Den Hartog's.
+
+    Trans. ASME 53, 1931, APM-53-9: no damping but friction, and motion without stops.
+    """
+    print()
+    steps = STEPS, 4 * STEPS
+    off = (f"off Den Hartog's, {n} steps" for n in steps)
+    head("oscillator: frequency over its own", "friction over load", *off)
+    for turns, friction in ((0.8, 0.2), (0.95, 0.5), (1.2, 0.4), (1.05, 0.7)):
+        system = sj.System.from_matrices(
+            np.eye(1),
+            (2.0 * np.pi) ** 2 * np.eye(1),
+            contact=sj.point_friction(np.ones(1), friction, beta=np.inf),
+            loads={"mass": (np.ones(1), sj.Harmonic(1.0, 1.0))},
+        )
+        V, at = 1.0 / (1.0 - turns**2), np.pi / turns
+        U = np.sin(at) / (turns * (1.0 + np.cos(at)))
+        exact = np.sqrt(V**2 - (friction * U) ** 2) / (2.0 * np.pi) ** 2
+        points = [response.steady_point(system, turns, 1.0, n) for n in steps]
+        shown = (p.failure or f"{100 * (p.amplitude[0] / exact - 1):+.2g} %" for p in points)
+        row(turns, friction, *shown)
 
 
 def marched(system, start, cycles):
@@ -235,7 +325,7 @@ def published(quick):
 def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small structures and few frequencies")
-    everything = backbones, responses, published, sundials, balances
+    everything = backbones, responses, light, published, sundials, balances
     parts = {part.__name__: part for part in everything}
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(parts))
     options = parser.parse_args(arguments)

@@ -25,12 +25,13 @@ from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
 from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.progress import Progress, silent
+from skfem_joint.progress import Progress, announced, silent
 from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
@@ -149,16 +150,27 @@ def scene_response(
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
     fine = np.union1d(frequencies, np.linspace(between.from_, between.to, 400))
-    stuck, loose = (linear_response(system, fine, held) for held in (True, False))
+    limits = []
+    for held, limit in ((True, "stuck"), (False, "loose")):
+        with announced(progress, f"linear response, {limit}"):
+            limits.append(linear_response(system, fine, held))
+    stuck, loose = limits
     rows, of_a_curve = rows or Rows(), frequencies.size
     if scene.accuracy.estimate:
         of_a_curve += 1 + frequencies.size
     rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
+    if (
+        scene.accuracy.estimate
+        and "reduced" in scene.models.run
+        and served_scene(scene) is not None
+    ):
+        rows.total += len(table.levels) * frequencies.size  # of the larger model
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
-        model = _prepared(name, scene, table, resonance, rows)
+        with announced(progress, f"making the {name} model"):
+            model = _prepared(name, scene, table, resonance, rows)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = _curves(model, scene, table, frequencies, executor, progress, rows)
@@ -319,5 +331,10 @@ def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> d
     full = at_frequency(scene.system(), frequency, curve.level)
     loaded = at_frequency(model.system, frequency, curve.level / model.level)
     plan = steady_plan(full, suited_steps(full, scene.time.steps_per_cycle))
-    run = integrate_plan(loaded, plan, progress=report)
+    near = min(
+        (p for p in curve.points if p.state is not None), key=lambda p: abs(p.frequency - frequency)
+    )
+    run = integrate_plan(
+        loaded, plan, initial=near.state if odd_loads(full) else None, progress=report
+    )
     return dict(run_estimate.of_run(full, model.basis, run, plan, progress=report).parts)

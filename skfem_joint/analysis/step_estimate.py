@@ -24,18 +24,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from skfem_joint.analysis.estimate import (
     Estimate,
     Parts,
+    Verification,
     added,
     at_least,
     by_cycle,
     left_of_steps,
-    verification_run,
 )
 from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
 from skfem_joint.arrays import FloatArray
@@ -119,10 +118,10 @@ def of_full(
     KeyboardInterrupt
         If one is interrupted.
     """
-    verify = partial(verification_run, progress=progress)
+    verify = Verification(progress, run)
     if _is_small(system, plan):
         return by_finer_steps(run, *(verify(system, plan.finer(k)) for k in (2, 4)))
-    errors = _of_reduced(system, run, plan, verify)
+    errors = _of_reduced(system, run, plan, Verification(progress))
     return errors or by_finer_steps(run, verify(system, plan.finer(2)))
 
 

@@ -28,7 +28,7 @@ from typing import Any
 
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.basis import SETTINGS, Origin, reduced_system
+from skfem_joint.reduction.basis import SETTINGS, Basis, Origin, reduced_system
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.ranges.model import reduced_for_range
@@ -107,29 +107,36 @@ def reduce(
                 "found for the whole range; leave them out"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
-    modes = SETTINGS.joint_modes if isinstance(modes, str) else modes
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("friction_points", friction_points, COUNT, "auto", "all")
     check("beta", beta, BETA, "auto")
     check_some(POSITIVE, duration=duration)
-    if run is not None:
-        count = 0 if isinstance(interface_modes, str) else interface_modes
-        basis = own_basis(system, run, modes, interface_modes=count)
+    count = SETTINGS.joint_modes if isinstance(modes, str) else modes
+    if run is None:
+        basis = _of_static_path(system, count, interface_modes, duration)
     else:
-        period = common_period(load.amplitude for load in system.loads)
-        whole = duration if period is None else SHORT_RUNS.training_cycles * period
-        if whole is None:
-            raise InputError(
-                "reduce: the loads have no common period that is known; give the duration (s) of "
-                "the run to come"
-            )
-        step = whole / 2000 if period is None else period / 200  # enough to tell inertia
-        step = min(step, longest_step(system, whole))
-        path = slip_path(system, Plan(step, round(whole / step)), modes)
-        basis = static_basis(system, path, modes, interface_modes)
+        beside = 0 if isinstance(interface_modes, str) else interface_modes
+        basis = own_basis(system, run, count, interface_modes=beside)
     small = reduced_system(system, basis, friction_points=friction_points, beta=beta)
     origin = Origin(system, replace(basis, stiffness=None))  # whose factors are large
     return replace(small, made_for=_loading(system), origin=origin)
+
+
+def _of_static_path(
+    system: System, modes: int, interface_modes: str | int, duration: float | None
+) -> Basis:
+    """Basis of a system's static slip path; InputError for loads whose run has no known length."""
+    period = common_period(load.amplitude for load in system.loads)
+    whole = duration if period is None else SHORT_RUNS.training_cycles * period
+    if whole is None:
+        raise InputError(
+            "reduce: the loads have no common period that is known; give the duration (s) of "
+            "the run to come"
+        )
+    step = whole / 2000 if period is None else period / 200  # enough to tell inertia
+    step = min(step, longest_step(system, whole))
+    path = slip_path(system, Plan(step, round(whole / step)), modes)
+    return static_basis(system, path, modes, interface_modes)
 
 
 def _loading(system: System) -> str:

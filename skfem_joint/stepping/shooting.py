@@ -63,7 +63,10 @@ NEWTON = ShootingSettings()
 class _Derivative:
     """Derivative of the map of a period, see `steady.Derivative`.
 
-    Unknowns that stick all the time take the mean of both ends of the passage.
+    Unknowns that stick all the time keep their state: over half a period with a change of sign they
+    take the mean of both ends of the passage, or less where steps are held back. (With the mean
+    there too, held steps never came near the state that they start from: a condensed solid stayed
+    at a change of 1e-2 for ever.)
     """
 
     def __init__(self, transition: Transition, sign: float) -> None:
@@ -83,7 +86,7 @@ class _Derivative:
                 self.solve = partial(_least, matrix)
             self.held = held
         part = self.solve(self.transition.restricted(change))
-        return self.transition.extended(0.5 * change, part)
+        return self.transition.extended(change / (2.0 + held), part)
 
 
 class Shooting:

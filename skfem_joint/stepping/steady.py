@@ -47,6 +47,7 @@ import numpy as np
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.loads import common_period
 from skfem_joint.modes import is_singular, rigid_motions
 from skfem_joint.system import System
 
@@ -176,6 +177,17 @@ def turns_over(amplitudes: FloatArray) -> bool:
         return False
     left = np.abs(amplitudes[:, half:] + amplitudes[:, : half + 1]).max(initial=0.0)
     return bool(left <= SETTINGS.odd * np.abs(amplitudes).max(initial=0.0))
+
+
+def odd_loads(system: System) -> bool:
+    """Whether the harmonic loads of a system change their sign every half period.
+
+    Then the steady vibration that the search finds is the only one, wherever it starts.
+    """
+    amplitudes = [load.amplitude for load in system.loads]
+    half = 0.5 * (common_period(amplitudes) or 0.0)
+    parts = [part.frequency * half for amplitude in amplitudes for part in amplitude.harmonics]
+    return all(round(2.0 * turns) % 2 == 1 for turns in parts)
 
 
 def unstrained(system: System) -> FloatArray:

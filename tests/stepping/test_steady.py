@@ -241,6 +241,24 @@ def test_the_transition_is_the_derivative_of_a_period(kind, beta):
         assert np.abs(change - expected).max() < 1e-4 * np.abs(change).max()
 
 
+def test_held_steps_shrink_to_the_change_over_what_holds_them():
+    # Those of points that stick all the time as well: else the search never nears where it began.
+    system = bar(2000.0, 0.05, 10)
+    driver = Driver(
+        system, steady_plan(system, 100), (np.zeros(system.n), np.zeros(system.n)), 1e-13
+    )
+    through = shooting.Shooting(driver, lambda: None)
+    through.patience = 0
+    x = through(through.coordinates(driver.stepper.now)).end
+    change, derivative = through(x).end - x, through.derivative()
+    assert derivative is not None
+    assert derivative.transition.moving.size < system.n  # some stick
+    held = 1e6
+    np.testing.assert_allclose(
+        held * derivative.step(change, held), change, atol=1e-4 * np.abs(change).max()
+    )
+
+
 def test_newtons_method_finds_what_mixing_finds_in_few_periods(monkeypatch):
     system = dense(bar(2025.0, 0.1, beta=1e4))
     found = sj.integrate(system, until="steady", steps_per_cycle=200)

@@ -156,14 +156,22 @@ def placed(
         period = common_period(load.amplitude for load in system.loads)
     if period is None or not all(load.amplitude.harmonics for load in system.loads):
         raise InputError("range: all loads must be harmonic, with a common period")
+    of_joints = (as_dense(system.J) > 0.0).astype(float)
+    w = system.w * (factors @ of_joints if factors.size else 1.0)
+    return replace(loaded_at(system, frequency, level, period), w=w)
+
+
+def loaded_at(system: System, frequency: float, level: float, period: float) -> System:
+    """System with its harmonic loads at another frequency (Hz) and level.
+
+    ``period`` is the loads' common one, s.
+    """
     faster, loads = frequency * period, []
     for load in system.loads:
         parts = load.amplitude.harmonics
         changed = (Harmonic(level * a.amplitude, faster * a.frequency, a.phase) for a in parts)
         loads.append(replace(load, amplitude=MultiHarmonic(tuple(changed))))
-    of_joints = (as_dense(system.J) > 0.0).astype(float)
-    w = system.w * (factors @ of_joints if factors.size else 1.0)
-    return replace(system, loads=tuple(loads), w=w)
+    return replace(system, loads=tuple(loads))
 
 
 def check_within(system: System, frequency: float, factors: FloatArray) -> None:
