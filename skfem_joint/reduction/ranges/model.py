@@ -62,11 +62,11 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (20, 26, 32, 40)
-    larger: float = 2.0
+    modes: tuple[int, ...] = (20, 28, 40)
+    larger: float = 1.5
     points_per_mode: int = 3
-    checks: int = 6
-    judged: int = 2
+    checks: int = 4
+    judged: int = 1
     cycles: int = 3
     steps: int = 100
     missing: int = 16
@@ -223,7 +223,7 @@ class _Maker:
     ) -> dict[str, float]:
         """Factors on the difference of a run to that of the larger model.
 
-        At some points the best model is run again with the modes that its run misses.
+        At one or some points the best model is run again with the modes that its run misses.
         """
         residual = Residual(self.system, pool.path.unshifted)
         V = pool.basis(proper, modes)
