@@ -145,6 +145,19 @@ def test_a_range_that_makes_no_sense_is_refused(system, asked, words):
         sj.reduce(system, range=asked)
 
 
+def test_a_model_of_the_whole_range_is_not_integrated_but_a_point_of_it(small):
+    with pytest.raises(sj.InputError, match=r"sj\.at\(model, frequency"):
+        run(small)
+
+
+def test_an_accuracy_that_is_not_met_is_said(system, small, caplog):
+    assert small.serves.shortfall is None
+    poor = sj.reduce(system, 2, range=ASKED)
+    assert poor.serves.reached > 0.01
+    assert "made for an accuracy of 1.00%" in poor.serves.shortfall
+    assert poor.serves.shortfall in caplog.text
+
+
 def test_what_is_found_for_the_whole_range_cannot_be_given(system):
     with pytest.raises(sj.InputError, match="leave them out"):
         sj.reduce(system, range=ASKED, friction_points=10)

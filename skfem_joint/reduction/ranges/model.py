@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,6 +29,8 @@ from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,9 @@ class _Maker:
         larger = self._with(pool, proper, min(top, round(SETTINGS.larger * count)), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
         larger = replace(larger, T=None, shares=None, serves=None)
-        found = replace(self._serves(pool, larger, known), factors=factors)
+        found = replace(self._serves(pool, larger, known), factors=factors, reached=max(float(worst), 1e-12))
+        if found.shortfall is not None:
+            _log.warning("%s.", found.shortfall)
         return replace(small, serves=found)
 
     def _trained(self) -> tuple[Pool, FloatArray, list[tuple[Place, float]]]:
@@ -201,7 +206,8 @@ class _Maker:
 
     def _serves(self, pool: Pool, larger: System, known: FloatArray) -> Served:
         """What a model carries, without factors."""
-        return Served(self.range, larger, {}, self.accuracy, pool.law(), self.period, known)
+        law, accuracy = pool.law(), self.accuracy
+        return Served(self.range, larger, {}, accuracy, accuracy, law, self.period, known)
 
     def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
         point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
