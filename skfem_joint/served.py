@@ -146,8 +146,8 @@ class Served:
             return None
         return (
             f"The reduced model for the range was made for an accuracy of {self.accuracy:.2%} and "
-            f"has {self.reached:.2%} at the worst of the points at which it was judged, with the "
-            "largest number of modes that is tried; give modes, or a smaller range"
+            f"errs by {self.reached:.2%} at the worst of the points at which it was judged; give "
+            "more modes than it took, or a smaller range"
         )
 
     def __str__(self) -> str:

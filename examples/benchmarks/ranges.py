@@ -10,8 +10,8 @@ natural frequency with joints stuck, and friction of each joint times 0.5 to 2. 
 evenly, those factors evenly in their logarithms. A point runs from rest, three periods of 100
 steps, and is compared with the condensed model (the full one of a bar), with exact Coulomb friction
 and the same steps; at two points that is compared with the full model. Errors are in percent.
-Off-line times are of the processor, without compilation; a reduction for one point has as many joint
-modes, and follows a path through time.
+Off-line times are of the processor, without compilation; a reduction for one point has as many
+joint modes, and follows a path through time.
 """
 
 import argparse

@@ -93,8 +93,8 @@ def one_model(plate, count):
     errors = [median(row.results[name] for row in each) for each in rows]
     whole = made + spent[0]
     print(
-        f"{plate}: {count} points by one model for their range: {whole:.0f} s ({made:.0f} s to make "
-        f"it, {spent[0]:.0f} s the points with their errors), "
+        f"{plate}: {count} points by one model for their range: {whole:.0f} s ({made:.0f} s to "
+        f"make it, {spent[0]:.0f} s the points with their errors), "
         f"{outside} of them outside of it with a model of their own; friction energy errs by an "
         f"estimated {100 * errors[0]:.2g} % (median)"
     )

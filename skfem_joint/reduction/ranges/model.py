@@ -164,7 +164,9 @@ class _Maker:
         larger = self._with(pool, proper, min(top, round(SETTINGS.larger * count)), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
         larger = replace(larger, T=None, shares=None, serves=None)
-        found = replace(self._serves(pool, larger, known), factors=factors, reached=max(float(worst), 1e-12))
+        found = replace(
+            self._serves(pool, larger, known), factors=factors, reached=max(float(worst), 1e-12)
+        )
         if found.shortfall is not None:
             _log.warning("%s.", found.shortfall)
         return replace(small, serves=found)
