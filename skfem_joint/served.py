@@ -114,6 +114,9 @@ class Served:
         the model was made, where the full system was at hand.
     accuracy : float
         Error of displacement histories that was asked for; three times that of energies.
+    reached : float
+        Largest error of displacement histories, or a third of that of energies if that is more, at
+        the points at which the number of modes was judged.
     law : float
         Steepness of the reduced law, s/m, with the limits of the system; see
         `skfem_joint.reduction.ranges.points`.
@@ -130,10 +133,22 @@ class Served:
     larger: Any
     factors: Mapping[str, float]
     accuracy: float
+    reached: float
     law: float
     period: float
     known: FloatArray
     point: Point | None = None
+
+    @property
+    def shortfall(self) -> str | None:
+        """Sentence about an accuracy that the model does not have; None if it has it."""
+        if self.reached <= self.accuracy:
+            return None
+        return (
+            f"The reduced model for the range was made for an accuracy of {self.accuracy:.2%} and "
+            f"errs by {self.reached:.2%} at the worst of the points at which it was judged; give "
+            "more modes than it took, or a smaller range"
+        )
 
     def __str__(self) -> str:
         """One line for users."""

@@ -28,7 +28,7 @@ from skfem_joint.system import AppliedLoad, System
 _KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "P", "directions", "T", "J", "shares")
 _NAMES = ("points", "joints", "notes")
-_NUMBERS = ("accuracy", "law", "period")  # of what a model for a range carries
+_NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
 _PLAIN = {
     shape.__name__: shape

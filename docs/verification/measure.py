@@ -227,6 +227,13 @@ CLAIMS = {
     "plates": Claim(f"{BENCHMARKS}/plates.py", 200, {"plates": printed}, timed=True),
     "growth": Claim(f"{BENCHMARKS}/growth.py", 100, {"growth": printed}, timed=True),
     "sweep": Claim(f"{BENCHMARKS}/sweep.py", 200, {"sweep": printed}, timed=True),
+    "sweep-range": Claim(
+        f"{BENCHMARKS}/sweep.py --range",
+        400,
+        {"sweep-range": printed},
+        short=f"{BENCHMARKS}/sweep.py --range plate_reference --quick",
+        timed=True,
+    ),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "ranges": Claim(
         f"{BENCHMARKS}/ranges.py plate bracket",

@@ -52,7 +52,8 @@ def choose_in_range(
             check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
-    chosen, notes = InRange(point), tuple[str, ...]()
+    short = model.serves.shortfall if model.serves is not None else None
+    chosen, notes = InRange(point), () if short is None else (f"{short}.",)
     if scene.accuracy.is_given:
         scene = shorter
         if accuracy.excess(scene.accuracy, errors) > 1.0:
@@ -60,6 +61,7 @@ def choose_in_range(
                 scene, notes=(_own(f"it errs by an estimated {accuracy.stated(errors)}"),)
             )
         notes = (
+            *notes,
             f"The reduced model for the range has steps of {scene.time_step:.4g} s for the "
             f"accuracy asked for; it errs by an estimated {accuracy.stated(errors)}.",
         )

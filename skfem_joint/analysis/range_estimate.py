@@ -1,11 +1,11 @@
 """Estimated errors of runs of a point of a range, without the full model.
 
-A model for a range carries a larger one, with twice as many joint modes and more friction points,
-of the same point. The difference of the two runs, times a factor, is the error of the smaller one's
-basis, friction points and law. The factor was found where the model was made, at points that it was
-not trained with, where the full system was at hand: there the residual of a run in the full
-equation showed which modes the larger models miss. The error of the time step is found by half of
-it.
+A model for a range carries a larger one, with half as many joint modes more and more friction
+points, of the same point. The difference of the two runs, times a factor, is the error of the
+smaller one's basis, friction points and law. The factor was found where the model was made, at
+points that it was not trained with, where the full system was at hand: there the residual of a run
+in the full equation showed which modes the larger models miss. The error of the time step is found
+by half of it.
 """
 
 from __future__ import annotations

@@ -128,6 +128,11 @@ def integrate_plan(
 ) -> Run:
     """Integrate a system as a plan says; the other arguments, result and errors as `integrate`."""
     check("tolerance", tolerance, _TOLERANCES)
+    if system.serves is not None and system.serves.point is None:
+        raise InputError(
+            f"integrate: found a reduced model for the whole range ({system.serves}), must be a "
+            "point of it: sj.at(model, frequency=..., slip=...) or, in place of slip, level=..."
+        )
     start = _start(system, initial)
     if plan.until == "steady":
         _check_steady(system, plan, checkpoint)

