@@ -144,7 +144,7 @@ BENCHMARKS = "python examples/benchmarks"
 STABILITY = "python examples/stability"
 ESTIMATES = f"{BENCHMARKS}/estimates.py"
 #: Scenes of each class, processes, and where rows are kept.
-DRAWN = "--count 1 --jobs 2 --out {out}/rows.jsonl"
+DRAWN = "--count 40 --jobs 2 --out {out}/rows.jsonl"
 CLAIMS = {
     "paper": Claim(
         "python examples/paper/reproduce.py --out {out}",

@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -177,6 +178,13 @@ class Curve:
             return float(f[k]), float(A[k])
         frequency, amplitude = parabola_vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
         return float(frequency), float(amplitude)
+
+    @property
+    def start(self) -> State:
+        """State from which a search at the peak may start: of the nearest vibration kept."""
+        peak, _ = self.peak
+        kept = ((abs(p.frequency - peak), p.state) for p in self.points if p.state is not None)
+        return min(kept, key=itemgetter(0))[1]
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +14,7 @@ from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import (
     Curve,
+    State,
     SteadyPoint,
     at_frequency,
     response,
@@ -175,7 +177,7 @@ def scene_response(
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = _curves(model, scene, table, frequencies, executor, progress, rows)
         wall, compiled = watch.read()
-        estimates, notes = _checked(model, scene, curves, progress, rows)
+        estimates, notes = _checked(model, scene, curves, executor, progress, rows)
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
@@ -279,18 +281,28 @@ def _curves(
 
 
 def _checked(
-    model: _Prepared, scene: Scene, curves: list[Curve], progress: Progress, rows: Rows
+    model: _Prepared,
+    scene: Scene,
+    curves: list[Curve],
+    executor: Executor | None,
+    progress: Progress,
+    rows: Rows,
 ) -> tuple[list[Estimate], list[str]]:
     """Errors at the peak of each curve, if they are asked for, and what to beware of."""
-    estimates: list[Estimate] = []
-    notes: list[str] = []
+    estimates, notes = [], []
     for curve in curves:
         notes += _frequencies_without(model.name, curve)
-        if scene.accuracy.estimate:
-            errors, not_estimated = _estimate(model, scene, curve, progress, rows)
-            estimates.append(errors)
-            notes += not_estimated
-            notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
+    if not scene.accuracy.estimate:
+        return [], notes
+    found = _estimated(model, scene, curves, executor, progress, rows)
+    for curve, errors in zip(curves, found, strict=True):
+        if isinstance(errors, ConvergenceError):  # which does not cost the curve
+            notes.append(
+                f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
+                f"not estimated: {errors}"
+            )
+        estimates.append(Estimate({} if isinstance(errors, ConvergenceError) else errors))
+        notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
 
 
@@ -305,36 +317,53 @@ def _frequencies_without(name: str, curve: Curve) -> list[str]:
     ]
 
 
-def _estimate(
-    model: _Prepared, scene: Scene, curve: Curve, progress: Progress, rows: Rows
-) -> tuple[Estimate, list[str]]:
-    """Errors of a model at the peak of a curve, and a note where they cannot be estimated."""
-    V = None if model.basis is None else model.basis.V
-    mark = rows.mark(
-        "errors", origin_of(scene), model.system, V, model.level, curve.peak[0], curve.level
-    )
+def _estimated(
+    model: _Prepared,
+    scene: Scene,
+    curves: list[Curve],
+    executor: Executor | None,
+    progress: Progress,
+    rows: Rows,
+) -> Iterator[dict[str, Parts] | ConvergenceError]:
+    """Errors at the peak of each curve, side by side with an executor, or why there are none."""
     report = partial(progress, f"errors of the {model.name} model")
-    try:
-        parts = rows.row(mark, partial(_errors, model, scene, curve, report))
-    except ConvergenceError as error:  # which does not cost the curve
-        note = (
-            f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
-            f"not estimated: {error}"
+    basis = model.basis
+    if basis is not None and executor is not None:
+        basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
+    jobs: list[tuple[str, Callable[[], dict[str, Parts]]]] = []
+    for curve in curves:
+        frequency = curve.peak[0]
+        full = at_frequency(scene.system(), frequency, curve.level)
+        loaded = at_frequency(model.system, frequency, curve.level / model.level)
+        job = partial(_errors, full, loaded, basis, scene.time.steps_per_cycle, curve.start)
+        V = None if basis is None else basis.V
+        mark = rows.mark(
+            "errors", origin_of(scene), model.system, V, model.level, frequency, curve.level
         )
-        return Estimate({}), [note]
-    return Estimate(parts), []
+        if executor is None or mark in rows:
+            jobs.append((mark, partial(job, report)))
+        else:
+            jobs.append((mark, executor.submit(job).result))
+    for mark, errors in jobs:
+        try:
+            yield rows.row(mark, errors)
+        except ConvergenceError as error:
+            yield error
 
 
-def _errors(model: _Prepared, scene: Scene, curve: Curve, report: Progress) -> dict[str, Parts]:
-    """Estimated errors at the peak of a curve, by source and quantity."""
-    frequency = curve.peak[0]
-    full = at_frequency(scene.system(), frequency, curve.level)
-    loaded = at_frequency(model.system, frequency, curve.level / model.level)
-    plan = steady_plan(full, suited_steps(full, scene.time.steps_per_cycle))
-    near = min(
-        (p for p in curve.points if p.state is not None), key=lambda p: abs(p.frequency - frequency)
-    )
-    run = integrate_plan(
-        loaded, plan, initial=near.state if odd_loads(full) else None, progress=report
-    )
-    return dict(run_estimate.of_run(full, model.basis, run, plan, progress=report).parts)
+def _errors(
+    full: System,
+    loaded: System,
+    basis: Basis | None,
+    steps_per_cycle: int,
+    start: State,
+    report: Callable[..., None] | None = None,
+) -> dict[str, Parts]:
+    """Estimated errors of the steady vibration of a model, by source and quantity.
+
+    ``full`` and ``loaded`` are the full system and the model, under the same load.
+    """
+    plan = steady_plan(full, suited_steps(full, steps_per_cycle))
+    initial = start if odd_loads(full) else None
+    run = integrate_plan(loaded, plan, initial=initial, progress=report)
+    return dict(run_estimate.of_run(full, basis, run, plan, progress=report).parts)

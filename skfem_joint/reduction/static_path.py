@@ -105,7 +105,9 @@ class StaticPath:
     response : ndarray, shape (n, loads)
         Static response to the peak of each load, m.
     rigid : ndarray, shape (n, r)
-        Rigid motions that friction alone holds, if friction did not hold them on the path.
+        Rigid motions that friction alone holds, if it did not hold them on a path, or all points
+        slipped there: the sliding of a body then takes part, and states of paths, which are held,
+        hardly show it.
     interface : ndarray, shape (n, k)
         Fixed-interface modes, in the order of their shares in the response.
     share : ndarray, shape (k,)
@@ -184,6 +186,8 @@ def slip_path(
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
+    every = system.w > 0.0
+    slides = bool(slipping[every].all())
     interface, share = interface_modes.driven(system, response, loads, path=path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
@@ -197,6 +201,7 @@ def slip_path(
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:within])
         newly_slipping = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
+        slides |= bool(now[every].all())
         if newly_slipping <= SETTINGS.newly_slipping:
             break
         slipping |= now
@@ -205,7 +210,7 @@ def slip_path(
     return StaticPath(
         snapshots=_scaled(snapshots),
         response=response,
-        rigid=rigid if path.scaled_back else rigid[:, :0],
+        rigid=rigid if path.scaled_back or slides else rigid[:, :0],
         interface=interface,
         share=share,
         slip_peak=slip_peak,
