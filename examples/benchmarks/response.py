@@ -1,6 +1,6 @@
 """Responses of two bolted solid plates: what the whole command takes, and the errors it states.
 
-    python examples/benchmarks/response.py [MODEL ...] [--quick]
+    python examples/benchmarks/response.py [MODEL ...] [--workers 2] [--quick]
 
 Models are reduced and condensed, both if none is named. The scene is ``solid_lap_joint.toml`` with
 its model, 30 frequencies from 250 to 450 Hz and more at peaks, and three levels, as
@@ -44,12 +44,13 @@ def scene_of(name, frequencies, levels, model):
     return f"{text}\n[response]\nfrequencies = {frequencies}\nlevels = {levels}\n"
 
 
-def command(text, folder):
+def command(text, folder, workers):
     """Run the command for a scene's text; its summary, seconds, and processor seconds."""
     file, out = folder / "scene.toml", folder / "out"
     file.write_text(text, encoding="utf-8")
     begin, before = time.perf_counter(), os.times()
     words = [sys.executable, "-m", "skfem_joint", "response", str(file), "--out", str(out), "-q"]
+    words += ["--workers", str(workers)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     wall, after = time.perf_counter() - begin, os.times()
     used = after.children_user + after.children_system
@@ -60,12 +61,15 @@ def command(text, folder):
 def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a bar, few frequencies")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("models", nargs="*", metavar="MODEL", help="reduced, condensed")
     options = parser.parse_args(arguments)
     costs, levels = [], []
     for model in options.models or ("reduced", "condensed"):
         with TemporaryDirectory() as folder:
-            summary, wall, used = command(scene_of(*CASES[options.quick], model), Path(folder))
+            summary, wall, used = command(
+                scene_of(*CASES[options.quick], model), Path(folder), options.workers
+            )
         of_model = summary["models"][model]
         found = sum(level["frequencies"] for level in of_model["levels"])
         costs.append((model, found, of_model["offline_s"], of_model["wall_s"], wall, used))

@@ -218,7 +218,7 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
-    reference = CondensedReference.of(system)
+    reference = CondensedReference.of(system, shared=True)
     errors: list[float] = []
     for done in range(SETTINGS.rounds):
         report(done, SETTINGS.rounds)

@@ -40,6 +40,10 @@ class ReferenceSettings:
     work, work_smooth : float
         Largest product of the steps of a run and the square of its slip rows, where the full
         model's law is steeper than the reduced model's, and where it is not.
+    shared : float
+        So many times as much work where several estimates share its runs, as in the search for a
+        model of some accuracy. (On a plate with six bolts, whose step had become eight times as
+        short, modes of residuals took 300 s for each estimate, and did not end.)
     modes : int
         Fixed-interface modes; all of them where there are fewer.
     instants : int
@@ -51,6 +55,7 @@ class ReferenceSettings:
     rows: int = 700
     work: float = 6e8
     work_smooth: float = 2e7
+    shared: float = 4.0
     modes: int = 24
     instants: int = 200
     negligible: float = 1e-6
@@ -71,23 +76,30 @@ class CondensedReference:
         Basis of the condensed model, not orthonormal.
     small : System
         The condensed model.
+    times : float
+        How many times as much work as by itself a run may take.
     """
 
     system: System
     V: FloatArray
     small: System
+    times: float = 1.0
     _runs: dict[tuple[Any, ...], Run] = field(default_factory=dict, repr=False)
 
     @staticmethod
-    def of(system: System) -> CondensedReference | None:
-        """Condensed model of a full system; None if contact is large, or slips are no unknowns."""
+    def of(system: System, shared: bool = False) -> CondensedReference | None:
+        """Condensed model of a full system; None if contact is large, or slips are no unknowns.
+
+        ``shared`` is whether several estimates use its runs.
+        """
         if not 0 < _rows(system) <= SETTINGS.rows or system.is_dense:
             return None
         try:
             V = condensed_basis(system, SETTINGS.modes).V
         except InputError:  # slip rows depend on each other: there is no condensed model
             return None
-        return CondensedReference(system, V, condensed_system(system, V))
+        times = SETTINGS.shared if shared else 1.0
+        return CondensedReference(system, V, condensed_system(system, V), times)
 
     def affords(self, plan: Plan, periods: int = 1, steeper: bool = True) -> bool:
         """Whether a run costs little enough.
@@ -103,7 +115,7 @@ class CondensedReference:
             residuals do well, and less is spent.
         """
         most = SETTINGS.work if steeper else SETTINGS.work_smooth
-        return plan.n_steps * periods * _rows(self.system) ** 2 <= most
+        return plan.n_steps * periods * _rows(self.system) ** 2 <= self.times * most
 
     def run(self, plan: Plan, verify: Callable[..., Run]) -> Run:
         """Run of the condensed model with fields; made once for each plan."""
