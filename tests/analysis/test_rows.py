@@ -4,7 +4,7 @@ import json
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,17 +128,19 @@ class Interrupted(Rows):
 RESPONSE = {"frequencies": {"from": 1800.0, "to": 2600.0, "points": 4}, "levels": [0.1, 0.3]}
 
 
-def response_of(rows: Rows) -> Any:
+def response_of(rows: Rows, executor: Executor | None = None) -> Any:
     scene = bar_scene(bar="coarse", response=RESPONSE, reduction={})
-    found = scene_response(scene, None, rows=rows)
+    found = scene_response(scene, executor, rows=rows)
     return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
 
 
 def side_by_side(rows: Rows) -> Any:
-    scene = bar_scene("full", bar="coarse", response=RESPONSE)
     with ThreadPoolExecutor(2) as executor:
-        found = scene_response(scene, executor, rows=rows)
-    return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
+        return response_of(rows, executor)
+
+
+def test_a_response_side_by_side_is_that_of_one_point_after_another():
+    assert same(side_by_side(Rows()), response_of(Rows()))
 
 
 def backbone_of(rows: Rows, **options: Any) -> Any:

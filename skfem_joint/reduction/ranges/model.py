@@ -41,6 +41,9 @@ class RangeSettings:
     ----------
     modes : tuple of int
         Numbers of joint modes that are tried.
+    usual : int
+        More of them than this are tried only where so many do not reach the accuracy: each mode
+        more costs time in every step.
     larger : float
         Modes of the larger model over those of the model.
     points_per_mode : int
@@ -54,8 +57,8 @@ class RangeSettings:
     missing : int
         Missing modes that are added to the larger model.
     best : int
-        Most joint modes of the larger model, and those of the best one, which both are compared
-        with where numbers of modes are judged.
+        Fewest joint modes of the best model, which others are compared with where numbers of modes
+        are judged; it has at least as many as the larger model.
     margin : float
         Share of the accuracy that differences to the best model may take.
     energies : float
@@ -65,7 +68,8 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (20, 28, 40)
+    modes: tuple[int, ...] = (20, 28, 40, 56)
+    usual: int = 40
     larger: float = 1.5
     points_per_mode: int = 3
     checks: int = 4
@@ -151,17 +155,21 @@ class _Maker:
         proper = pool.proper()
         most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
         tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
-        top = min(most, max(SETTINGS.best, *(3 * m // 2 for m in tried)))
-        best = self._with(pool, proper, top, known)
-        truths = [self._run(best, place, level) for place, level in checked]
+        top = 0
         for count in dict.fromkeys(tried):
+            wider = round(SETTINGS.larger * count)
+            if wider > top:
+                top = min(most, max(SETTINGS.best, wider))
+                best = self._with(pool, proper, top, known)
+                truths = [self._run(best, place, level) for place, level in checked]
             small = self._with(pool, proper, count, known)
             runs = [self._run(small, place, level) for place, level in checked]
             apart = np.array([_apart(*pair) for pair in zip(truths, runs, strict=True)])
             worst = (apart / [1.0, SETTINGS.energies]).max()
-            if worst <= SETTINGS.margin * self.accuracy:
+            share = SETTINGS.margin if count < SETTINGS.usual else 1.0
+            if worst <= share * self.accuracy:
                 break
-        larger = self._with(pool, proper, min(top, round(SETTINGS.larger * count)), known)
+        larger = self._with(pool, proper, min(top, wider), known)
         factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
         larger = replace(larger, T=None, shares=None, serves=None)
         found = replace(
