@@ -69,7 +69,7 @@ def test_no_command_runs_code_of_the_current_folder(command, of_module, scene, t
     name, *options = command.split()
     ended = subprocess.run(
         [sys.executable, *start, name, str(path), "--out", "out", *options],
-        cwd=path.parent, capture_output=True, text=True, timeout=300,
+        cwd=path.parent, capture_output=True, text=True, timeout=600,
         env={key: value for key, value in os.environ.items() if key not in THREADS},
     )  # fmt: skip
     assert not (tmp_path / "hit").exists(), (tmp_path / "hit").read_text()
