@@ -279,9 +279,8 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
     halvings = _halvings(ratio)
     if halvings > SETTINGS.most_halvings:
         raise ConvergenceError(
-            f"accuracy: with steps of {scene.time_step:.4g} s the full model errs by an estimated "
-            f"{stated(errors)}: the steps asked for are far too long. Give more "
-            "steps, or ask for less"
+            f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: the "
+            "steps asked for are far too long. Give more steps, or ask for less"
         )
     return scene.finer(2**halvings)
 
