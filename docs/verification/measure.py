@@ -143,8 +143,8 @@ SHOWN += ("fig15_sensitivity", "fig16", "fig19", "fig21", "fig21_envelope", "fig
 BENCHMARKS = "python examples/benchmarks"
 STABILITY = "python examples/stability"
 ESTIMATES = f"{BENCHMARKS}/estimates.py"
-#: Scenes of each class, processes, and where rows are kept.
-DRAWN = "--count 40 --jobs 2 --out {out}/rows.jsonl"
+#: Where rows are kept.
+ROWS = "--out {out}/rows.jsonl"
 CLAIMS = {
     "paper": Claim(
         "python examples/paper/reproduce.py --out {out}",
@@ -183,8 +183,8 @@ CLAIMS = {
         f"{STABILITY}/pairs.py", 1800, {"pairs": listed("amplitudes")}, short="--count 1"
     ),
     "estimates": Claim(
-        f"{ESTIMATES} all --seed 2029 {DRAWN}",
-        2400,
+        f"{ESTIMATES} all --seed 2029 --count 40 --jobs 2 {ROWS}",
+        3800,
         {
             "estimates": lines(r"^\| |^Seeds "),
             "estimates-loads": lines(r"^- .*, by "),
@@ -193,14 +193,14 @@ CLAIMS = {
         short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
     ),
     "estimates-clock": Claim(
-        f"{ESTIMATES} all --seed clock {DRAWN}",
-        2400,
+        f"{ESTIMATES} all --seed clock --count 8 --jobs 1 {ROWS}",
+        1600,
         {"estimates-clock": lines(r"^\| (class|---|plates-bolted|all) |^Seeds ")},
         short=f"{ESTIMATES} bars plates-bolted --seed clock --count 1",
     ),
     "estimates-accuracy": Claim(
-        f"{ESTIMATES} plates-bolted --model accuracy --seed 2029 {DRAWN}",
-        600,
+        f"{ESTIMATES} plates-bolted --model accuracy --seed 2029 --count 20 --jobs 1 {ROWS}",
+        1300,
         {
             "estimates-accuracy": lines(r"^\| |^Seeds "),
             "estimates-missed": lines("^- (missed|refused)"),
