@@ -80,7 +80,7 @@ class RangeSettings:
     best: int = 64
     margin: float = 0.5
     energies: float = 3.0
-    least: float = 1.5
+    least: float = 2.0
     most: float = 5.0
     quantile: float = 1.0
 
