@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,9 +41,8 @@ class RangeSettings:
     ----------
     modes : tuple of int
         Numbers of joint modes that are tried.
-    usual : int
-        More of them than this are tried only where so many do not reach the accuracy: each mode
-        more costs time in every step.
+    many : int
+        Number where these do not reach the accuracy; paths are followed at further points before.
     larger : float
         Modes of the larger model over those of the model.
     points_per_mode : int
@@ -60,7 +59,8 @@ class RangeSettings:
         Fewest joint modes of the best model, which others are compared with where numbers of modes
         are judged; it has at least as many as the larger model.
     margin : float
-        Share of the accuracy that differences to the best model may take.
+        Share of the accuracy that differences to the best model may take, but all of it with the
+        largest of the usual numbers of modes: each mode more costs time in every step.
     energies : float
         Error of energies that is allowed, over that of displacement histories.
     least, most, quantile : float
@@ -68,8 +68,8 @@ class RangeSettings:
         quantile of the factors at the checked points that is taken.
     """
 
-    modes: tuple[int, ...] = (20, 28, 40, 56)
-    usual: int = 40
+    modes: tuple[int, ...] = (20, 28, 40)
+    many: int = 84
     larger: float = 1.5
     points_per_mode: int = 3
     checks: int = 4
@@ -140,6 +140,35 @@ def reduced_for_range(
     return _Maker(system, range_, accuracy, period).model(modes)
 
 
+#: A point of the range at which models are run, and its level.
+_Checked = tuple[Place, float]
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A model with as many modes as suffice, and those that it was compared with.
+
+    Attributes
+    ----------
+    small, larger, best : System
+        The model, its larger one, and the best one of the pool, each without stated errors.
+    V : ndarray, shape (n, j)
+        Basis of the best one.
+    truths, runs : list of Run
+        At the checked points, of the best model and of the model.
+    worst : float
+        Largest distance of these.
+    """
+
+    small: System
+    larger: System
+    best: System
+    V: FloatArray
+    truths: list[Run]
+    runs: list[Run]
+    worst: float
+
+
 @dataclass
 class _Maker:
     """What is made on the way to a model, see `reduced_for_range`."""
@@ -151,36 +180,22 @@ class _Maker:
 
     def model(self, modes: str | int) -> System:
         """Model of the range."""
-        pool, known, checked = self._trained()
-        proper = pool.proper()
-        most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
-        tried = [min(m, most) for m in (SETTINGS.modes if isinstance(modes, str) else (modes,))]
-        top = 0
-        for count in dict.fromkeys(tried):
-            wider = round(SETTINGS.larger * count)
-            if wider > top:
-                top = min(most, max(SETTINGS.best, wider))
-                best = self._with(pool, proper, top, known)
-                truths = [self._run(best, place, level) for place, level in checked]
-            small = self._with(pool, proper, count, known)
-            runs = [self._run(small, place, level) for place, level in checked]
-            apart = np.array([_apart(*pair) for pair in zip(truths, runs, strict=True)])
-            worst = (apart / [1.0, SETTINGS.energies]).max()
-            share = SETTINGS.margin if count < SETTINGS.usual else 1.0
-            if worst <= share * self.accuracy:
-                break
-        larger = self._with(pool, proper, min(top, wider), known)
-        factors = self._factors(pool, proper, top, best, larger, checked, truths, runs)
-        larger = replace(larger, T=None, shares=None, serves=None)
-        found = replace(
-            self._serves(pool, larger, known), factors=factors, reached=max(float(worst), 1e-12)
-        )
-        if found.shortfall is not None:
-            _log.warning("%s.", found.shortfall)
-        return replace(small, serves=found)
+        pool, known, rough, checked = self._trained()
+        tried = SETTINGS.modes if isinstance(modes, str) else (modes,)
+        fitted = self._fitted(pool, known, checked, tried)
+        if isinstance(modes, str) and fitted.worst > self.accuracy:
+            self._follow_further(pool, known, rough)
+            fitted = self._fitted(pool, known, checked, (SETTINGS.many,))
+        factors = self._factors(pool, fitted, checked)
+        larger = replace(fitted.larger, T=None, shares=None, serves=None)
+        serves = self._serves(pool, larger, known)
+        serves = replace(serves, factors=factors, reached=max(fitted.worst, 1e-12))
+        if serves.shortfall is not None:
+            _log.warning("%s.", serves.shortfall)
+        return replace(fitted.small, serves=serves)
 
-    def _trained(self) -> tuple[Pool, FloatArray, list[tuple[Place, float]]]:
-        """Pool of paths, known levels of gross slip, and the points that are checked."""
+    def _trained(self) -> tuple[Pool, FloatArray, System, list[_Checked]]:
+        """Pool of paths, known levels of gross slip, a rough model, and the points to check."""
         pool = Pool.of(self.system, self.range)
         count = TRAINING.first + TRAINING.more
         places = spread(self.system, self.range, count + SETTINGS.checks)
@@ -195,18 +210,56 @@ class _Maker:
                 factor /= float(np.sqrt(TRAINING.raised))
         known = scaled(places[: TRAINING.first], levels)
         rough = self._with(pool, pool.proper(), TRAINING.rough, known)
-        for place in places[TRAINING.first :]:
-            level, guess = searched_level(rough, place.frequency, place.factors)
-            levels.append(TRAINING.missed * guess if level is None else level)
+        levels += [_level(rough, place) for place in places[TRAINING.first :]]
         known = scaled(places, levels)
         for k in range(TRAINING.first, count):
             pool.follow(places[k], places[k].slip * levels[k])
+        pairs = zip(places[count:], levels[count:], strict=True)
+        return pool, known, rough, [self._inside(*pair) for pair in pairs]
+
+    def _inside(self, place: Place, level: float) -> _Checked:
+        """A place with its share of slip in the range, and the level there."""
         low, high = self.range.slip
-        checked = []
-        for place, level in zip(places[count:], levels[count:], strict=True):
-            slip = min(max(place.slip, low), high)
-            checked.append((replace(place, slip=slip), slip * level))
-        return pool, known, checked
+        slip = min(max(place.slip, low), high)
+        return replace(place, slip=slip), slip * level
+
+    def _follow_further(self, pool: Pool, known: FloatArray, rough: System) -> None:
+        """Follow paths where two models of the pool differ most, of points not used before."""
+        used = TRAINING.first + TRAINING.more + SETTINGS.checks
+        places = spread(self.system, self.range, used + TRAINING.rounds * TRAINING.candidates)
+        for start in range(used, len(places), TRAINING.candidates):
+            proper, judged = pool.proper(), []
+            pair = [self._with(pool, proper, m, known) for m in (SETTINGS.modes[-1], SETTINGS.many)]
+            for place in places[start : start + TRAINING.candidates]:
+                point = self._inside(place, _level(rough, place))
+                runs = [self._run(model, *point) for model in pair]
+                judged.append((self._error(*runs), *point))
+            judged.sort(key=lambda item: item[0], reverse=True)
+            for _, place, level in judged[: TRAINING.followed]:
+                pool.follow(place, level)
+
+    def _fitted(
+        self, pool: Pool, known: FloatArray, checked: list[_Checked], numbers: Sequence[int]
+    ) -> _Fitted:
+        """Model with the first number of modes that suffices at the checked points."""
+        proper = pool.proper()
+        most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
+        tried = list(dict.fromkeys(min(count, most) for count in numbers))
+        top = 0
+        for count in tried:
+            wider = round(SETTINGS.larger * count)
+            if wider > top:
+                top = min(most, max(SETTINGS.best, wider))
+                best = self._with(pool, proper, top, known)
+                truths = [self._run(best, *point) for point in checked]
+            small = self._with(pool, proper, count, known)
+            runs = [self._run(small, *point) for point in checked]
+            worst = max(self._error(*pair) for pair in zip(truths, runs, strict=True))
+            share = SETTINGS.margin if count < tried[-1] else 1.0
+            if worst <= share * self.accuracy:
+                break
+        larger = self._with(pool, proper, min(top, wider), known)
+        return _Fitted(small, larger, best, pool.basis(proper, top), truths, runs, worst)
 
     def _with(self, pool: Pool, proper: ProperModes, modes: int, known: FloatArray) -> System:
         """Model of a number of modes, which is its own larger model."""
@@ -226,34 +279,28 @@ class _Maker:
         save = Save(fields=True, fields_every=every) if fields else None
         return integrate(point, cycles=cycles, steps_per_cycle=steps, save=save)
 
-    def _factors(
-        self,
-        pool: Pool,
-        proper: ProperModes,
-        modes: int,
-        best: System,
-        larger: System,
-        checked: list[tuple[Place, float]],
-        truths: list[Run],
-        runs: list[Run],
-    ) -> dict[str, float]:
+    def _factors(self, pool: Pool, fitted: _Fitted, checked: list[_Checked]) -> dict[str, float]:
         """Factors on the difference of a run to that of the larger model.
 
         At one or some points the best model is run again with the modes that its run misses.
         """
         residual = Residual(self.system, pool.path.unshifted)
-        V = pool.basis(proper, modes)
         ratios = []
         for number, (place, level) in enumerate(checked):
-            truth = truths[number]
+            truth, run = fitted.truths[number], fitted.runs[number]
             if number < SETTINGS.judged:
-                truth = self._better(residual, V, best, place, level)
-            error = np.array(_apart(truth, runs[number]))
-            shown = np.array(_apart(self._run(larger, place, level), runs[number]))
+                truth = self._better(residual, fitted.V, fitted.best, place, level)
+            error = np.array(_apart(truth, run))
+            shown = np.array(_apart(self._run(fitted.larger, place, level), run))
             ratios.append(error / np.maximum(shown, 1e-12))
         found = np.quantile(np.array(ratios), SETTINGS.quantile, axis=0)
         found = np.clip(found, SETTINGS.least, SETTINGS.most)
         return {"history": float(found[0]), "energy": float(found[1])}
+
+    def _error(self, reference: Run, other: Run) -> float:
+        """Distance of two runs, of which energies may err more."""
+        history, energy = _apart(reference, other)
+        return max(history, energy / SETTINGS.energies)
 
     def _better(
         self, residual: Residual, V: FloatArray, best: System, place: Place, level: float
@@ -268,6 +315,12 @@ class _Maker:
             model = shared_points(model, point.shares, point.w)
         model = replace(model, beta=np.minimum(model.beta, point.beta.max()))
         return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
+
+
+def _level(rough: System, place: Place) -> float:
+    """Level at which the first joint slips as a whole, of a rough model, or a guess."""
+    level, guess = searched_level(rough, place.frequency, place.factors)
+    return TRAINING.missed * guess if level is None else level
 
 
 def _apart(reference: Run, other: Run) -> tuple[float, float]:
