@@ -237,7 +237,7 @@ CLAIMS = {
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "ranges": Claim(
         f"{BENCHMARKS}/ranges.py --seed 79",
-        900,
+        1500,
         {"ranges": printed},
         short=f"{BENCHMARKS}/ranges.py --quick",
         timed=True,
@@ -253,6 +253,13 @@ CLAIMS = {
     ),
     "response": Claim(
         f"{BENCHMARKS}/response.py reduced --workers 2", 60, {"response": printed}, timed=True
+    ),
+    "response-condensed": Claim(
+        f"{BENCHMARKS}/response.py condensed --workers 2",
+        500,
+        {"response-condensed": printed},
+        short=f"{BENCHMARKS}/response.py condensed --quick",
+        timed=True,
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),

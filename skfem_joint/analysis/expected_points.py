@@ -39,17 +39,17 @@ class Expected:
         self._count()
 
     def of_curve(
-        self, number: int, added: int = 0, complete: bool = False, failed: int = 0
+        self, number: int, added: int = 0, complete: bool = False, failed: int = 0, more: int = 0
     ) -> None:
         """Note frequencies ``added`` to a curve, that it has all, or that some ``failed``.
 
-        Of those that have no steady vibration no other one is computed.
+        Of those that have no steady vibration no other one is computed. ``more`` is a number of
+        other vibrations that are needed.
         """
         self.added[number] += added
         self.complete[number] |= complete
-        more = added * self.each - failed * (self.each - 1)
-        self.known -= failed * (self.each - 1)
-        self.rows.total += more
+        self.known += more - failed * (self.each - 1)
+        self.rows.total += added * self.each + more - failed * (self.each - 1)
         self._count()
 
     def _count(self) -> None:

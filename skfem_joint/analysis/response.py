@@ -14,7 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
-from typing import TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from skfem_joint.loads import common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
+from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
@@ -60,6 +61,9 @@ class ResponseSettings:
     likely_added : int
         Most frequencies that progress expects to be added to the first curve: a third of those
         asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
+    alike : float
+        Where the amplitude of a coarse model differs by more than this share, the error of the step
+        is found on the larger model itself.
     """
 
     harmonics: int = 5
@@ -68,9 +72,42 @@ class ResponseSettings:
     narrow: float = 0.25
     close: float = 2e-4
     likely_added: int = 10
+    alike: float = 0.1
 
 
 SETTINGS = ResponseSettings()
+
+
+class Guide(NamedTuple):
+    """What a reduced model says of a steady vibration of a larger one.
+
+    Attributes
+    ----------
+    amplitude : float
+        Its largest amplitude, m; nan if none was found.
+    step_error : float
+        Relative error of that by the time step; nan if it is not known.
+    correction : Correction or None
+        Of the search for the larger model's vibration.
+    """
+
+    amplitude: float
+    step_error: float
+    correction: Correction | None
+
+    def error_of(self, amplitude: float) -> float:
+        """Error of the step of an amplitude, nan if that of the reduced model is another one."""
+        alike = abs(self.amplitude - amplitude) <= SETTINGS.alike * amplitude
+        return self.step_error if alike else np.nan
+
+
+class Guiding(Protocol):
+    """A reduced model beside a larger one, see `skfem_joint.analysis.coarse_model`."""
+
+    def guide(
+        self, frequency: float, level: float, steps_per_cycle: int, finer: int | None
+    ) -> Guide:
+        """What it says at a frequency (Hz) and level, with ``finer`` steps too unless None."""
 
 
 @dataclass(frozen=True)
@@ -293,6 +330,38 @@ def response(
     ConvergenceError
         If no frequency of a level has a steady vibration.
     """
+    return guided_response(
+        system,
+        frequencies,
+        levels,
+        None,
+        steps_per_cycle=steps_per_cycle,
+        refined=refined,
+        estimated=estimated,
+        executor=executor,
+        progress=progress,
+        rows=rows,
+    )
+
+
+def guided_response(
+    system: System,
+    frequencies: FloatArray,
+    levels: Sequence[float],
+    coarse: Guiding | None,
+    *,
+    steps_per_cycle: int = 200,
+    refined: bool = True,
+    estimated: bool = True,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    rows: Rows | None = None,
+) -> list[Curve]:
+    """Steady vibration over frequency of a system beside which there may be a coarse model.
+
+    That corrects the searches, and the error of the step is found on it. The other arguments,
+    result and errors are those of `response`.
+    """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
     by_model = estimated and system.serves is not None
     steps_per_cycle = suited_steps(system, steps_per_cycle)
@@ -300,19 +369,24 @@ def response(
     expected = Expected(
         tally,
         rows,
-        1 + estimated + by_model,
+        1 + (estimated and coarse is None) + by_model,
         len(levels),
         frequencies.size,
         min(SETTINGS.likely_added, frequencies.size // 3) if refined else None,
     )
     finer = half_steps(system, steps_per_cycle) if estimated else None
+    of_coarse = None if coarse is None else finer
     searches = [
         _search(
-            frequencies, level, steps_per_cycle, finer, refined, partial(expected.of_curve, number)
+            frequencies,
+            _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
+            finer,
+            refined,
+            partial(expected.of_curve, number),
         )
         for number, level in enumerate(levels)
     ]
-    curves = _curves(searches, system, executor, tally, rows)
+    curves = _curves(searches, system, coarse, executor, tally, rows)
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
@@ -368,21 +442,27 @@ def _with_model_errors(
 class _Request:
     """A steady vibration that the search for a curve needs next.
 
-    ``with_state`` says whether others will start from its state.
+    ``finer`` is the number of steps in a period with which the error of the step is found on a
+    coarse model, None if it is not. ``with_state`` says whether others will start from its state.
     """
 
     frequency: float
     level: float
     steps_per_cycle: int
-    start: State | None
-    with_state: bool
+    finer: int | None
+    start: State | None = None
+    with_state: bool = True
 
-    def compute(self, system: System, progress: Progress) -> SteadyPoint:
-        """The vibration of a system."""
-        point = steady_point(
-            system, self.frequency, self.level, self.steps_per_cycle, self.start, progress
-        )
-        return point if self.with_state else replace(point, state=None, course=None)
+    def compute(self, system: System, coarse: Guiding | None, progress: Progress) -> SteadyPoint:
+        """The vibration of a system, beside which there may be a coarse model."""
+        at = self.frequency, self.level, self.steps_per_cycle
+        guide = Guide(np.nan, np.nan, None) if coarse is None else coarse.guide(*at, self.finer)
+        point = steady_point(system, *at, self.start, progress, guide.correction)
+        if not self.with_state:
+            return replace(point, state=None, course=None)
+        if point.failure is not None:
+            return point
+        return replace(point, step_error=guide.error_of(float(point.amplitude.max())))
 
 
 #: A search yields requests, is sent their results, and returns its curve.
@@ -392,6 +472,7 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
+    coarse: Guiding | None,
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
@@ -400,7 +481,7 @@ def _curves(
 
     Each steady vibration is a row, named by all that it depends on.
     """
-    origin = rows.mark("steady point", system)
+    origin = rows.mark("steady point", system, coarse)
     curves: dict[int, Curve] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -411,10 +492,10 @@ def _curves(
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    future = executor.submit(request.compute, system, silent)
+                    future = executor.submit(request.compute, system, coarse, silent)
                     running[future] = number, mark, time.perf_counter()
                     return
-                point = rows.row(mark, partial(request.compute, system, tally.within))
+                point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -444,21 +525,28 @@ def _failed(future: Future[SteadyPoint]) -> bool:
 
 def _search(
     frequencies: FloatArray,
-    level: float,
-    steps_per_cycle: int,
+    first: _Request,
     finer: int | None,
     refined: bool,
     expect: Callable[..., None],
 ) -> _Search:
-    """Request the points of a curve: those asked for, those added, then all with a finer step.
+    """Request the points of a curve: those asked for, those added, then some with a finer step.
 
-    ``finer`` is the number of steps in a period then, None for no estimate. ``expect`` is
-    `Expected.of_curve` for this curve.
+    Parameters
+    ----------
+    first : _Request
+        The first one.
+    finer : int or None
+        Number of steps in a period with which the error of the step is found where no coarse model
+        has found it; None for no estimate.
+    expect : callable
+        `Expected.of_curve` for this curve.
     """
+    level = first.level
     points: list[SteadyPoint] = []
     state: State | None = None
     for frequency in frequencies.tolist():
-        points.append((yield _Request(frequency, level, steps_per_cycle, state, True)))
+        points.append((yield replace(first, frequency=frequency, start=state)))
         state = points[-1].state
     if all(point.failure is not None for point in points):
         raise ConvergenceError(
@@ -470,21 +558,32 @@ def _search(
             break
         expect(added=1)
         state = min(points, key=lambda point: abs(point.frequency - added)).state
-        points.append((yield _Request(added, level, steps_per_cycle, state, True)))
+        points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
-    curve = Curve(level, tuple(points))
-    expect(complete=True, failed=sum(point.failure is not None for point in points))
+    failed = sum(point.failure is not None for point in points)
+    expect(complete=True, failed=failed)
     if finer is None:
-        return curve
-    # All schemes are of second order.
-    largest, share = curve.largest, 1.0 / (1.0 - (steps_per_cycle / finer) ** 2)
-    for k, point in enumerate(points):
-        if point.failure is None:
-            other = yield _Request(point.frequency, level, finer, point.state, False)
-            change = relative(other.amplitude[largest], point.amplitude[largest])
-            error = np.nan if change is None else abs(change) * share
-            points[k] = replace(point, step_error=error)
+        return Curve(level, tuple(points))
+    left = [k for k, p in enumerate(points) if p.failure is None and np.isnan(p.step_error)]
+    if first.finer is not None:
+        expect(more=len(left))
+    largest, steps = Curve(level, tuple(points)).largest, first.steps_per_cycle
+    for k in left:
+        point = points[k]
+        half = replace(first, frequency=point.frequency, steps_per_cycle=finer, finer=None)
+        other = yield replace(half, start=point.state, with_state=False)
+        amplitudes = point.amplitude[largest], other.amplitude[largest]
+        points[k] = replace(point, step_error=error_of_step(*amplitudes, steps, finer))
     return Curve(level, tuple(points))
+
+
+def error_of_step(amplitude: float, other: float, steps: int, finer: int) -> float:
+    """Relative error of an amplitude by ``steps`` in a period, from another one with more steps.
+
+    All schemes are of second order. nan if neither is known.
+    """
+    change = relative(other, amplitude)
+    return np.nan if change is None else abs(change) / (1.0 - (steps / finer) ** 2)
 
 
 def _frequencies_to_add(curve: Curve) -> Iterator[float]:
@@ -508,23 +607,29 @@ def steady_point(
     steps_per_cycle: int = 200,
     start: State | None = None,
     progress: Progress = silent,
+    correction: Correction | None = None,
 ) -> SteadyPoint:
     """Steady vibration at one frequency (Hz); ``failure`` says why where there is none.
 
     ``start`` is the displacement (m) and velocity (m/s) that the search starts from; rest if not
-    given. The other arguments are those of :func:`response`.
+    given. ``correction`` is a smaller model's. The other arguments are those of :func:`response`.
     """
     loaded = at_frequency(system, frequency, level)
-    return _steady(loaded, frequency, steps_per_cycle, start, progress)
+    return _steady(loaded, frequency, steps_per_cycle, start, progress, correction)
 
 
 def _steady(
-    system: System, frequency: float, steps_per_cycle: int, start: State | None, progress: Progress
+    system: System,
+    frequency: float,
+    steps_per_cycle: int,
+    start: State | None,
+    progress: Progress,
+    correction: Correction | None = None,
 ) -> SteadyPoint:
     """Steady vibration of a system that has its loads at a frequency (Hz)."""
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
-        run = integrate_plan(system, plan, initial=start, progress=progress)
+        run = integrate_plan(system, plan, initial=start, progress=progress, correction=correction)
         check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, str(error))

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from skfem_joint.analysis import run_estimate
+from skfem_joint.analysis.coarse_model import CoarseModel
 from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import (
@@ -17,7 +18,7 @@ from skfem_joint.analysis.response import (
     State,
     SteadyPoint,
     at_frequency,
-    response,
+    guided_response,
     steady_plan,
     suited_steps,
 )
@@ -144,9 +145,9 @@ def scene_response(
     Raises
     ------
     InputError
-        As :func:`response_table` and :func:`response`.
+        As :func:`response_table` and `skfem_joint.response`.
     ConvergenceError
-        As :func:`response`.
+        As `skfem_joint.response`.
     """
     table = response_table(scene)
     system, between = scene.system(), table.frequencies
@@ -172,7 +173,11 @@ def scene_response(
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
-            model = _prepared(name, scene, table, resonance, rows)
+            model = _with_coarse(
+                _prepared(name, scene, table, resonance, rows), scene, table, resonance
+            )
+            if model.coarse is not None and scene.accuracy.estimate:
+                rows.total -= len(table.levels) * frequencies.size
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = _curves(model, scene, table, frequencies, executor, progress, rows)
@@ -202,6 +207,8 @@ class _Prepared:
         Level of the scene that is level 1 of ``system``.
     notes : tuple of str
         How it was made, where users should know.
+    coarse : CoarseModel, optional
+        Reduced model beside a larger one.
     """
 
     name: str
@@ -209,6 +216,7 @@ class _Prepared:
     basis: Basis | None = None
     level: float = 1.0
     notes: tuple[str, ...] = ()
+    coarse: CoarseModel | None = None
 
 
 def _prepared(
@@ -234,6 +242,23 @@ def _prepared(
     return _Prepared(name, small, basis, level, (*basis.notes, *notes_of_reduction(loaded, small)))
 
 
+def _with_coarse(
+    model: _Prepared, scene: Scene, table: ResponseTable, resonance: float
+) -> _Prepared:
+    """A full or condensed model with a reduced one beside it, where that helps."""
+    if model.name == "reduced":
+        return model
+    V = None if model.basis is None else model.basis.V
+    level, loaded = max(table.levels), scene.system()
+    loaded = at_frequency(loaded, resonance, model.level)
+    try:
+        coarse = CoarseModel.of(loaded, resonance, level / model.level, V)
+    except (InputError, ConvergenceError) as error:
+        note = f"No reduced model helps the {model.name} model's response, which takes longer then"
+        return replace(model, notes=(*model.notes, f"{note}: {error}"))
+    return replace(model, coarse=coarse)
+
+
 def _curves(
     model: _Prepared,
     scene: Scene,
@@ -245,10 +270,11 @@ def _curves(
 ) -> list[Curve]:
     """Curves of a model at the levels of a scene, rising, with the slip of all contact points."""
     levels, system = sorted(table.levels), scene.system()
-    curves = response(
+    curves = guided_response(
         model.system,
         frequencies,
         [level / model.level for level in levels],
+        model.coarse,
         steps_per_cycle=scene.time.steps_per_cycle,
         estimated=scene.accuracy.estimate,
         executor=executor,

@@ -20,6 +20,7 @@ from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
+from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Run, Save
@@ -125,8 +126,12 @@ def integrate_plan(
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
+    correction: Correction | None = None,
 ) -> Run:
-    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`."""
+    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`.
+
+    ``correction`` is a smaller model's, of a run until "steady".
+    """
     check("tolerance", tolerance, _TOLERANCES)
     if system.serves is not None and system.serves.point is None:
         raise InputError(
@@ -146,7 +151,7 @@ def integrate_plan(
         driver.take_up(*saved)
     moved = start if np.any(start) else None
     if plan.until == "steady":
-        return replace(steady_run(driver, progress), plan=plan, start=moved)
+        return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
     interrupted = driver.run(progress, checkpoint, identity)
     run = driver.finish(system.stored_energy(*start), interrupted)
     return replace(run, plan=plan, start=moved)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import lstsq, lu_factor, lu_solve
 
 from skfem_joint.arrays import FloatArray
+from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
@@ -100,8 +101,10 @@ class Shooting:
         Change over each passage so far, relative.
     """
 
-    def __init__(self, driver: Driver, show: Callable[[], None]) -> None:
-        self.driver, self.show = driver, show
+    def __init__(
+        self, driver: Driver, show: Callable[[], None], correction: Correction | None = None
+    ) -> None:
+        self.driver, self.show, self.correction = driver, show, correction
         loads, plan = driver.system.load_amplitudes, driver.plan
         turns = turns_over(loads(driver.h * np.arange(driver.n_steps + 1.0)))
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
@@ -155,13 +158,23 @@ class Shooting:
         J = transition(driver.system, driver.to.kind, driver.h, v, omega)
         return _Derivative(J, self.sign)
 
+    def corrected(self, change: FloatArray) -> FloatArray | None:
+        """Change as a smaller model corrects it, over half a period; None without one."""
+        if self.correction is None or self.parts == 1 or not self.trapezoidal:
+            return None
+        return change + self.correction.added(change, self.driver.to)
+
 
 def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:
     """Least solution of equations whose matrix may be singular."""
     return np.asarray(lstsq(matrix, change, cond=NEWTON.singular, lapack_driver="gelsy")[0])
 
 
-def steady_run(driver: Driver, progress: Callable[..., None] | None) -> Run:
+def steady_run(
+    driver: Driver,
+    progress: Callable[..., None] | None,
+    correction: Correction | None = None,
+) -> Run:
     """Run of the period at which vibration has become steady, by a driver at its start."""
     plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
     changes: list[float] = []
@@ -171,7 +184,7 @@ def steady_run(driver: Driver, progress: Callable[..., None] | None) -> Run:
             gone = len(changes) / shooting.parts + driver.done / driver.n_steps
             progress(int(gone), 0, note_of(gone, changes))
 
-    shooting, first = Shooting(driver, show), stepper.now.u.copy()
+    shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
     motions, odd = unstrained(system), shooting.parts == 2
     momenta = system.M @ motions
     moved = periodic_state(system, shooting.coordinates(stepper.now), shooting, motions, changes)

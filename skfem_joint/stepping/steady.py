@@ -16,7 +16,8 @@ mixing took up to 120.
 
 Anderson's acceleration (D. G. Anderson, J. ACM 12, 1965; H. F. Walker and P. Ni, SIAM J. Numer.
 Anal. 49, 2011) is used elsewhere, and where Newton's method does not come closer: the next start is
-a linear combination of the last states at ends of periods. It has a safeguard. The change of a
+a linear combination of the last states at ends of periods, or of what a smaller model makes of them
+(:mod:`skfem_joint.stepping.correction`). It has a safeguard. The change of a
 state is what a period adds to it; if the change of a combination is more than twice the least
 change so far, the search goes back to the plain end state that belongs to the least change, and
 plain iteration never makes the change grow. No step restarts the scheme.
@@ -248,6 +249,9 @@ class PeriodMap(Protocol):
     def derivative(self) -> Derivative | None:
         """Derivative where it went through last; None if there is none."""
 
+    def corrected(self, change: FloatArray) -> FloatArray | None:
+        """Change (k,) as a smaller model corrects it; None without one."""
+
 
 class Base(NamedTuple):
     """State that a Newton step starts from, what the map changes of it, and the derivative there.
@@ -361,7 +365,12 @@ def periodic_state(
         end, energy, work, friction = through(x)
         after = without_rigid(end)
         memory = SETTINGS.linear_memory if friction <= SETTINGS.linear * work else SETTINGS.memory
-        size, scale = mixing.add(after, after - x, memory), np.sqrt(2.0 * energy)
+        if (step := through.corrected(after - x)) is None:
+            size = mixing.add(after, after - x, memory)
+        else:
+            step, size = without_rigid(step), norm(after - x)
+            mixing.add(x + step, step, memory)
+        scale = np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
         gained = system.stored_energy(after[:n], after[n : 2 * n])

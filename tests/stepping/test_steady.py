@@ -11,6 +11,7 @@ import skfem_joint as sj
 from skfem_joint.analysis.response import steady_plan
 from skfem_joint.stepping import shooting, steady
 from skfem_joint.stepping.checkpoint import Checkpoints
+from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.recording import Run
@@ -266,6 +267,26 @@ def test_newtons_method_finds_what_mixing_finds_in_few_periods(monkeypatch):
     mixed = sj.integrate(system, until="steady", steps_per_cycle=200)
     assert 2 * found.steady.periods < mixed.steady.periods
     assert amplitude(found) == pytest.approx(amplitude(mixed), rel=1e-4)
+
+
+def test_a_correction_by_the_system_itself_is_newtons_step():
+    system = dense(bar(2025.0, 0.1, beta=1e4))
+    plan, rest = steady_plan(system, 200), np.zeros(system.n)
+    driver = Driver(system, plan, (rest, rest), 1e-13)
+    through = shooting.Shooting(driver, lambda: None)
+    x = through.coordinates(driver.stepper.now)
+    for _ in range(3):
+        begin, x = x, through(x).end
+    derivative, v = through.derivative(), driver.recorder.stored.v[1 : plan.n_steps // 2 + 1]
+    one = np.eye(system.n)
+    correction = Correction.of(system, plan, driver.warp * v, one, one)
+    assert derivative is not None
+    assert correction is not None
+    through.correction = correction
+    newton = derivative.step(x - begin, 0.0)
+    np.testing.assert_allclose(
+        through.corrected(x - begin), newton, atol=1e-9 * np.abs(newton).max()
+    )
 
 
 def test_warped_steps_have_true_velocities_and_energies():
