@@ -27,6 +27,9 @@ from skfem_joint.stepping.transition import transition
 from skfem_joint.stepping.warp import warped
 from skfem_joint.system import System
 
+#: Largest condition number of 1 + J: beyond it a motion is at resonance without damping and slip.
+LARGEST_CONDITION = 1e12
+
 
 @dataclass(frozen=True)
 class Correction:
@@ -53,7 +56,7 @@ class Correction:
     def of(
         system: System, plan: Plan, velocities: FloatArray, down: FloatArray, up: FloatArray
     ) -> Correction | None:
-        """Correction by a reduced system; None if its steps are not those of a dense one.
+        """Correction by a reduced system; None if its steps are not dense or 1 + J is singular.
 
         Parameters
         ----------
@@ -73,6 +76,8 @@ class Correction:
         if J.moving.size < system.n:
             return None
         one = np.eye(2 * system.n)
+        if np.linalg.cond(one + J.matrix) > LARGEST_CONDITION:
+            return None
         return Correction(down, up, np.linalg.inv(one + J.matrix) - one, omega)
 
     def added(self, change: FloatArray, to: Arranged) -> FloatArray:

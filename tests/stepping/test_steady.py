@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import pressed, structure
+from scipy.linalg import eigh
 from stepping_systems import arm, struts
 
 import skfem_joint as sj
@@ -287,6 +288,19 @@ def test_a_correction_by_the_system_itself_is_newtons_step():
     np.testing.assert_allclose(
         through.corrected(x - begin), newton, atol=1e-9 * np.abs(newton).max()
     )
+
+
+def test_at_resonance_without_damping_there_is_no_correction():
+    system = dense(bar(2490.0, 0.1, beta=1e4))
+    system = replace(system, C=np.zeros_like(system.C))
+    first = np.sqrt(eigh(system.K, system.M, eigvals_only=True)[0]) / (2.0 * np.pi)
+    one = np.eye(system.n)
+    for frequency, none in ((0.9 * first, False), (first, True)):
+        load = replace(system.loads[0], amplitude=sj.Harmonic(1.0, frequency))
+        loaded = replace(system, loads=(load,))
+        plan = steady_plan(loaded, 200)
+        slipping = np.full((plan.n_steps // 2, system.n), 1e12)
+        assert (Correction.of(loaded, plan, slipping, one, one) is None) is none
 
 
 def test_warped_steps_have_true_velocities_and_energies():
