@@ -26,8 +26,8 @@ Most of the time goes into the tangent B' D B, n^2 rows multiplications. It is a
 step, and after that only for points whose own tangent changed by 2 % or more, which are about half
 of them; sums run over tiles of four rows and two columns. Of models for a range of a plate (31
 unknowns, 93 points), a bracket (48, 144) and a solid (90, 270), processor time of a step on a busy
-machine, us, before and after: 268 and 161, 634 and 317, 6,935 and about 2,700. New factors in a
-step stay 8.3, 7.8 and 15. What did not help:
+machine, us, before and after: 291 and 197 to 237, 634 and 324, 6,381 and 2,541. New factors in a
+step stay 9.1, 8.0 and 16. What did not help:
 
 - tangents held up to a change of 20 %: the sums are a third fewer, but factors twice as many;
 - a factor used again while it reduces the residual to 0.3 or 0.6: 10 and 20 % fewer new factors,
