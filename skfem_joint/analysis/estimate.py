@@ -40,6 +40,9 @@ The verification runs lead step by step from the model asked for to the best one
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
 plus what the last run of each kind still leaves.
 
+Without inertia a condensed model is exact but for its step, and so is the reference of a reduced one
+in quasi-static runs; where contact is large the full model itself takes its place.
+
 Errors of a full model are those of its time step, see :mod:`skfem_joint.analysis.step_estimate`.
 """
 
@@ -353,6 +356,11 @@ def of_reduced(
         if plan.n_steps < steps:
             run = verify(reduced, plan)
     base = results(run)
+    if plan.quasi_static:
+        if points.condensed:
+            return _of_condensed(base, reduced, lambda k: verify(reduced, plan.finer(k)))
+        whole = reference or CondensedReference.of(system) or CondensedReference.whole(system)
+        return _by_reference(points, whole, steepest, plan, base, verify, progress)
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
     periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
@@ -465,6 +473,15 @@ def _by_reference(
     return Estimate(
         parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(left))
     )
+
+
+def _of_condensed(base: Results, model: System, finer: Callable[[int], Run]) -> Estimate:
+    """Errors of a condensed model's quasi-static run: its statics are those of the full model."""
+    finest, left = _of_steps(base, finer)
+    errors = added(difference(finest, base), left)
+    parts = {"basis": dict.fromkeys(QUANTITIES, 0.0), "time_step": errors, "total": errors}
+    joints = joint_differences(finest, base, model.joints, _rest(left))
+    return Estimate(dict[str, Parts](parts), by_joint=joints)
 
 
 def _settles(run: Run) -> int:
