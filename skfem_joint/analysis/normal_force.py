@@ -38,9 +38,7 @@ class NormalChange:
         text = f"{100.0 * share[worst]:.3g} % of what presses it, most in {where}"
         return cls(float(share[worst]), text)
 
-    def doubts(
-        self, when: str = "", what: str = "Vibration of the stuck structure"
-    ) -> list[str]:
+    def doubts(self, when: str = "", what: str = "Vibration of the stuck structure") -> list[str]:
         """What is doubtful if the change, by ``what``, is large; ``when`` begins the sentence."""
         if self.share <= LARGE:
             return []

@@ -135,10 +135,9 @@ class Scene(SceneTable):
             common = {"joints": still, "stiffness_damping": 0.0, "mass_damping": 0.0}
             common["damping_ratio"] = None
         if self.matrices is not None:
-            table = self.matrices
-            if self.time.quasi_static:
-                table = table.model_copy(update={"C": None})
-            return table.model((self._path or Path()).parent, common)
+            undamped = {"C": None} if self.time.quasi_static else {}
+            matrices = self.matrices.model_copy(update=undamped)
+            return matrices.model((self._path or Path()).parent, common)
         material, regions = self.material, dict[str, dict[str, float]]()
         if material is None:
             raise InputError("material: missing, must be given with a mesh")

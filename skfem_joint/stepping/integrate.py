@@ -233,9 +233,7 @@ def quasi_static(
         others = (step, n_steps, duration)
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
     step, n_steps = _steps(step, n_steps, duration)
-    plan = Plan(
-        step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True
-    )
+    plan = Plan(step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
     return integrate_plan(system, plan, tolerance=tolerance, progress=progress)
 
 

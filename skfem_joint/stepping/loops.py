@@ -25,6 +25,9 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.system import System
 
+#: Ways below this share of the largest are round-off.
+ROUND_OFF = 1e-9
+
 
 @dataclass(frozen=True, repr=False)
 class Loops:
@@ -79,6 +82,20 @@ class Loops:
         return slice(end - steps, end + 1)
 
     @property
+    def opening(self) -> float | None:
+        """How far the last cycle is from being closed; None without a complete cycle.
+
+        Largest difference between its end and its start, over peak to peak, of the loads'
+        displacements and of the joints' slips that are no round-off.
+        """
+        if self.cycle_steps is None or self.times.size <= self.cycle_steps:
+            return None
+        ways = np.hstack([self.load_displacement, self.slip])[self.last]
+        whole = np.ptp(ways, axis=0)
+        moving = whole > ROUND_OFF * whole.max(initial=0.0)
+        return float((np.abs(ways[-1] - ways[0])[moving] / whole[moving]).max(initial=0.0))
+
+    @property
     def secant_stiffness(self) -> FloatArray:
         """Force over slip of each joint, N/m, (joints,); not a number where nothing slips.
 
@@ -107,7 +124,7 @@ class Loops:
 def _secant(force: FloatArray, way: FloatArray) -> FloatArray:
     """Peak to peak of forces over peak to peak of ways, by column; not a number without a way."""
     whole = np.ptp(way, axis=0)
-    known = whole > 0.0
+    known = whole > ROUND_OFF * whole.max(initial=0.0)
     return np.where(known, np.ptp(force, axis=0) / np.where(known, whole, 1.0), np.nan)
 
 
@@ -147,9 +164,13 @@ class LoopRecorder:
         self.rows: list[tuple[FloatArray, ...]] = []
 
     def add(
-        self, amplitudes: FloatArray, u: FloatArray, friction: FloatArray, slip: FloatArray,
+        self,
+        amplitudes: FloatArray,
+        u: FloatArray,
+        friction: FloatArray,
+        slip: FloatArray,
         work: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Add a level: amplitudes (loads,), N, and its state; ``work`` (m,), J, of each point."""
         self.rows.append(
             (
@@ -163,18 +184,21 @@ class LoopRecorder:
 
     def finish(self, step: float, cycle_steps: int | None) -> Loops:
         """Loops of the levels so far, a ``step`` (s) apart."""
-        columns = [np.array(column) for column in zip(*self.rows, strict=True)]
-        force, slip = (x.reshape(len(x), 2, -1) for x in columns[2:4])
+        loads, moved, forces, slips, work = (
+            np.array(column) for column in zip(*self.rows, strict=True)
+        )
+        force, slip = (x.reshape(len(x), 2, -1) for x in (forces, slips))
         direction = _directions(force, slip)
-        along = (np.einsum("tcj,jc->tj", x, direction) for x in (force, slip))
         return Loops(
-            step * np.arange(len(self.rows), dtype=np.float64),
-            *columns[:2],
-            *along,
-            columns[4],
-            direction,
-            self.covered,
-            cycle_steps,
+            times=step * np.arange(len(self.rows), dtype=np.float64),
+            load_force=loads,
+            load_displacement=moved,
+            force=np.einsum("tcj,jc->tj", force, direction),
+            slip=np.einsum("tcj,jc->tj", slip, direction),
+            work=work,
+            direction=direction,
+            covered=self.covered,
+            cycle_steps=cycle_steps,
         )
 
 
@@ -186,7 +210,8 @@ def _directions(force: FloatArray, slip: FloatArray) -> FloatArray:
         for x in (slip[:, :, j], force[:, :, j]):
             size = np.linalg.norm(x, axis=1)
             if size.max() > 0.0:
-                most = size.argmax()
-                found[j] = x[most] / size[most]
+                unit = x[size.argmax()] / size.max()
+                # Loops of different models have the same sense: the largest component is positive.
+                found[j] = unit * np.sign(unit[np.abs(unit).argmax()])
                 break
     return found

@@ -111,8 +111,8 @@ def check_jumps(system: System, plan: Plan) -> None:
 
     The vibration has the shape of the displacement under the load at rest, with joints that hold
     what they can: a quasi-static state is solved for each load that jumps. It does not matter where
-    the plan ends with steady vibration, or leaves inertia out. Of jumps of plain functions of time only one at the start
-    is seen.
+    the plan ends with steady vibration, or leaves inertia out. Of jumps of plain functions of time
+    only one at the start is seen.
 
     Raises
     ------

@@ -14,9 +14,10 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
@@ -107,6 +108,17 @@ def slow_run(
     return driver.run(progress)
 
 
+class _Mark(NamedTuple):
+    """State of a driver between two steps."""
+
+    level: Level
+    amplitudes: FloatArray
+    rate: FloatArray
+    done: int
+    rows: int
+    recorded: dict[str, NDArray[Any]]
+
+
 class _SlowDriver:
     """Goes from level to level and records them.
 
@@ -118,6 +130,8 @@ class _SlowDriver:
         Of its loads, N.
     done : int
         Steps that are done.
+    started : bool
+        Whether the loads that act from the start on are reached.
     preparation, compilation : float
         Time before the first level, and of compilation in it, s.
     """
@@ -132,6 +146,7 @@ class _SlowDriver:
         self.limits = self.system.on_rows(self.system.w)
         self.level, self.amplitudes = solver.rest(), np.zeros(len(self.system.loads))
         self.rate = np.zeros(self.system.n)
+        self.started = False
         self.preparation = self.compilation = 0.0
 
     def run(self, progress: Callable[..., None] | None) -> Run:
@@ -140,6 +155,7 @@ class _SlowDriver:
         mark, interrupted = self._mark(), False
         try:
             self._start()
+            self.started = True
             while self.done < self.plan.n_steps:
                 mark = self._mark()
                 self._step(self.done)
@@ -211,16 +227,16 @@ class _SlowDriver:
             self.amplitudes, level.u, level.friction, level.slip, self.recorder.friction_work
         )
 
-    def _mark(self) -> tuple[object, ...]:
+    def _mark(self) -> _Mark:
         """All that the next step may change."""
-        state = self.level, self.amplitudes, self.rate, self.done, len(self.loops.rows)
-        return (*state, self.recorder.mark())
+        rows = len(self.loops.rows)
+        return _Mark(self.level, self.amplitudes, self.rate, self.done, rows, self.recorder.mark())
 
-    def _back_to(self, mark: tuple[object, ...]) -> None:
+    def _back_to(self, mark: _Mark) -> None:
         """Take back a step that did not end."""
-        self.level, self.amplitudes, self.rate, self.done, rows, saved = mark  # type: ignore[assignment]
-        del self.loops.rows[rows:]  # type: ignore[misc]
-        self.recorder.restore(saved)  # type: ignore[arg-type]
+        self.level, self.amplitudes, self.rate, self.done = mark[:4]
+        del self.loops.rows[mark.rows :]
+        self.recorder.restore(mark.recorded)
         if not self.loops.rows:  # not even the loads of the start were reached
             self._store(0)
 
@@ -233,8 +249,8 @@ class _SlowDriver:
                 (load.on or "load" for load in self.system.loads), self.amplitudes, strict=True
             )
         )
-        why = f"{error}" if error.beyond else f"it was not found: {error}"
-        tried = h * (step + 1) if self.done or len(self.loops.rows) > 1 else h
+        why = str(error) if error.beyond else f"it was not found, {error}"
+        tried = h * (step + 1) if self.started else 0.0
         raise ConvergenceError(
             f"quasi-static run: there is no level at t = {tried:.6g} s: {why}. The last level is "
             f"that of t = {h * step:.6g} s, under {shown or 'no load'}; all {step} levels up to it "
