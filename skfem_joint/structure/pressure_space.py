@@ -13,11 +13,11 @@ mean of the pressure p over the hat. Both sum to 1, so that an even pressure sta
 
 Quadratic displacements with pressures at the corners are a stable pair. With pressures at all their
 nodes they are not: such pressures swing between corners and the nodes between them, on finer meshes
-too. Two concentric plates on a washer's face, radius from 4.5 to 12 mm, bricks and tetrahedra,
-against a fine axisymmetric mesh: pressures at all nodes err by 11 to 13 % in the mean square where
-meshes match and by 34 to 54 % where they do not, hats of corners by 9 to 15 %, but swing by 14 %
-where elements are large, dual functions by 7 to 10 % and they never rise outwards. Hats also open
-the corners at the edge of the contact too soon, as the gap over their whole elements counts.
+too. A washer of radius 4.5 to 12 mm on a plate, elements of 1.75 mm, against a fine mesh: pressures
+at all nodes err by 11 to 13 % in the mean square where meshes match and by 34 to 54 % where they do
+not, those of dual functions by 7 to 10 %, and these never rise outwards. Hats as psi_c err by 8 to
+13 % there, but swing by 14 % with elements of 2 to 4 mm, and they open the corners at the edge of
+the contact too soon, because gaps in the whole of their elements count.
 
 Friction acts at all nodes of the face. A node i has the normal force N_i = p(x_i) integral phi_i of
 the pressure that is linear between the p_c, with the hat phi_i of the sub-cells between the nodes.
