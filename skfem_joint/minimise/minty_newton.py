@@ -28,10 +28,13 @@ from skfem_joint.minimise.law import (
     COULOMB,
     FREE,
     REGULAR,
+    add_springs,
     graph,
     graph_parameters,
     potential_of,
     resolvent,
+    sprung_psi,
+    sprung_resolvent,
     sticks,
 )
 
@@ -101,6 +104,15 @@ def _round_off(H0, v, s, dv):
 
 
 @compiled_inside
+def _largest_of_springs(H0, soft, offset):
+    """Largest force, N, that the slips of springs and their offsets add to the residual."""
+    largest = 0.0
+    for i in range(soft.size):
+        largest = max(largest, H0[i] * (soft[i] + abs(offset[i])))
+    return largest
+
+
+@compiled_inside
 def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
     """Solve (H D + w S) x = -r, D and S the diagonals dv and dsigma; x may be r.
 
@@ -141,11 +153,12 @@ def _direction(s):
 
 
 @compiled
-def _newton(chain, level, g, s, work, limit, tolerance):
+def _newton(chain, level, g, s, offset, work, limit, tolerance):
     """Newton iteration on s at one level; returns iterations, converged, residual (N) and its row.
 
     ``work`` holds v, sigma, dv, dsigma, r and the elimination factors, row by row.
     """
+    sprung = chain.soft.size > 0
     a, b = chain.start[level], chain.start[level + 1]
     n = b - a
     H0, H1, w = chain.H0[a:b], chain.H1[a:b], chain.w[a:b]
@@ -153,12 +166,17 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     g, s = g[a:b], s[a:b]
     v, sigma, dv = work[0, :n], work[1, :n], work[2, :n]
     dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
-    scale = largest_of(g)
+    scale, added = largest_of(g), 0.0
+    if sprung:
+        offset = offset[a:b]
+        added = SETTINGS.round_off * _largest_of_springs(H0, chain.soft[a:b], offset)
     iteration, fewest, patience = 0, n + 1, SETTINGS.patience
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
+        if sprung:
+            add_springs(chain.soft[a:b], offset, v, sigma, dv, dsigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
-        if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv):
+        if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv) + added:
             return iteration, True, largest, row
         if iteration == limit or not largest < inf:
             return iteration, False, largest, row
@@ -170,7 +188,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
             continue
         flips = 0
         last = -1
-        noise = max(tolerance * scale, _round_off(H0, v, s, dv))
+        noise = max(tolerance * scale, _round_off(H0, v, s, dv) + added)
         for i in range(n):
             before = _direction(s[i])
             s[i] += r[i]
@@ -196,7 +214,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
 
 
 @compiled_inside
-def _objective(chain, g, v):
+def _objective(chain, g, v, offset):
     """Convex objective 1/2 v H v - g v + sum w psi(v) whose minimiser is the step's velocity."""
     total = 0.0
     for i in range(v.size):
@@ -204,7 +222,10 @@ def _objective(chain, g, v):
         if i > 0:
             t += chain.H1[i - 1] * v[i - 1]
         total += t * v[i]
-        if chain.kind[i] == REGULAR:
+        if chain.soft.size > 0 and chain.soft[i] > 0.0:
+            beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
+            total += chain.w[i] * sprung_psi(v[i] - offset[i], beta, chain.soft[i])
+        elif chain.kind[i] == REGULAR:
             width = chain.inverse_beta[i]
             total += chain.w[i] * width * potential_of(abs(v[i]) / width)
         else:
@@ -213,7 +234,7 @@ def _objective(chain, g, v):
 
 
 @compiled_inside
-def _sweep(chain, g, v, sigma, s):
+def _sweep(chain, g, v, sigma, s, offset, z):
     """One Gauss-Seidel sweep down and up the finest chain; s is set to that of v and sigma."""
     n = chain.start[1]
     for j in range(2 * n):
@@ -225,15 +246,22 @@ def _sweep(chain, g, v, sigma, s):
             right -= chain.H1[i] * v[i + 1]
         w = chain.w[i]
         if chain.kind[i] == FREE:
-            v[i] = right / chain.H0[i]
+            z[i] = v[i] = right / chain.H0[i]
         else:
             beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
-            v[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
-    graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v, sigma, s)
+            if chain.soft.size > 0 and chain.soft[i] > 0.0:
+                right -= chain.H0[i] * offset[i]
+                slip = sprung_resolvent(right / w, chain.H0[i] / w, beta, chain.soft[i])
+                v[i], sigma[i] = slip[0] + offset[i], slip[1]
+                z[i] = slip[0] - chain.soft[i] * slip[1]
+            else:
+                z[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
+                v[i] = z[i]
+    graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, z, sigma, s)
 
 
 @compiled
-def _descend(chain, g, s, work, trial, tolerance):
+def _descend(chain, g, s, offset, work, trial, tolerance):
     """Third tier: sweeps, and Newton steps that decrease the objective; returns as `_newton`."""
     n = chain.start[1]
     v, sigma = work[0, :n], work[1, :n]
@@ -241,16 +269,16 @@ def _descend(chain, g, s, work, trial, tolerance):
     finest, few = np.int64(0), np.int64(SETTINGS.newton_steps)
     largest, row = inf, 0
     for sweep in range(SETTINGS.sweeps):
-        _sweep(chain, g, v, sigma, s)
-        best = _objective(chain, g, v)
+        _sweep(chain, g, v, sigma, s, offset, work[4, :n])
+        best = _objective(chain, g, v, offset)
         for i in range(n):
             trial[0, i] = v[i]
             trial[1, i] = sigma[i]
             trial[2, i] = s[i]
-        _, converged, largest, row = _newton(chain, finest, g, s, work, few, tolerance)
+        _, converged, largest, row = _newton(chain, finest, g, s, offset, work, few, tolerance)
         if converged:
             return sweep + 1, True, largest, row
-        if not _objective(chain, g, v) < best:
+        if not _objective(chain, g, v, offset) < best:
             for i in range(n):
                 v[i] = trial[0, i]
                 sigma[i] = trial[1, i]
@@ -259,7 +287,7 @@ def _descend(chain, g, s, work, trial, tolerance):
 
 
 @compiled
-def _nested(chain, g, s, work, tolerance):
+def _nested(chain, g, s, offset, work, tolerance):
     """Second tier: solve from coarse to fine; returns the same as `_newton`."""
     start = chain.start
     levels = start.size - 1
@@ -273,6 +301,7 @@ def _nested(chain, g, s, work, tolerance):
             if i < coarse - 1:
                 t += 0.5 * g[i + 1]
             g[coarse + j] = t
+            offset[coarse + j] = offset[i]
     iterations = 0
     limit = np.int64(SETTINGS.level)
     converged, largest, row = False, inf, 0
@@ -287,7 +316,7 @@ def _nested(chain, g, s, work, tolerance):
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))
         count, converged, largest, row = _newton(
-            chain, k, g, s, work, limit, tolerance if k == 0 else SETTINGS.level_tolerance
+            chain, k, g, s, offset, work, limit, tolerance if k == 0 else SETTINGS.level_tolerance
         )
         iterations += count
         if not largest < inf:
@@ -296,26 +325,29 @@ def _nested(chain, g, s, work, tolerance):
 
 
 @compiled
-def newton_on_graph(chain, g, s, work, trial, tolerance, start_nested):
+def newton_on_graph(chain, g, s, offset, work, trial, tolerance, start_nested):
     """Solve H v + w sigma(v) = g by the tiers; returns iterations, tier (0 to 2), and as `_newton`.
 
-    ``g`` and ``s`` hold the right side and the start of the parameter on the finest level. The
-    solution is in ``work[0]`` (v), ``work[1]`` (sigma) and ``s``.
+    ``g``, ``s`` and ``offset`` hold the right side, the start of the parameter, and the slips from
+    which those of points with springs count, on the finest level. The solution is in ``work[0]``
+    (v), ``work[1]`` (sigma) and ``s``.
     """
     deep = chain.start.size > 2
     iterations = 0
     if not start_nested:
         limit = np.int64(SETTINGS.fast if deep else SETTINGS.level)
         finest = np.int64(0)
-        iterations, converged, largest, row = _newton(chain, finest, g, s, work, limit, tolerance)
+        iterations, converged, largest, row = _newton(
+            chain, finest, g, s, offset, work, limit, tolerance
+        )
         if converged:
             return iterations, 0, True, largest, row
     if deep:
-        count, converged, largest, row = _nested(chain, g, s, work, tolerance)
+        count, converged, largest, row = _nested(chain, g, s, offset, work, tolerance)
         iterations += count
         if converged:
             return iterations, 1, True, largest, row
     if not largest < inf:
         work[:2] = 0.0
-    count, converged, largest, row = _descend(chain, g, s, work, trial, tolerance)
+    count, converged, largest, row = _descend(chain, g, s, offset, work, trial, tolerance)
     return iterations + count, 2, converged, largest, row

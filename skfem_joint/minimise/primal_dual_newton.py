@@ -30,7 +30,7 @@ Set-valued Coulomb friction, for quasi-static increments, is the limit of ever s
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import copysign, inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ from skfem_joint.linalg.kernels import (
     sum_of_triple_products,
 )
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
-from skfem_joint.minimise.law import forces, potential, slope_of
+from skfem_joint.minimise.law import forces, potential, slope_of, sprung_force, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 from skfem_joint.minimise.problem import ContactPoints, Minimum
 
@@ -98,12 +98,15 @@ class DenseRows(NamedTuple):
     w : ndarray, shape (rows,)
         Friction limit of each row's point, N.
     beta : ndarray, shape (m,)
-        Finite steepness of each point, s/m; 0 where there is no friction.
+        Steepness of each point, s/m, finite unless it has a spring; 0 where there is no friction.
+    soft : ndarray, shape (m,)
+        Compliance of the springs in series, m/s, 0 for none; empty if no point has one.
     """
 
     B: Any
     w: Any
     beta: Any
+    soft: Any
 
 
 class Dense(NamedTuple):
@@ -128,6 +131,8 @@ class DenseWorkspace(NamedTuple):
         Result of the last minimisation: velocity, normalised friction, slip velocity.
     size, ratio : ndarray, shape (m,)
         Norms of slip vectors, and force over norm; empty if each point has a single row.
+    offset : ndarray, shape (rows,)
+        Slips from which those of points with springs count, m/s.
     r, A, d_slip, trial, weight, scaled, cross : ndarray
         Arrays to work in.
     """
@@ -147,14 +152,16 @@ class DenseWorkspace(NamedTuple):
     cross: Any
     size: Any
     ratio: Any
+    offset: Any
 
 
 def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
     """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
-    finite = np.where(np.isfinite(points.beta), points.beta, 1.0)
-    beta = np.where(w > 0.0, finite, 0.0)
-    values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point]
+    may_be_steep = np.isfinite(points.beta) | (points.compliance > 0.0)
+    beta = np.where(w > 0.0, np.where(may_be_steep, points.beta, 1.0), 0.0)
+    soft = np.zeros(0) if points.soft is None else points.soft[point]
+    values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point], soft
     memory = aligned(*(value.size for value in values))
     rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
     for array, value in zip(rows, values, strict=True):
@@ -165,7 +172,8 @@ def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
 def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
     """Make the workspace for n unknowns, some slip rows and m points."""
     point = m if rows > m else 0
-    sizes = (n, rows, rows, n, rows, rows, n, n * n, rows, rows, rows, rows, rows - m, point, point)
+    worked_in = n, n * n, rows, rows, rows, rows, rows - m
+    sizes = n, rows, rows, n, rows, rows, *worked_in, point, point, rows
     space = DenseWorkspace(*aligned(*sizes))
     return space._replace(A=space.A.reshape(n, n))
 
@@ -183,20 +191,48 @@ def _slip(B, q, slip):
 
 
 @compiled_inside
-def _evaluate(beta, slip, size, ratio, sigma):
+def _slip_of_points(contact, space, q, slip):
+    """Slip of all rows at velocities q, from the offsets of those with springs."""
+    _slip(contact.B, q, slip)
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            slip[i] -= space.offset[i]
+
+
+@compiled_inside
+def _forces(contact, slip, sigma):
+    """Normalised forces of points with some slips, (m,)."""
+    if contact.soft.size == 0:
+        forces(contact.beta, slip, sigma)
+        return
+    for p in range(slip.size):
+        force = sprung_force(abs(slip[p]), contact.beta[p], contact.soft[p])
+        sigma[p] = copysign(force, slip[p])
+
+
+@compiled_inside
+def _slope(contact, p, size):
+    """Slope of a point's law at a slip, s/m."""
+    if contact.soft.size > 0 and contact.soft[p] > 0.0:
+        return sprung_slope(size, contact.beta[p], contact.soft[p])
+    return contact.beta[p] * slope_of(contact.beta[p] * size)
+
+
+@compiled_inside
+def _evaluate(contact, slip, size, ratio, sigma):
     """Normalised friction of all rows."""
-    m = beta.size
+    m = contact.beta.size
     pairs = slip.size - m
     if pairs == 0:
-        forces(beta, slip, sigma)
+        _forces(contact, slip, sigma)
         return
     for p in range(pairs):
         size[p] = sqrt(slip[p] * slip[p] + slip[m + p] * slip[m + p])
     for p in range(pairs, m):
         size[p] = abs(slip[p])
-    forces(beta, size, ratio)
+    _forces(contact, size, ratio)
     for p in range(m):
-        ratio[p] = ratio[p] / size[p] if size[p] > 0.0 else beta[p] * slope_of(0.0)
+        ratio[p] = ratio[p] / size[p] if size[p] > 0.0 else _slope(contact, p, 0.0)
         sigma[p] = ratio[p] * slip[p]
     for p in range(pairs):
         sigma[m + p] = ratio[p] * slip[m + p]
@@ -209,22 +245,22 @@ def _tangent(H, contact, slip, sigma, space):
     Across a slip vector the tangent is force over norm. Along it, it is between that and the law's
     slope, in the ratio in which the predicted force is between zero and the law's.
     """
-    B, w, beta = contact.B, contact.w, contact.beta
+    B, w = contact.B, contact.w
     weight, cross, scaled = space.weight, space.cross, space.scaled
     size, ratio, predicted = space.size, space.ratio, space.predicted
-    m = beta.size
+    m = contact.beta.size
     pairs = slip.size - m
     for p in range(pairs):
         q = m + p
         across = w[p] * ratio[p]
         square = across * size[p] * size[p]
-        more = w[p] * (beta[p] * slope_of(beta[p] * size[p])) - across
+        more = w[p] * _slope(contact, p, size[p]) - across
         share = more / square if square > 0.0 else 0.0
         weight[p] = across + share * (slip[p] * predicted[p])
         weight[q] = across + share * (slip[q] * predicted[q])
         cross[p] = 0.5 * share * (slip[p] * predicted[q] + slip[q] * predicted[p])
     for p in range(pairs, m):
-        slope, force = w[p] * (beta[p] * slope_of(beta[p] * slip[p])), w[p] * sigma[p]
+        slope, force = w[p] * _slope(contact, p, abs(slip[p])), w[p] * sigma[p]
         moves = abs(force) > 0.0
         across = force / slip[p] if moves else slope
         share = predicted[p] / force if moves else 1.0
@@ -275,9 +311,9 @@ def _predict(contact, sigma, d_slip, space):
 @compiled_inside
 def _round_off(H, contact, q, slip, sigma, space):
     """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
-    B, w, beta = contact.B, contact.w, contact.beta
+    B, w = contact.B, contact.w
     n = q.size
-    m = beta.size
+    m = contact.beta.size
     pairs = slip.size - m
     friction = space.scaled
     for i in range(slip.size):
@@ -286,11 +322,14 @@ def _round_off(H, contact, q, slip, sigma, space):
         row, t = B[k], abs(q[k])
         for i in range(slip.size):
             friction[i] += abs(row[i]) * t
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            friction[i] += abs(space.offset[i])
     for i in range(slip.size):
         if pairs > 0:
             slope = space.ratio[i if i < m else i - m]  # the larger of the two
         else:
-            slope = beta[i] * slope_of(beta[i] * slip[i])
+            slope = _slope(contact, i, abs(slip[i]))
         friction[i] = w[i] * (abs(sigma[i]) + slope * friction[i])
     largest = 0.0
     for j in range(n):
@@ -317,7 +356,7 @@ def _slope_along(line, length):
     slip, d_slip, trial = space.slip, space.d_slip, space.trial
     for i in range(slip.size):
         trial[i] = slip[i] + length * d_slip[i]
-    _evaluate(contact.beta, trial, space.size, space.ratio, space.force)
+    _evaluate(contact, trial, space.size, space.ratio, space.force)
     return sum_of_triple_products(contact.w, space.force, d_slip)
 
 
@@ -344,8 +383,8 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
                 t += H[i, j] * q[j]
             r[i] = t
         if not known:
-            _slip(contact.B, q, slip)
-            _evaluate(contact.beta, slip, space.size, space.ratio, sigma)
+            _slip_of_points(contact, space, q, slip)
+            _evaluate(contact, slip, space.size, space.ratio, sigma)
             evaluations += 1
         last, largest = largest, 0.0
         for i in range(n):
@@ -443,9 +482,9 @@ class PrimalDualNewton:
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
 
-    def with_matrix(self, H: Any) -> PrimalDualNewton:
-        """See `StepProblem`."""
-        return PrimalDualNewton(H, self.points, self.workspace)
+    def with_matrix(self, H: Any, points: ContactPoints | None = None) -> PrimalDualNewton:
+        """See `CompiledStepProblem`."""
+        return PrimalDualNewton(H, self.points if points is None else points, self.workspace)
 
     def restart(self, v: FloatArray, sigma: FloatArray) -> None:
         """See `CompiledStepProblem`: nothing is extrapolated."""
@@ -467,14 +506,17 @@ class PrimalDualNewton:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`; Coulomb friction is approached by ever steeper laws.
 
-        The steepness of each law follows from the largest slip under the law before.
+        The steepness of each law follows from the largest slip under the law before. Points with
+        springs have their own law: their forces are smooth enough.
         """
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
-        coulomb = np.isinf(law)
+        coulomb = np.isinf(law) & (self.points.compliance == 0.0)
         v = self._from_stuck(g) if start is None else start
+        self.workspace.offset[self.places.row] = 0.0 if offset is None else offset
         if not coulomb.any():
             return self._with_law(law, g, v, tolerance)
         minimum = Minimum(v, np.zeros(self.limits.size), False)
@@ -532,10 +574,17 @@ class PrimalDualNewton:
         """Solution with springs at all points in place of friction, as a start."""
         return np.asarray(self._stiff()[0](g))
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
-        slip = slip_norms(self.points.B @ v, self.points.directions)
-        psi = potential(slip, self.points.beta if beta is None else beta)
+        slip = self.points.B @ v - (0.0 if offset is None else offset)
+        size = slip_norms(slip, self.points.directions)
+        psi = potential(size, self.points.beta if beta is None else beta, self.points.soft)
         return float(v @ (0.5 * (self.H @ v) - g) + self.points.w @ psi)
 
     def saved(self) -> dict[str, NDArray[Any]]:

@@ -400,6 +400,7 @@ class Structure:
             w=rows.w,
             beta=rows.beta,
             directions=rows.directions,
+            stiffness=rows.springs,
             T=new.forward,
         )
 
