@@ -154,10 +154,11 @@ class System:
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
+        rigid = self.stiffness is None or bool(np.isinf(self.stiffness).all())
         completed = {
             "w": w,
             "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
-            "stiffness": np.full(m, np.inf) if self.stiffness is None else self.stiffness,
+            "stiffness": np.full(m, np.inf) if rigid else self.stiffness,
             "C": 0.0 * self.K if self.C is None else self.C,
             "P": sparse.csr_array((0, n)) if self.P is None else self.P,
             "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
@@ -264,12 +265,17 @@ class System:
     @cached_property
     def spring_matrix(self) -> Matrix:
         """Stiffness of all springs in series with friction, (n, n), N/m: sliders that stick."""
-        k = self.on_rows(np.where(self.sprung, self.stiffness, 0.0))
+        k = self.on_rows(self.spring_constants)
         if isinstance(self.B, np.ndarray):
             return np.asarray((self.B.T * k) @ self.B)
         B = sparse.csr_array(self.B)
         springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
         return springs.toarray() if self.is_dense else springs
+
+    @property
+    def spring_constants(self) -> FloatArray:
+        """Of the springs in series with friction, (m,), N/m; zero at points that have none."""
+        return np.where(self.sprung, self.stiffness, 0.0)
 
     @property
     def stuck_stiffness(self) -> Matrix:
@@ -511,6 +517,37 @@ class System:
         """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
         return u if self.T is None else expanded(self.T, u)
 
+    def slider_slip(self, slip: FloatArray, sigma: FloatArray) -> FloatArray:
+        """Slip of the sliders, m: that of the slip rows, (..., rows), less that of the springs.
+
+        ``sigma``, (..., rows), is the friction over its limit.
+        """
+        return slip - self.spring_stretch * sigma if self.has_springs else slip
+
+    def slider_peak(self, slip_peak: FloatArray) -> FloatArray:
+        """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves."""
+        if not self.has_springs:
+            return slip_peak
+        taken = np.where(self.sprung, self.w / self.stiffness, 0.0)
+        return np.asarray(np.maximum(slip_peak - taken, 0.0))
+
+    def no_steeper(self, beta: ArrayLike) -> System:
+        """System whose points have at most the steepness ``beta`` (s/m), but for those on springs.
+
+        Models with fewer unknowns than points cannot hold them; sliders on springs need not be
+        held.
+        """
+        lower = np.minimum(self.beta, beta)
+        return replace(self, beta=np.where(self.sprung, self.beta, lower))
+
+    @property
+    def steepest(self) -> float:
+        """Largest steepness, s/m, of points without springs; ``inf`` where there are none."""
+        if not self.has_springs:
+            return float(self.beta.max(initial=0.0))
+        rigid = (self.w > 0.0) & ~self.sprung
+        return float(self.beta[rigid].max()) if rigid.any() else np.inf
+
     def with_beta(self, beta: float) -> System:
         """System whose contact points all have the steepness ``beta`` (s/m)."""
         check("beta", beta, BETA)
@@ -519,6 +556,9 @@ class System:
     def frequency_of(self, u: FloatArray) -> float:
         """Frequency of free vibration in the shape ``u`` by Rayleigh's quotient, rad/s."""
         stiffness, mass = float(u @ (self.K @ u)), float(u @ (self.M @ u))
+        if self.has_springs:  # whose sliders stick
+            slip = self.B @ u
+            stiffness += float(slip @ (self.on_rows(self.spring_constants) * slip))
         return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
 
     def stored_energy(self, u: FloatArray, v: FloatArray, sigma: FloatArray | None = None) -> float:

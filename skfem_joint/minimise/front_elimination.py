@@ -94,8 +94,9 @@ class Chain(NamedTuple):
         Inverse pivots between points that stick, as far as they were needed, m/(N s).
     stretch : ndarray of int, shape (n,)
         End of the stretch of slipping points for which each pivot holds.
-    soft : ndarray
-        Compliance of springs in series, m/s; empty if there are none.
+    soft, offset : ndarray
+        Compliance of springs in series, m/s, and the slips from which those of points with springs
+        count, m/s, which are those of the workspace; empty if there are none.
     """
 
     start: Any
@@ -110,6 +111,7 @@ class Chain(NamedTuple):
     pivot: Any
     stretch: Any
     soft: Any
+    offset: Any
 
 
 class ChainWorkspace(NamedTuple):
@@ -210,7 +212,7 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray, soft: FloatArray | No
     none = np.zeros(0)
     chain = Chain(
         start, H0, H1, w, none, 0, none, float(kappa), none, np.zeros(n), np.full(n, -1),
-        none if soft is None else _by_level(soft, start),
+        none if soft is None else _by_level(soft, start), none,
     )  # fmt: skip
     return with_law(chain, beta)
 
@@ -441,7 +443,7 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
             if not near:
                 s_new[i] = 2.0 * s[i] - workspace.old_parameter[i]
         more, tier, converged, residual, unknown = newton_on_graph(
-            chain, workspace.rights, workspace.parameters, workspace.offsets, workspace.work,
+            chain, workspace.rights, workspace.parameters, workspace.work,
             workspace.trial, tolerance, remaining > 0 and not near,
         )  # fmt: skip
         count += more
@@ -496,6 +498,8 @@ class FrontElimination:
             springs = [np.zeros(n)]
             springs[0][contact] = points.soft
         self.kernel = build_chain(matrix, w, self._by_unknown(points.beta), *springs)
+        if springs:
+            self.kernel = self.kernel._replace(offset=self.workspace.offsets)
         self._law = points.beta, self.kernel  # of the last call of `minimise` with another law
         self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
         self.steps_per_second = max(1, 200_000 // n)
@@ -564,7 +568,7 @@ class FrontElimination:
             space.rights[: g.size] = g
             space.new_parameter[:] = space.parameter if chain.mixed < 2 or sprung else 0.0
             iterations, tier, converged, residual, unknown = newton_on_graph(
-                chain, space.rights, space.parameters, space.offsets, space.work, space.trial,
+                chain, space.rights, space.parameters, space.work, space.trial,
                 tolerance, False,
             )  # fmt: skip
         counts = {

@@ -153,7 +153,7 @@ def _direction(s):
 
 
 @compiled
-def _newton(chain, level, g, s, offset, work, limit, tolerance):
+def _newton(chain, level, g, s, work, limit, tolerance):
     """Newton iteration on s at one level; returns iterations, converged, residual (N) and its row.
 
     ``work`` holds v, sigma, dv, dsigma, r and the elimination factors, row by row.
@@ -168,13 +168,13 @@ def _newton(chain, level, g, s, offset, work, limit, tolerance):
     dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
     scale, added = largest_of(g), 0.0
     if sprung:
-        offset = offset[a:b]
+        offset = chain.offset[a:b]
         added = SETTINGS.round_off * _largest_of_springs(H0, chain.soft[a:b], offset)
     iteration, fewest, patience = 0, n + 1, SETTINGS.patience
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
         if sprung:
-            add_springs(chain.soft[a:b], offset, v, sigma, dv, dsigma)
+            add_springs(chain.soft[a:b], chain.offset[a:b], v, sigma, dv, dsigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
         if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv) + added:
             return iteration, True, largest, row
@@ -214,7 +214,7 @@ def _newton(chain, level, g, s, offset, work, limit, tolerance):
 
 
 @compiled_inside
-def _objective(chain, g, v, offset):
+def _objective(chain, g, v):
     """Convex objective 1/2 v H v - g v + sum w psi(v) whose minimiser is the step's velocity."""
     total = 0.0
     for i in range(v.size):
@@ -224,7 +224,7 @@ def _objective(chain, g, v, offset):
         total += t * v[i]
         if chain.soft.size > 0 and chain.soft[i] > 0.0:
             beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
-            total += chain.w[i] * sprung_psi(v[i] - offset[i], beta, chain.soft[i])
+            total += chain.w[i] * sprung_psi(v[i] - chain.offset[i], beta, chain.soft[i])
         elif chain.kind[i] == REGULAR:
             width = chain.inverse_beta[i]
             total += chain.w[i] * width * potential_of(abs(v[i]) / width)
@@ -234,7 +234,7 @@ def _objective(chain, g, v, offset):
 
 
 @compiled_inside
-def _sweep(chain, g, v, sigma, s, offset, z):
+def _sweep(chain, g, v, sigma, s, z):
     """One Gauss-Seidel sweep down and up the finest chain; s is set to that of v and sigma."""
     n = chain.start[1]
     for j in range(2 * n):
@@ -250,9 +250,9 @@ def _sweep(chain, g, v, sigma, s, offset, z):
         else:
             beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
             if chain.soft.size > 0 and chain.soft[i] > 0.0:
-                right -= chain.H0[i] * offset[i]
+                right -= chain.H0[i] * chain.offset[i]
                 slip = sprung_resolvent(right / w, chain.H0[i] / w, beta, chain.soft[i])
-                v[i], sigma[i] = slip[0] + offset[i], slip[1]
+                v[i], sigma[i] = slip[0] + chain.offset[i], slip[1]
                 z[i] = slip[0] - chain.soft[i] * slip[1]
             else:
                 z[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
@@ -261,7 +261,7 @@ def _sweep(chain, g, v, sigma, s, offset, z):
 
 
 @compiled
-def _descend(chain, g, s, offset, work, trial, tolerance):
+def _descend(chain, g, s, work, trial, tolerance):
     """Third tier: sweeps, and Newton steps that decrease the objective; returns as `_newton`."""
     n = chain.start[1]
     v, sigma = work[0, :n], work[1, :n]
@@ -269,16 +269,16 @@ def _descend(chain, g, s, offset, work, trial, tolerance):
     finest, few = np.int64(0), np.int64(SETTINGS.newton_steps)
     largest, row = inf, 0
     for sweep in range(SETTINGS.sweeps):
-        _sweep(chain, g, v, sigma, s, offset, work[4, :n])
-        best = _objective(chain, g, v, offset)
+        _sweep(chain, g, v, sigma, s, work[4, :n])
+        best = _objective(chain, g, v)
         for i in range(n):
             trial[0, i] = v[i]
             trial[1, i] = sigma[i]
             trial[2, i] = s[i]
-        _, converged, largest, row = _newton(chain, finest, g, s, offset, work, few, tolerance)
+        _, converged, largest, row = _newton(chain, finest, g, s, work, few, tolerance)
         if converged:
             return sweep + 1, True, largest, row
-        if not _objective(chain, g, v, offset) < best:
+        if not _objective(chain, g, v) < best:
             for i in range(n):
                 v[i] = trial[0, i]
                 sigma[i] = trial[1, i]
@@ -287,7 +287,7 @@ def _descend(chain, g, s, offset, work, trial, tolerance):
 
 
 @compiled
-def _nested(chain, g, s, offset, work, tolerance):
+def _nested(chain, g, s, work, tolerance):
     """Second tier: solve from coarse to fine; returns the same as `_newton`."""
     start = chain.start
     levels = start.size - 1
@@ -301,7 +301,8 @@ def _nested(chain, g, s, offset, work, tolerance):
             if i < coarse - 1:
                 t += 0.5 * g[i + 1]
             g[coarse + j] = t
-            offset[coarse + j] = offset[i]
+            if chain.soft.size > 0:
+                chain.offset[coarse + j] = chain.offset[i]
     iterations = 0
     limit = np.int64(SETTINGS.level)
     converged, largest, row = False, inf, 0
@@ -316,7 +317,7 @@ def _nested(chain, g, s, offset, work, tolerance):
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))
         count, converged, largest, row = _newton(
-            chain, k, g, s, offset, work, limit, tolerance if k == 0 else SETTINGS.level_tolerance
+            chain, k, g, s, work, limit, tolerance if k == 0 else SETTINGS.level_tolerance
         )
         iterations += count
         if not largest < inf:
@@ -325,29 +326,26 @@ def _nested(chain, g, s, offset, work, tolerance):
 
 
 @compiled
-def newton_on_graph(chain, g, s, offset, work, trial, tolerance, start_nested):
+def newton_on_graph(chain, g, s, work, trial, tolerance, start_nested):
     """Solve H v + w sigma(v) = g by the tiers; returns iterations, tier (0 to 2), and as `_newton`.
 
-    ``g``, ``s`` and ``offset`` hold the right side, the start of the parameter, and the slips from
-    which those of points with springs count, on the finest level. The solution is in ``work[0]``
-    (v), ``work[1]`` (sigma) and ``s``.
+    ``g`` and ``s`` hold the right side and the start of the parameter on the finest level. The
+    solution is in ``work[0]`` (v), ``work[1]`` (sigma) and ``s``.
     """
     deep = chain.start.size > 2
     iterations = 0
     if not start_nested:
         limit = np.int64(SETTINGS.fast if deep else SETTINGS.level)
         finest = np.int64(0)
-        iterations, converged, largest, row = _newton(
-            chain, finest, g, s, offset, work, limit, tolerance
-        )
+        iterations, converged, largest, row = _newton(chain, finest, g, s, work, limit, tolerance)
         if converged:
             return iterations, 0, True, largest, row
     if deep:
-        count, converged, largest, row = _nested(chain, g, s, offset, work, tolerance)
+        count, converged, largest, row = _nested(chain, g, s, work, tolerance)
         iterations += count
         if converged:
             return iterations, 1, True, largest, row
     if not largest < inf:
         work[:2] = 0.0
-    count, converged, largest, row = _descend(chain, g, s, offset, work, trial, tolerance)
+    count, converged, largest, row = _descend(chain, g, s, work, trial, tolerance)
     return iterations + count, 2, converged, largest, row
