@@ -197,6 +197,10 @@ class Stepper(ABC):
         """Friction of each slip row of the system, (rows,), in the order of ``now``."""
         return sigma
 
+    def by_row(self, sigma: FloatArray) -> FloatArray:
+        """Friction of each slip row of the system, (rows,), from that in the order of ``now``."""
+        return sigma
+
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
         problems = enumerate(self.prepared.values())
@@ -320,7 +324,11 @@ class CompiledStepper(Stepper):
 
     def state(self) -> State:
         """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.own.places.row])
+        return self.now._replace(sigma=self.by_row(self.now.sigma))
+
+    def by_row(self, sigma: FloatArray) -> FloatArray:
+        """See `Stepper`."""
+        return np.asarray(sigma[self.own.places.row])
 
     def prepare(self, h: float) -> None:
         """See `Stepper`; the loop is compiled by doing no step."""
