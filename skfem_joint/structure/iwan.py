@@ -12,7 +12,8 @@ stiffness K_T while all stick, chi in (-1, 0] and beta = S (chi + 1) / (R phi_ma
 
 Its force at a first slip x <= phi_max, and the energy of a cycle between +-x, are
 
-    F(x) = K_T x - R x^(chi + 2) / ((chi + 1)(chi + 2)),    D(x) = 4 R x^(chi + 3)/((chi + 2)(chi + 3)).
+    F(x) = K_T x - R x^(chi + 2) / ((chi + 1) (chi + 2)),
+    D(x) = 4 R x^(chi + 3) / ((chi + 2) (chi + 3)).
 
 With a number of sliders D is a line with kinks in place of a curve. The sliders stand where it
 touches the curve (1 + t) D at the ends of intervals, which are equal on a logarithmic axis from
@@ -27,6 +28,7 @@ A tenth of the sliders stands below ``least``, in pairs by Gauss's rule.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -73,8 +75,10 @@ def iwan(
         Number of elastic sliders, at least 20.
     least : float
         Amplitude from which on energies are accurate, as a share of the slip at which the whole
-        joint slips, between 0.001 and 0.9. With 100 sliders and 0.25 energies err by less than 1e-4,
-        and more the smaller it is: by (chi + 2)(chi + 3)/16 times the square of ln(1/least) over 90.
+        joint slips, between 0.001 and 0.9. With 100 sliders and the default the energy of a cycle
+        errs by less than 1e-4; with another it errs by about (chi + 2) (chi + 3) / 16 times the
+        square of ln(1 / least) over nine tenths of the sliders, and by half as much again below
+        0.01. At smaller amplitudes the error rises to some percent.
     name : str
         Joint under which results state its friction energy.
 
@@ -154,7 +158,7 @@ def _gauss(ends: FloatArray, chi: float) -> tuple[FloatArray, FloatArray]:
     They have the stiffness, the limit and the loss of the interval.
     """
     w, phi = [], []
-    for a, b in zip(ends[:-1], ends[1:], strict=True):
+    for a, b in pairwise(ends.tolist()):
         m = [float(_moment(np.array([a / b, 1.0]), chi, power)[0]) for power in range(4)]
         hankel = np.array([[m[0], m[1]], [m[1], m[2]]])
         c = np.linalg.solve(hankel, -np.array([m[2], m[3]]))
