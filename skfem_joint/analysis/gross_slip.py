@@ -106,11 +106,14 @@ def gross_slip_level(
         If the response to a load does not converge.
     """
     system = path.to.system
-    balanced = force - system.K @ stuck
+    balanced = force - system.stuck_stiffness @ stuck
     # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
     dense = path.to.kind == "dense"
     rows = np.linalg.lstsq(as_dense(system.B).T, balanced)[0] if dense else system.B @ balanced
     forces = system.slip_norm(np.asarray(rows, dtype=float))
+    if system.has_springs:  # points may share an unknown, and each has the force of its spring
+        stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
+        forces = np.where(system.sprung, stretched, forces)
     loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
     if not loaded:
         return limit

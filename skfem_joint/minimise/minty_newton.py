@@ -33,6 +33,7 @@ from skfem_joint.minimise.law import (
     graph_parameters,
     potential_of,
     resolvent,
+    sprung_force,
     sprung_psi,
     sprung_resolvent,
     sticks,
@@ -104,6 +105,17 @@ def _round_off(H0, v, s, dv):
 
 
 @compiled_inside
+def _force_at_rest(w, kind, inverse_beta, soft, offset):
+    """Largest force of springs on points at rest, N: a scale where no load acts."""
+    largest = 0.0
+    for i in range(w.size):
+        if soft[i] > 0.0:
+            beta = 1.0 / inverse_beta[i] if kind[i] == REGULAR else inf
+            largest = max(largest, w[i] * sprung_force(abs(offset[i]), beta, soft[i]))
+    return largest
+
+
+@compiled_inside
 def _largest_of_springs(H0, soft, offset):
     """Largest force, N, that the slips of springs and their offsets add to the residual."""
     largest = 0.0
@@ -170,6 +182,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     if sprung:
         offset = chain.offset[a:b]
         added = SETTINGS.round_off * _largest_of_springs(H0, chain.soft[a:b], offset)
+        scale = max(scale, _force_at_rest(w, kind, inverse_beta, chain.soft[a:b], offset))
     iteration, fewest, patience = 0, n + 1, SETTINGS.patience
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)

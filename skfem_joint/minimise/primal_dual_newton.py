@@ -219,6 +219,18 @@ def _slope(contact, p, size):
 
 
 @compiled_inside
+def _force_at_rest(contact, space):
+    """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
+    for i in range(space.trial.size):
+        space.trial[i] = -space.offset[i]
+    _evaluate(contact, space.trial, space.size, space.ratio, space.force)
+    largest = 0.0
+    for j in range(space.r.size):
+        largest = max(largest, abs(sum_of_triple_products(contact.w, space.force, contact.B[j])))
+    return largest
+
+
+@compiled_inside
 def _evaluate(contact, slip, size, ratio, sigma):
     """Normalised friction of all rows."""
     m = contact.beta.size
@@ -372,6 +384,8 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     q, before, slip, sigma = space.velocity, space.old_velocity, space.slip, space.force
     r, A, d_slip = space.r, space.A, space.d_slip
     n, scale = q.size, largest_of(right)
+    if contact.soft.size > 0:
+        scale = max(scale, _force_at_rest(contact, space))
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
     evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False

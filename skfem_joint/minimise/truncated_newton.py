@@ -234,6 +234,8 @@ class TruncatedNewton:
         scale = max(float(np.abs(g).max()), force)
         sprung = bool(np.any(laws.x) or np.any(laws.y))  # springs act where no other force does
         v = start.copy() if scale > SETTINGS.nothing or sprung else np.zeros_like(start)
+        if sprung:
+            scale = max(scale, self._spring_force(laws))
         friction = np.zeros((laws.w.size, 2))
         sticking = np.zeros(v.size, dtype=np.bool_)
         factorizations, evaluations, solves = self.factorizations, 0, 0
@@ -295,6 +297,12 @@ class TruncatedNewton:
         count = np.diff(laws.start)
         slip = np.hypot(np.repeat(first, count) - laws.x, np.repeat(second, count) - laws.y)
         return float(laws.w @ potential(slip, laws.beta, laws.soft))
+
+    def _spring_force(self, laws: Points) -> float:
+        """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
+        v, r = np.zeros((2, self.diagonal.size))
+        sticking = np.zeros(v.size, dtype=np.bool_)
+        return float(subtract_friction(laws, v, r, np.zeros((laws.w.size, 2)), sticking)[0])
 
     def _newton_step(
         self, v: FloatArray, left: FloatArray, r: FloatArray, sticking: BoolArray, laws: Points
