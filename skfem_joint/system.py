@@ -206,7 +206,9 @@ class System:
         joints = []
         for name, share in zip(self.joints, as_dense(self.J), strict=True):
             count, limit = np.count_nonzero(share), float(share @ self.w)
-            joints.append(f"{name} ({count} contact points, limit {limit:.6g} N)")
+            own = self.spring_constants[share > 0.0].sum()
+            springs = f", springs of {own:.6g} N/m" if own > 0.0 else ""
+            joints.append(f"{name} ({count} contact points, limit {limit:.6g} N{springs})")
         loads = [load.on or "without a name" for load in self.loads]
         lines = [
             f"{kind}: {self.n} unknowns{n_all}",

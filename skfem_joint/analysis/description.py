@@ -129,6 +129,11 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
             f"{joint.friction * patch.normal_force.sum():.6g} N."
         )
+        if np.isfinite(joint.tangential_stiffness):
+            text += (
+                f" Its tangential stiffness of {joint.tangential_stiffness:.6g} Pa/m adds up to "
+                f"{patch.stiffness[np.isfinite(patch.stiffness)].sum():.6g} N/m at these points."
+            )
         body = structure.body
         if isinstance(joint.pressure, PressureTable) and patch.nodes.size and body is not None:
             along = joint.pressure.along(body.nodes[patch.nodes])

@@ -123,6 +123,9 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             "friction_energy_error": of_all,
             "friction_energy_error_of_own": of_own,
         }
+        if np.isfinite(patch.joint.tangential_stiffness):
+            springs = patch.stiffness[np.isfinite(patch.stiffness)]
+            by_name[name]["tangential_stiffness_N_per_m"] = float(springs.sum())
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
             part = study.system.J[[k]].toarray()[0] * work
