@@ -118,6 +118,7 @@ if TYPE_CHECKING:
     from skfem_joint.structure import PressureTable as PressureTable
     from skfem_joint.structure import Structure as Structure
     from skfem_joint.structure import contact as contact
+    from skfem_joint.structure import iwan as iwan
     from skfem_joint.structure import point_friction as point_friction
     from skfem_joint.system import AppliedLoad as AppliedLoad
     from skfem_joint.system import System as System
@@ -153,7 +154,7 @@ _NAMES = {
     "stepping.loops": "Loops",
     "stepping.recording": "Counters Cycles Run Save Steady",
     "stepping.schemes": "Scheme generalized_alpha",
-    "structure": "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact "
+    "structure": "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact iwan "
     "point_friction",
     "system": "AppliedLoad System",
     "system_files": "load save",

@@ -44,6 +44,9 @@ class SlipRows:
         Normal force on each row of ``closed``, N, if known.
     names : tuple of str, length m or 0
         Joint that each contact point belongs to; empty if none has a name.
+    stiffness : ndarray, shape (m,), optional
+        Of the spring in series with the friction of each point, N/m; ``inf`` is none, which is so
+        at all points if not given.
     """
 
     B: Matrix
@@ -54,6 +57,12 @@ class SlipRows:
     pivots: IntArray | None = None
     clamped: FloatArray | None = None
     names: tuple[str, ...] = ()
+    stiffness: FloatArray | None = None
+
+    @property
+    def springs(self) -> FloatArray:
+        """Stiffness of the spring of each point, (m,), N/m: ``inf`` where it has none."""
+        return np.full(self.w.size, np.inf) if self.stiffness is None else self.stiffness
 
     @property
     def normal_force(self) -> FloatArray:
@@ -93,6 +102,7 @@ class SlipRows:
             pivots=pivots,
             clamped=np.concatenate([self.normal_force, other.normal_force]),
             names=(*self.joint_of_point, *other.joint_of_point),
+            stiffness=np.concatenate([self.springs, other.springs]),
         )
 
     @staticmethod
@@ -129,8 +139,9 @@ class SlipRows:
         keep = directions > 0
         names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
         return SlipRows(
-            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names
-        )
+            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names,
+            stiffness=self.springs[keep],
+        )  # fmt: skip
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:

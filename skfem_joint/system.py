@@ -12,13 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_dense, as_real, slip_norms
+from skfem_joint.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Matrix,
+    as_dense,
+    as_real,
+    slip_norms,
+)
 from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
@@ -30,6 +39,7 @@ from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     change_of_unknowns,
     congruent,
+    distinct_rows,
     dof_numbers,
     expanded,
     selection,
@@ -106,12 +116,15 @@ class System:
         errors; not saved to files.
     serves : Served, optional
         Range of loads and limits that a reduced model serves, if it was made for one.
+    stiffness : ndarray, shape (m,)
+        Of the spring in series with the friction of each contact point, N/m; ``inf``, which is
+        none, at all points if not given.
 
     Raises
     ------
     InputError
         For shapes that do not fit, matrices that are complex, not symmetric or not finite,
-        negative limits, and a beta that is not positive.
+        negative limits, and a beta or a stiffness that is not positive.
     """
 
     M: Matrix
@@ -132,17 +145,20 @@ class System:
     made_for: str = ""
     origin: Any = field(default=None, repr=False, compare=False)
     serves: Served | None = None
+    stiffness: Any = field(default=None)
 
     def __post_init__(self) -> None:
-        for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
+        for name in ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "T", "J", "shares"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, as_real(value, name))
         n, w = self.M.shape[0], np.asarray(self.w, dtype=float)
         m = w.size
         beta = np.asarray(self.beta, dtype=float)
+        rigid = self.stiffness is None or bool(np.isinf(self.stiffness).all())
         completed = {
             "w": w,
             "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
+            "stiffness": np.full(m, np.inf) if rigid else self.stiffness,
             "C": 0.0 * self.K if self.C is None else self.C,
             "P": sparse.csr_array((0, n)) if self.P is None else self.P,
             "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
@@ -155,7 +171,7 @@ class System:
             raise InputError(f"directions: must be 1 or 2 for each of the {m} contact points")
         square = dict.fromkeys(("M", "C", "K"), (n, n))
         shapes = square | {"B": (int(self.directions.sum()), n), "P": (len(self.points), n)}
-        shapes |= {"w": (m,), "beta": (m,), "J": (len(self.joints), m)}
+        shapes |= {"w": (m,), "beta": (m,), "stiffness": (m,), "J": (len(self.joints), m)}
         compared = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
         compared += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
         if self.T is not None:
@@ -173,6 +189,8 @@ class System:
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
+        if np.any(~(self.stiffness > 0.0)):
+            problems.append("stiffness: must be positive (inf for no spring)")
         refuse(problems)
 
     def __repr__(self) -> str:
@@ -188,7 +206,9 @@ class System:
         joints = []
         for name, share in zip(self.joints, as_dense(self.J), strict=True):
             count, limit = np.count_nonzero(share), float(share @ self.w)
-            joints.append(f"{name} ({count} contact points, limit {limit:.6g} N)")
+            own = self.spring_constants[share > 0.0].sum()
+            springs = f", springs of {own:.6g} N/m" if own > 0.0 else ""
+            joints.append(f"{name} ({count} contact points, limit {limit:.6g} N{springs})")
         loads = [load.on or "without a name" for load in self.loads]
         lines = [
             f"{kind}: {self.n} unknowns{n_all}",
@@ -234,12 +254,42 @@ class System:
         """Number of contact points that can carry friction."""
         return int(np.count_nonzero(self.w))
 
+    @cached_property
+    def has_springs(self) -> bool:
+        """Whether any point with friction has a spring in series."""
+        return bool(np.any(np.isfinite(self.stiffness) & (self.w > 0.0)))
+
+    @property
+    def sprung(self) -> BoolArray:
+        """Whether each contact point, (m,), has friction with a spring in series."""
+        return np.asarray(np.isfinite(self.stiffness) & (self.w > 0.0))
+
+    @cached_property
+    def spring_matrix(self) -> Matrix:
+        """Stiffness of all springs in series with friction, (n, n), N/m: sliders that stick."""
+        k = self.on_rows(self.spring_constants)
+        if isinstance(self.B, np.ndarray):
+            return np.asarray((self.B.T * k) @ self.B)
+        B = sparse.csr_array(self.B)
+        springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
+        return springs.toarray() if self.is_dense else springs
+
+    @property
+    def spring_constants(self) -> FloatArray:
+        """Of the springs in series with friction, (m,), N/m; zero at points that have none."""
+        return np.where(self.sprung, self.stiffness, 0.0)
+
+    @property
+    def stuck_stiffness(self) -> Matrix:
+        """K with the springs of all sliders that stick, (n, n), N/m; K itself without springs."""
+        return self.K + self.spring_matrix if self.has_springs else self.K
+
     @property
     def first_row(self) -> NDArray[np.int64]:
         """First row of ``B`` of each contact point, and the number of rows at the end, (m + 1,)."""
         return np.concatenate([[0], np.cumsum(self.directions)])
 
-    def on_rows(self, values: FloatArray) -> FloatArray:
+    def on_rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Repeat a value of each contact point for each of its rows of ``B``."""
         return np.repeat(values, self.directions)
 
@@ -333,9 +383,21 @@ class System:
         InputError
             If slip rows depend on each other.
         """
-        nothing = np.zeros(0, dtype=np.intp), sparse.csr_array((0, self.n))
-        new = change_of_unknowns(self.n, *nothing, self.B)
+        new = self._slips_as_unknowns(np.zeros(0, dtype=np.intp), sparse.csr_array((0, self.n)))
         return self.in_unknowns(new), new
+
+    def _slips_as_unknowns(
+        self, fixed: IntArray, closed: Matrix, pivots: IntArray | None = None
+    ) -> ChangeOfUnknowns:
+        """Change of unknowns to slips; points with springs and the same row share an unknown."""
+        if not self.has_springs:
+            return change_of_unknowns(self.n, fixed, closed, self.B, pivots)
+        kept, place = distinct_rows(self.B, self.on_rows(np.isfinite(self.stiffness)))
+        if pivots is not None:
+            h = closed.shape[0]
+            pivots = np.concatenate([pivots[:h], pivots[h:][kept]])
+        new = change_of_unknowns(self.n, fixed, closed, sparse.csr_array(self.B)[kept], pivots)
+        return replace(new, slips=new.slips[place])
 
     def _with(self, T: Matrix, B: Matrix) -> System:
         """System in the unknowns q, u = T q, with the slip operator ``B`` in these."""
@@ -425,8 +487,9 @@ class System:
             directions=joined.directions,
             J=J,
             joints=joints,
+            stiffness=joined.springs,
         )
-        new = change_of_unknowns(n, fixed, joined.closed, joined.B, joined.pivots)
+        new = outer._slips_as_unknowns(fixed, joined.closed, joined.pivots)
         system = outer.in_unknowns(new)
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
@@ -434,26 +497,58 @@ class System:
     def with_damping_ratio(self, ratio: float) -> System:
         """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
-        Damping has the ratio at two frequencies: the first natural frequency with all joints stuck
-        (or loose, if nothing vibrates otherwise), and the highest frequency of the harmonic loads.
-        The third natural frequency replaces the latter if no load is harmonic, or if the two are
-        within a tenth of each other. Between the two frequencies damping is lower, beyond them
-        higher; ``notes`` state by how much. The system must be sparse, with slip rows that pick
-        unknowns.
+        Damping has the ratio at two frequencies: the first natural frequency with all joints stuck,
+        on their springs where friction has some (or loose, if nothing vibrates otherwise), and the
+        highest frequency of the harmonic loads. The third natural frequency replaces the latter if
+        no load is harmonic, or if the two are within a tenth of each other. Between the two
+        frequencies damping is lower, beyond them higher; ``notes`` state by how much. The system
+        must be sparse, with slip rows that pick unknowns.
 
         Raises
         ------
         InputError
             If nothing vibrates.
         """
-        stuck = sparse.csr_array(self.B)[np.flatnonzero(self.on_rows(self.w))].indices
+        rigid = self.on_rows(np.where(self.sprung, 0.0, self.w))
+        stuck = sparse.csr_array(self.B)[np.flatnonzero(rigid)].indices
         amplitudes = [load.amplitude for load in self.loads]
-        mass, stiffness, note = rayleigh(self.K, self.M, stuck, amplitudes, ratio)
+        mass, stiffness, note = rayleigh(self.stuck_stiffness, self.M, stuck, amplitudes, ratio)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
         """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
         return u if self.T is None else expanded(self.T, u)
+
+    def slider_slip(self, slip: FloatArray, sigma: FloatArray) -> FloatArray:
+        """Slip of the sliders, m: that of the slip rows, (..., rows), less that of the springs.
+
+        ``sigma``, (..., rows), is the friction over its limit.
+        """
+        return slip - self.spring_stretch * sigma if self.has_springs else slip
+
+    def slider_peak(self, slip_peak: FloatArray) -> FloatArray:
+        """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves."""
+        if not self.has_springs:
+            return slip_peak
+        taken = np.where(self.sprung, self.w / self.stiffness, 0.0)
+        return np.asarray(np.maximum(slip_peak - taken, 0.0))
+
+    def no_steeper(self, beta: ArrayLike) -> System:
+        """System whose points have at most the steepness ``beta`` (s/m), but for those on springs.
+
+        Models with fewer unknowns than points cannot hold them; sliders on springs need not be
+        held.
+        """
+        lower = np.minimum(self.beta, beta)
+        return replace(self, beta=np.where(self.sprung, self.beta, lower))
+
+    @property
+    def steepest(self) -> float:
+        """Largest steepness, s/m, of points without springs; ``inf`` where there are none."""
+        if not self.has_springs:
+            return float(self.beta.max(initial=0.0))
+        rigid = (self.w > 0.0) & ~self.sprung
+        return float(self.beta[rigid].max()) if rigid.any() else np.inf
 
     def with_beta(self, beta: float) -> System:
         """System whose contact points all have the steepness ``beta`` (s/m)."""
@@ -463,11 +558,55 @@ class System:
     def frequency_of(self, u: FloatArray) -> float:
         """Frequency of free vibration in the shape ``u`` by Rayleigh's quotient, rad/s."""
         stiffness, mass = float(u @ (self.K @ u)), float(u @ (self.M @ u))
+        if self.has_springs:  # whose sliders stick
+            slip = self.B @ u
+            stiffness += float(slip @ (self.on_rows(self.spring_constants) * slip))
         return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
 
-    def stored_energy(self, u: FloatArray, v: FloatArray) -> float:
-        """Kinetic plus strain energy, J."""
-        return float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
+    def stored_energy(self, u: FloatArray, v: FloatArray, sigma: FloatArray | None = None) -> float:
+        """Kinetic plus strain energy, J; with ``sigma`` (rows,), that of springs included.
+
+        ``sigma`` is the friction over its limit, which in a spring in series is its force.
+        """
+        energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
+        return energy if sigma is None else energy + self.spring_energy(sigma)
+
+    def spring_energy(self, sigma: FloatArray) -> float:
+        """Energy, J, stored in the springs in series with friction, from ``sigma``, (rows,)."""
+        if not self.has_springs:
+            return 0.0
+        force = self.on_rows(self.w) * sigma
+        return float(0.5 * force @ (force / self.on_rows(self.stiffness)))
+
+    def spring_offset(
+        self, known: FloatArray, sigma: FloatArray, moved: float = 1.0
+    ) -> FloatArray | None:
+        """Rate of slip in a step with which each spring would be without force at its end.
+
+        Parameters
+        ----------
+        known : ndarray, shape (n,)
+            Part of the step's change of displacement that is known, m.
+        sigma : ndarray, shape (rows,)
+            Friction over its limit before the step.
+        moved : float
+            Slip in the step for each unit of the unknown's, s; 1 where that is an increment.
+
+        Returns
+        -------
+        ndarray, shape (rows,), or None
+            m/s, or m; zero at points without springs. None where no point has one.
+        """
+        if not self.has_springs:
+            return None
+        stretch = self.spring_stretch * sigma
+        slip = np.asarray(self.B @ known) + stretch
+        return np.where(self.on_rows(self.sprung), -slip / moved, 0.0)
+
+    @cached_property
+    def spring_stretch(self) -> FloatArray:
+        """Slip that each row's spring takes under the friction limit, (rows,), m; 0 for none."""
+        return self.on_rows(np.where(self.sprung, self.w / self.stiffness, 0.0))
 
     def load_amplitudes(self, times: FloatArray) -> FloatArray:
         """Amplitudes of all loads, shape (loads, times), N."""

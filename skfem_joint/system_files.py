@@ -26,7 +26,7 @@ from skfem_joint.served import Point, Range, Served
 from skfem_joint.system import AppliedLoad, System
 
 _KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
-_ARRAYS = ("M", "C", "K", "B", "w", "beta", "P", "directions", "T", "J", "shares")
+_ARRAYS = ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "directions", "T", "J", "shares")
 _NAMES = ("points", "joints", "notes")
 _NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
@@ -120,6 +120,8 @@ def load(path: str | Path) -> System:
 def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, Any]:
     """Description of a system as JSON takes it; its arrays go to the ``arrays``."""
     for name in _ARRAYS:
+        if name == "stiffness" and not np.isfinite(system.stiffness).any():
+            continue  # as in files of versions that knew no springs
         if (value := getattr(system, name)) is not None:
             arrays |= _members(prefix + name, value)
     described = []
@@ -197,11 +199,11 @@ def _system(
         if values[name] is None:
             raise ValueError(f"it holds no {name}")
     for name, value in values.items():
-        dimensions = 1 if name in ("w", "beta", "directions") else 2
+        dimensions = 1 if name in ("w", "beta", "stiffness", "directions") else 2
         if value is not None and value.ndim != dimensions:
             raise ValueError(f"{name} has {value.ndim} dimensions, must have {dimensions}")
         data = value.data if sparse.issparse(value) else value
-        if value is not None and name != "beta" and not np.isfinite(data).all():
+        if value is not None and name not in ("beta", "stiffness") and not np.isfinite(data).all():
             raise ValueError(f"{name} is not finite")
     if values["directions"].dtype.kind not in "iu":
         raise ValueError("directions must be whole numbers")

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import (
     structural_rank,
 )
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 
 
@@ -89,6 +89,27 @@ def selection(columns: IntArray, n: int) -> sparse.csr_array:
     """Matrix, shape (columns, n), each of whose rows holds a single 1, in the given column."""
     ones = np.ones(columns.size)
     return sparse.csr_array((ones, (np.arange(columns.size), columns)), shape=(columns.size, n))
+
+
+def distinct_rows(B: Matrix, may_repeat: BoolArray) -> tuple[IntArray, IntArray]:
+    """Rows that remain if a row that ``may_repeat`` is left out where it equals an earlier one.
+
+    Returns their numbers, and for each row of ``B`` the place of its equal among them.
+    """
+    rows = sparse.csr_array(B)
+    rows.sort_indices()
+    place, kept, seen = np.zeros(rows.shape[0], dtype=np.intp), list[int](), dict[bytes, int]()
+    for k in range(rows.shape[0]):
+        own = slice(rows.indptr[k], rows.indptr[k + 1])
+        key = rows.indices[own].tobytes() + rows.data[own].tobytes()
+        if not may_repeat[k] or key not in seen:
+            if may_repeat[k]:
+                seen[key] = len(kept)
+            place[k] = len(kept)
+            kept.append(k)
+        else:
+            place[k] = seen[key]
+    return np.array(kept, dtype=np.intp), place
 
 
 def change_of_unknowns(

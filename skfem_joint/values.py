@@ -47,11 +47,12 @@ class Kind:
             return False
 
 
-#: Kinds of numbers; all but a beta must be finite.
+#: Kinds of numbers; all but a beta and a stiffness must be finite.
 FINITE = Kind("a finite number", math.isfinite)
 POSITIVE = Kind("> 0 and finite", lambda x: 0.0 < x < math.inf)
 NOT_NEGATIVE = Kind(">= 0 and finite", lambda x: 0.0 <= x < math.inf)
 BETA = Kind("> 0 (inf is Coulomb's law)", lambda x: x > 0.0)
+STIFFNESS = Kind("> 0 (inf is rigid)", lambda x: x > 0.0)
 POISSON = Kind("between -1 and 0.5", lambda x: -1.0 < x < 0.5)
 #: Whole numbers.
 COUNT = Kind(">= 1, a whole number", lambda x: x >= 1.0, whole=True)

@@ -151,7 +151,7 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     notes = basis.notes if accurate.basis is basis else ()
     said = (
         f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
-        f"{accurate.system.w.size} friction points, beta = {accurate.system.beta.max():.3g} s/m "
+        f"{accurate.system.w.size} friction points, beta = {accurate.system.steepest:.3g} s/m "
         f"and steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
         f"{stated(accurate.estimate)}."
     )
@@ -244,8 +244,7 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
-            steeper = estimate.SETTINGS.steeper * float(reduced.beta.max())
-            beta = min(steeper, float(system.beta.max()))
+            beta = min(estimate.SETTINGS.steeper * reduced.steepest, system.steepest)
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)

@@ -86,7 +86,8 @@ def region_of(
 
     The law is that of ``system``, which has all contact points.
     """
-    area, points = active_fractions(structure, system, slip_peak, period)
-    active = slips(structure, system, slip_peak, period)
-    lengths = measured_lengths(structure, slip_peak)
+    sliding = system.slider_peak(slip_peak)
+    area, points = active_fractions(structure, system, sliding, period)
+    active = slips(structure, system, sliding, period)
+    lengths = measured_lengths(structure, sliding)
     return ActiveRegion(lengths, area, points, active, slip_peak)

@@ -130,7 +130,7 @@ class Backbone:
     loops : ndarray, shape (increments, n)
         Increments of displacement along the half cycles that were followed, m.
     slip : ndarray, shape (levels, m)
-        Of each contact point, m.
+        Of each contact point, m; that of springs in series with friction included.
     share : ndarray, shape (levels,)
         Share of the friction limits whose points slip.
     state : tuple of str
@@ -143,6 +143,8 @@ class Backbone:
     estimated : dict of str to float
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``, of a reduced model
         for a range; empty for other models.
+    friction : ndarray, shape (levels, rows of B), optional
+        Friction over its limit, where it has springs in series.
     """
 
     mode: int
@@ -164,6 +166,7 @@ class Backbone:
     masing_error: float | None
     warnings: tuple[str, ...]
     estimated: Mapping[str, float] = field(default_factory=dict)
+    friction: FloatArray | None = None
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -174,7 +177,8 @@ class Backbone:
 def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
     """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.
 
-    InputError if everything is in contact, so that nothing is left to vibrate.
+    Springs in series with friction take part, and their sliders are held. InputError if everything
+    is in contact, so that nothing is left to vibrate.
     """
     F = motions_without_slip(system, carrying=True)
     if F.shape[1] == 0:
@@ -183,7 +187,7 @@ def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
             "leave a part of the structure out of the joints, keep interface_modes in a reduced "
             "model, or look at response"
         )
-    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.K, system.M))
+    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
     frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]))
     return frequency, F @ shapes
 
@@ -311,16 +315,20 @@ def _curve(
     slips_at = _check_levels(path, mode, shares, slips_at)
     level = shares * slips_at
     states = path.follow(np.outer(level, mode.force), limit_share=np.inf)
-    work, loops, masing_error = _friction_work(path, level, mode.force, states)
+    friction = path.frictions
+    work, loops, masing_error = _friction_work(path, level, mode.force, states, friction)
     q = states @ mode.force
     omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
     friction_damping = work / (2.0 * np.pi * level * q)
-    slip = system.slip_norm((system.B @ states.T).T)
-    slipping = slip > still_share(path) * slip.max()
-    state = _stick_or_slip(path, mode, shares, slip, slipping)
+    rows = np.asarray((system.B @ states.T).T)
+    slip = system.slip_norm(rows)
+    sliding = system.slip_norm(system.slider_slip(rows, friction))
+    slipping = sliding > still_share(path) * slip.max()
+    state = _stick_or_slip(path, mode, shares, slip, sliding, slipping)
+    peaks = level, states, friction, friction_damping
     own_damping, own_notes = own_law_damping(
-        path, mode.number, level, mode.force, states, friction_damping, _spread(level.size)
+        path, mode.number, mode.force, *peaks, _spread(level.size)
     )
     return Backbone(
         mode=mode.number,
@@ -341,6 +349,7 @@ def _curve(
         state=state,
         masing_error=masing_error,
         warnings=(*_few_points(mode, slipping), *_excited_modes(mode, frequency), *own_notes),
+        friction=friction if system.has_springs else None,
     )
 
 
@@ -376,7 +385,11 @@ def _check_levels(
 
 
 def _friction_work(
-    path: SavedPath, level: FloatArray, force: FloatArray, states: FloatArray
+    path: SavedPath,
+    level: FloatArray,
+    force: FloatArray,
+    states: FloatArray,
+    friction: FloatArray,
 ) -> tuple[FloatArray, FloatArray, float | None]:
     """Work of friction in a cycle at each level, (levels,), J.
 
@@ -384,7 +397,7 @@ def _friction_work(
     relative error of Masing's rule; None where it was not used.
     """
     system = path.to.system
-    rows = (system.B @ states.T).T
+    rows = system.slider_slip(np.asarray((system.B @ states.T).T), friction)
     slip = system.slip_norm(rows)
     work = 4.0 * slip @ system.w
     along_the_path = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
@@ -394,9 +407,11 @@ def _friction_work(
     more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
     path.tally.total += more
     path.rows.total += more
-    parts = [_half_cycle(path, level[k] * force, states[k]) for k in followed]
-    increments = np.reshape(parts, (-1, system.n))
-    dissipated = system.slip_norm((system.B @ increments.T).T) @ system.w
+    parts = [_half_cycle(path, level[k] * force, states[k], friction[k]) for k in followed]
+    increments = np.reshape([part[0] for part in parts], (-1, system.n))
+    turned = np.reshape([part[1] for part in parts], (-1, system.B.shape[0]))
+    slid = system.slider_slip(np.asarray((system.B @ increments.T).T), turned)
+    dissipated = system.slip_norm(slid) @ system.w
     cycle = 2.0 * dissipated.reshape(-1, SETTINGS.increments).sum(axis=1)
     ratio = cycle / work[followed]
     if followed.size:
@@ -410,22 +425,37 @@ def _spread(levels: int) -> IntArray:
     return np.unique(np.linspace(0, levels - 1, SETTINGS.checked).round().astype(np.intp))
 
 
-def _half_cycle(path: SavedPath, force: FloatArray, state: FloatArray) -> FloatArray:
-    """Increments of displacement (increments, n), m, from a state to its mirror image."""
+def _half_cycle(
+    path: SavedPath, force: FloatArray, state: FloatArray, friction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Increments of displacement (increments, n), m, from a state to its mirror image.
+
+    Also returns those of the friction over its limit, (increments, rows).
+    """
     turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
-    states = path.follow(np.outer(turn, force), limit_share=np.inf, start=(state, force))
-    return np.diff(np.vstack([state, states]), axis=0)
+    start = state, force, *([friction] if path.to.system.has_springs else [])
+    states = path.follow(np.outer(turn, force), limit_share=np.inf, start=start)
+    frictions = np.vstack([friction, path.frictions])
+    return np.diff(np.vstack([state, states]), axis=0), np.diff(frictions, axis=0)
 
 
 def _stick_or_slip(
-    path: SavedPath, mode: _Mode, shares: FloatArray, slip: FloatArray, slipping: BoolArray
+    path: SavedPath,
+    mode: _Mode,
+    shares: FloatArray,
+    slip: FloatArray,
+    sliding: FloatArray,
+    slipping: BoolArray,
 ) -> tuple[str, ...]:
     """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
     InputError if a joint slips as a whole at the first level.
     """
     joints = path.to.system.joint_points
-    gross = [is_gross(min(sticking_share(path, s, points) for points in joints)) for s in slip]
+    gross = [
+        is_gross(min(sticking_share(path, both[0], points, both[1]) for points in joints))
+        for both in zip(slip, sliding, strict=True)
+    ]
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "

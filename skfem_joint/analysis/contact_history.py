@@ -18,6 +18,7 @@ from skfem_joint.analysis.history import SLIPPING, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.stepping.energy import AT_LIMIT
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 from skfem_joint.structure.patch import shares_of
@@ -64,7 +65,7 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     InputError
         If the run stored no fields, or its system was not made from this structure.
     """
-    from skfem_joint.minimise.law import force_vectors  # loads the compiler
+    from skfem_joint.minimise.springs import friction_along  # loads the compiler
 
     check_fields(run)
     system, rows = contact_system(structure, run), _slip_rows(structure, run)
@@ -73,10 +74,14 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     if own is not None:
         friction, work = _placed(run, system, own)
     else:
-        friction = force_vectors(rate, system.beta, system.directions)
-        work = _spread(run, system, slip, friction)
+        repeats = run.steady is not None
+        friction = friction_along(system, slip, rate, run.field_times, repeats)
+        work = _spread(run, system, system.slider_slip(slip, friction), friction)
     grey = SLIPPING.grey if picks_unknowns(run.system.B) else SLIPPING.grey_reduced
     state = slip_state(system.slip_norm(rate), system.beta, grey)
+    if system.has_springs:
+        slides = system.slip_norm(friction) >= AT_LIMIT
+        state = np.where(system.sprung, slides, state).astype(np.int8)
     return ContactHistory(system, slip, friction, state, work)
 
 
@@ -110,8 +115,7 @@ def contact_system(structure: Structure, run: Run) -> System:
         )
     single = _own_points(own)
     if single is None:
-        steepest = own.beta.max(initial=0.0)
-        w, beta = base.w, np.minimum(base.beta, steepest)
+        w, beta = base.w, base.no_steeper(own.steepest).beta
     else:
         w, beta = np.zeros(m), base.beta.copy()
         w[single], beta[single] = own.w, own.beta

@@ -129,6 +129,11 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             f"{patch.clamping_force:.6g} N, friction limit of the points that can slip "
             f"{joint.friction * patch.normal_force.sum():.6g} N."
         )
+        if np.isfinite(joint.tangential_stiffness):
+            text += (
+                f" Its tangential stiffness of {joint.tangential_stiffness:.6g} Pa/m adds up to "
+                f"{patch.stiffness[np.isfinite(patch.stiffness)].sum():.6g} N/m at these points."
+            )
         body = structure.body
         if isinstance(joint.pressure, PressureTable) and patch.nodes.size and body is not None:
             along = joint.pressure.along(body.nodes[patch.nodes])
@@ -149,7 +154,8 @@ def _moves(
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
     facts, values, no_unknowns = draft.facts, draft.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
-    held = sparse.csr_array(system.B).indices[acting]
+    rigid_friction = np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))
+    held = sparse.csr_array(system.B).indices[rigid_friction]
     both = [
         natural_modes(system, modes.SETTINGS.searched, joints=joints)
         for joints in ("loose", "stuck")
@@ -158,7 +164,7 @@ def _moves(
     values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
     values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
-    if held.size:
+    if acting.size:
         number, likeness = alike(system.M, stuck.modes[:, : SETTINGS.shown], loose.modes)
         values["stuck_modes_like_loose"] = (number + 1).tolist()
         values["stuck_modes_like_loose_share"] = likeness.tolist()
@@ -186,7 +192,7 @@ def _moves(
     static, dynamic, amplified = vibration.static, vibration.dynamic, vibration.amplified
     if not system.loads or not np.any(static):
         return
-    if not held.size:
+    if not acting.size:
         _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
     _normal(scene, structure, vibration, draft)
@@ -316,7 +322,7 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
         extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
     both = np.hstack([follow, shapes])
     x = np.vstack([amplitudes, extra])
-    G, k = both.T @ (system.K @ both), len(amplitudes)
+    G, k = both.T @ (system.stuck_stiffness @ both), len(amplitudes)
     energy = np.einsum("it,ij,jt->t", x, G, x)
     at_rest = np.einsum("it,ij,jt->t", amplitudes, G[:k, :k], amplitudes)
     strains = at_rest.max(initial=0.0) > 0.0
@@ -331,14 +337,16 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
 
 
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
-    """Static displacements, m, with some unknowns held; rigid motions are held a little.
+    """Static displacements, m, with some unknowns held, and sliders on springs.
+
+    Rigid motions are held a little.
 
     Of a force (n,), N, or of each column of them.
     """
     free = np.setdiff1d(np.arange(system.n), held)
     u = np.zeros(force.shape)
     if free.size:
-        K, M = (sparse.csr_array(A)[free][:, free] for A in (system.K, system.M))
+        K, M = (sparse.csr_array(A)[free][:, free] for A in (system.stuck_stiffness, system.M))
         u[free] = factorised(K if held.size else shifted(K, M))(force[free])
     return u
 

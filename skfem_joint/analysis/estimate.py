@@ -350,7 +350,7 @@ def of_reduced(
     KeyboardInterrupt
         If one is interrupted.
     """
-    steepest = float(reduced.beta.max())
+    steepest = reduced.steepest
     points = _Points.of(system, basis, reduced)
     verify = Verification(progress, run)
     if run is None or not plan.save.points:
@@ -364,14 +364,14 @@ def of_reduced(
         return _of_slow(points, reduced, steepest, plan, base, (verify, progress, reference))
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
-    periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
+    periods, steeper = run.steady.periods if run.steady else 1, system.steepest > steepest
     if reference is not None and reference.affords(plan, periods, steeper):
         return _by_reference(points, reference, steepest, plan, base, verify, progress)
     start, merged = _merged(points, steepest, plan, verify)
     changes, V, last = _enriched(points, steepest, plan, start, verify)
     (first, grown), best = changes[0], results(last)
     steep = best if len(changes) == 1 else changes[1][0]
-    beta = float(last.system.beta.max())
+    beta = last.system.steepest
     law = extrapolation(SETTINGS.steeper) - 1.0 if beta > steepest else 0.0
     finer = Steps(last, *(verify(last.system, plan.finer(factor)) for factor in (2, 4)))
     truth = finer.finest
@@ -528,7 +528,7 @@ def _by_reference(
     system, V = points.system, points.basis.V
     every = results(verify(points.everywhere(V, beta), plan))
     steep, law = every, 1.0
-    if np.any(system.beta > beta):
+    if system.steepest > beta:
         steep = results(verify(points.everywhere(V, SETTINGS.steeper * beta), plan))
         law = extrapolation(SETTINGS.steeper)
     of_condensed = Verification(progress)
@@ -662,7 +662,8 @@ class _Points:
 
     def everywhere(self, V: FloatArray, beta: float) -> System:
         """Model on V with all points, under the law of the full one but no steeper than asked."""
-        return replace(self.projection(V), beta=np.minimum(self.system.beta, beta))
+        laws = replace(self.projection(V), beta=self.system.beta)
+        return laws.no_steeper(beta)
 
     def model(self, V: FloatArray, beta: float) -> System:
         """Reduced model on V with the points of verification runs."""
@@ -706,7 +707,7 @@ def _corrected(unmerged: System, run: Run, plan: Plan, verify: Callable[..., Run
     merged point no friction resists the load that stands for their differences.
     """
     merged = run.system
-    missing = _friction(unmerged, run.v) - _friction(merged, run.v)
+    missing = _friction(unmerged, run) - _friction(merged, run)
     courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
     added = map(AppliedLoad, np.eye(merged.n), courses)
     corrected = verify(replace(merged, loads=(*merged.loads, *added)), replace(plan, until="end"))
@@ -718,11 +719,16 @@ def _corrected(unmerged: System, run: Run, plan: Plan, verify: Callable[..., Run
     return difference(other, results(run))
 
 
-def _friction(system: System, v: FloatArray) -> FloatArray:
-    """Forces of friction (times, n), N, at some velocities of the unknowns (times, n)."""
+def _friction(system: System, run: Run) -> FloatArray:
+    """Forces of friction (times, n), N, along the fields of a run of the same unknowns."""
     from skfem_joint.minimise.law import force_vectors  # loads the compiler
 
-    B, limits = np.asarray(system.B), system.on_rows(system.w)
+    v, B, limits = run.v, np.asarray(system.B), system.on_rows(system.w)
+    if system.has_springs:
+        from skfem_joint.minimise.springs import friction_along
+
+        sigma = friction_along(system, run.u @ B.T, v @ B.T, run.field_times)
+        return np.asarray((limits * sigma) @ B)
     parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
     forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
@@ -756,7 +762,7 @@ def _enriched(
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
-    most, steeper = V.shape[1] + 2 * SETTINGS.added, bool(np.any(points.system.beta > beta))
+    most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.steepest > beta
     stored = partial(verify, plan=plan, fields_every=fields)
     run = start.thinned(fields) if start else stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []

@@ -53,10 +53,15 @@ def still_share(path: QuasiStatic) -> float:
     return THRESHOLD if path.to.kind == "dense" else SETTINGS.still
 
 
-def sticking_share(path: QuasiStatic, slip: FloatArray, points: IntArray) -> float:
-    """Share of a joint's friction limit whose points stick, by the slip (m,), m, of a state."""
-    limits = path.to.system.w[points]
-    sticks = slip[points] <= still_share(path) * slip.max()
+def sticking_share(
+    path: QuasiStatic, slip: FloatArray, points: IntArray, sliding: FloatArray | None = None
+) -> float:
+    """Share of a joint's friction limit whose points stick, by the slip (m,), m, of a state.
+
+    ``sliding``, (m,), m, is that of the sliders, if some have springs in series.
+    """
+    limits, own = path.to.system.w[points], slip if sliding is None else sliding
+    sticks = own[points] <= still_share(path) * slip.max()
     return float(limits[sticks].sum() / limits.sum())
 
 
@@ -101,11 +106,14 @@ def gross_slip_level(
         If the response to a load does not converge.
     """
     system = path.to.system
-    balanced = force - system.K @ stuck
+    balanced = force - system.stuck_stiffness @ stuck
     # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
     dense = path.to.kind == "dense"
     rows = np.linalg.lstsq(as_dense(system.B).T, balanced)[0] if dense else system.B @ balanced
     forces = system.slip_norm(np.asarray(rows, dtype=float))
+    if system.has_springs:  # points may share an unknown, and each has the force of its spring
+        stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
+        forces = np.where(system.sprung, stretched, forces)
     loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
     if not loaded:
         return limit
@@ -132,19 +140,23 @@ class _Search:
     joints: list[IntArray]
 
     def sticking(
-        self, level: float, start: tuple[FloatArray, FloatArray]
-    ) -> tuple[float, tuple[FloatArray, FloatArray]]:
+        self, level: float, start: tuple[FloatArray, ...]
+    ) -> tuple[float, tuple[FloatArray, ...]]:
         """Least share of a joint's limit that sticks at a level, and the state and force there."""
         system, load = self.path.to.system, level * self.force
         self.path.tally.total += 1
         u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
-        slip = system.slip_norm(system.B @ u)
-        return min(sticking_share(self.path, slip, points) for points in self.joints), (u, load)
+        rows, sigma = system.B @ u, self.path.friction_of(0)
+        both = [system.slip_norm(x) for x in (rows, system.slider_slip(rows, sigma))]
+        sticking = min(
+            sticking_share(self.path, both[0], points, both[1]) for points in self.joints
+        )
+        return sticking, (u, load, *([sigma] if system.has_springs else []))
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""
         level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
-        state = 0.0 * self.force, 0.0 * self.force
+        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
         for _ in range(SETTINGS.trials):
             last = sticking
             sticking, state = self.sticking(level, state)
@@ -159,7 +171,7 @@ class _Search:
 
     def free(self, nominal: float, limit: float, raised: bool) -> float:
         """Level where friction alone holds, up to ``limit``."""
-        state = 0.0 * self.force, 0.0 * self.force
+        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
         low, high, last = 0.0, limit, SETTINGS.below * limit
         level = min(nominal * (1.0 + SETTINGS.above), last)
         for _ in range(SETTINGS.trials):

@@ -69,7 +69,8 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     frequencies : ndarray, shape (k,)
         Of the loads' common period, Hz.
     stuck : bool
-        Whether contact points stick, or are loose.
+        Whether contact points stick, on the springs in series with their friction if they have any,
+        or are loose.
 
     Returns
     -------
@@ -78,7 +79,8 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     """
     inner = arranged(system).system
     V = motions_without_slip(inner, True) if stuck else sparse.eye_array(inner.n, format="csc")
-    K, C, M = (sparse.csr_array(congruent(A, V)) for A in (inner.K, inner.C, inner.M))
+    stiffness = inner.stuck_stiffness if stuck else inner.K
+    K, C, M = (sparse.csr_array(congruent(A, V)) for A in (stiffness, inner.C, inner.M))
     P, F = inner.P @ V, V.T @ inner.load_vectors()
     turn = 2.0 * np.pi * np.arange(SETTINGS.samples) / SETTINGS.samples
     motion = np.zeros((frequencies.size, len(system.points), turn.size))

@@ -52,7 +52,8 @@ def natural_modes(
 
     A joint with friction is a little stiffer than a loose one, which slides freely, and a little
     softer than a stuck one. These two limits are linear: ``K phi = (2 pi f)^2 M phi``, in all
-    motions or in those in which no point with friction slips.
+    motions or in those in which no point with friction slips. Where friction has springs in series
+    these take part in the motion, and sliders stick.
 
     Parameters
     ----------
@@ -87,8 +88,9 @@ def natural_modes(
     check("count", count, COUNT)
     if joints not in ("loose", "stuck"):
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")
-    K, M = sparse.csr_array(system.K), sparse.csr_array(system.M)
-    if joints == "loose":
+    stuck = joints == "stuck"
+    K, M = (sparse.csr_array(A) for A in (system.stuck_stiffness if stuck else system.K, system.M))
+    if not stuck:
         return NaturalModes(*lowest_modes(K, M, count))
     F = motions_without_slip(system, carrying=True)
     if not F.shape[1]:

@@ -41,9 +41,10 @@ SETTINGS = OwnLawSettings()
 def own_law_damping(
     path: SavedPath,
     mode: int,
-    level: FloatArray,
     force: FloatArray,
+    level: FloatArray,
     states: FloatArray,
+    friction: FloatArray,
     coulomb: FloatArray,
     chosen: IntArray,
 ) -> tuple[FloatArray, list[str]]:
@@ -59,12 +60,14 @@ def own_law_damping(
         Of the system.
     mode : int
         Number of the mode, for the notes.
-    level : ndarray, shape (levels,)
-        Multiples of the force.
     force : ndarray, shape (n,)
         Inertia of the mode, N at level 1.
+    level : ndarray, shape (levels,)
+        Multiples of the force.
     states : ndarray, shape (levels, n)
         Displacements at the peaks, m, by Coulomb's law.
+    friction : ndarray, shape (levels, rows)
+        Friction over its limit at the peaks, which springs in series keep.
     coulomb : ndarray, shape (levels,)
         Damping ratios by Coulomb's law.
     chosen : ndarray of int
@@ -87,7 +90,8 @@ def own_law_damping(
     try:
         for row, k in enumerate(chosen):
             origin = path.origin, "own law", level[k], force, states[k], omega[k]
-            compute = partial(_damping_at, path, level[k], force, states[k], omega[k])
+            peak = states[k], *([friction[k]] if system.has_springs else [])
+            compute = partial(_damping_at, path, level[k], force, peak, omega[k])
             own[row] = path.rows.row(path.rows.mark(*origin), compute)
     except ConvergenceError as error:
         note = f"Mode {mode}: how much the joints' own law damps is not known: {error}."
@@ -102,22 +106,31 @@ def own_law_damping(
 
 
 def _damping_at(
-    path: SavedPath, level: float, force: FloatArray, state: FloatArray, omega: float
+    path: SavedPath, level: float, force: FloatArray, peak: tuple[FloatArray, ...], omega: float
 ) -> float:
     """Damping ratio of friction at one level, by a cycle that begins at the state of its peak.
 
-    Only the second half of the cycle counts, because the first one forgets where it began.
+    ``peak`` is its displacement and, where there are springs, its friction over the limit. Only the
+    second half of the cycle counts, because the first one forgets where it began.
     """
     system, n = path.to.system, SETTINGS.increments
     turn = np.pi * np.arange(1, 2 * n + 1) / n
     top = level * force
-    cycle = path.follow(np.outer(np.cos(turn), top), turn / omega, np.inf, (state, top))
+    start = peak[0], top, *peak[1:]
+    cycle = path.follow(np.outer(np.cos(turn), top), turn / omega, np.inf, start)
     half = cycle[n - 1 :]
-    slip = system.slip_norm((system.B @ np.diff(half, axis=0).T).T).T
-    speed = slip * (n * omega / np.pi)
-    friction = friction_force(speed, system.beta[:, np.newaxis]) * system.w[:, np.newaxis]
+    slip = np.asarray((system.B @ np.diff(half, axis=0).T).T)
+    if system.has_springs:
+        sigma = path.frictions[n - 1 :]
+        slid = system.slider_slip(slip, np.diff(sigma, axis=0))
+        work = float(np.vdot(system.on_rows(system.w) * sigma[1:], slid))
+    else:
+        size = system.slip_norm(slip).T
+        speed = size * (n * omega / np.pi)
+        friction = friction_force(speed, system.beta[:, np.newaxis]) * system.w[:, np.newaxis]
+        work = float(np.vdot(friction, size))
     q = 0.5 * float(np.ptp(half @ force))
-    return float(2.0 * np.vdot(friction, slip) / (2.0 * np.pi * level * q))
+    return float(2.0 * work / (2.0 * np.pi * level * q))
 
 
 def _note(path: SavedPath, mode: int, q: FloatArray, coulomb: FloatArray, own: FloatArray) -> str:

@@ -83,7 +83,7 @@ def ring_down(
     cycles: int,
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
-    start: tuple[FloatArray, FloatArray] | None = None,
+    start: tuple[FloatArray, ...] | None = None,
     progress: Callable[..., None] | None = None,
 ) -> RingDown:
     """Free vibration of a mode from the highest level of its curve, or from any other state.
@@ -108,7 +108,8 @@ def ring_down(
         damping may depend on the step.
     start : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) to begin with, such as ``run.final`` of a run whose
-        pulse has ended; released at rest from the curve's highest level if not given.
+        pulse has ended, and friction as `integrate` takes it; released at rest from the curve's
+        highest level if not given.
     progress : callable, optional
         As `integrate` takes it.
 
@@ -139,7 +140,10 @@ def ring_down(
         save=Save(fields=True, fields_every=steps_per_cycle),
         cycle_steps=steps_per_cycle,
     )
-    initial = (curve.states[-1], np.zeros(system.n)) if start is None else start
+    initial = start
+    if start is None:
+        springs = [] if curve.friction is None else [curve.friction[-1]]
+        initial = curve.states[-1], np.zeros(system.n), *springs
     run = integrate_plan(unloaded, plan, initial=initial, progress=progress).finished()
     decay = _decay(run.point("modal"), plan)
     some = plan.first(min(cycles, max(FEWEST_AGAIN, int(AGAIN * cycles))))
@@ -148,7 +152,9 @@ def ring_down(
     ours = _decay(run.point("modal")[: some.n_steps + 1], some)
     return RingDown(
         *decay,
-        energy=np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)]),
+        energy=np.array(
+            [system.stored_energy(*state) for state in zip(run.u, run.v, run.sigma, strict=True)]
+        ),
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=_apart(ours, _decay(finer.point("modal"), again)),
     )
@@ -159,7 +165,7 @@ def _in_range(
     serves: Served,
     curve: Backbone,
     steps: tuple[int, int, Scheme | None],
-    start: tuple[FloatArray, FloatArray] | None,
+    start: tuple[FloatArray, ...] | None,
     progress: Callable[..., None] | None,
 ) -> RingDown:
     """Free vibration of a model for a range, with its distance from that of its larger model.

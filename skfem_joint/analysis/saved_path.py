@@ -44,7 +44,7 @@ class SavedPath(QuasiStatic):
         forces: FloatArray,
         times: FloatArray | None = None,
         limit_share: float = QUASI_STATIC.limit_share,
-        start: tuple[FloatArray, FloatArray] | None = None,
+        start: tuple[FloatArray, ...] | None = None,
     ) -> FloatArray:
         """As `QuasiStatic.follow`; levels at given times are not stored."""
         if times is not None:
@@ -52,28 +52,33 @@ class SavedPath(QuasiStatic):
             states = super().follow(forces, times, limit_share, start)
             self.forget()
             return states
-        levels = []
-        u, before = np.zeros((2, forces.shape[1])) if start is None else start
+        levels, frictions = [], []
+        start = tuple(np.zeros((2, forces.shape[1]))) if start is None else start
+        if self.to.system.has_springs and len(start) == 2:
+            start = *start, np.zeros_like(self.sigma)
         for force in forces:
-            u = self._level(force, limit_share, u, before)
+            u = self._level(force, limit_share, start)
             levels.append(u)
-            before = force
+            frictions.append(self.sigma)
+            start = (u, force, *([self.sigma] if len(start) > 2 else []))
+        self.frictions = np.array(frictions)
         return np.array(levels)
 
     def _level(
-        self, force: FloatArray, limit_share: float, u: FloatArray, before: FloatArray
+        self, force: FloatArray, limit_share: float, start: tuple[FloatArray, ...]
     ) -> FloatArray:
-        """Displacement (n,), m, under a force (N), from ``u`` under the force ``before``."""
-        mark = self.rows.mark(self.origin, force, limit_share, u, before, self.last)
+        """Displacement (n,), m, under a force (N), from a start as of `follow`."""
+        mark = self.rows.mark(self.origin, force, limit_share, *start, self.last)
         counted = self.tally.done
 
-        def compute() -> tuple[FloatArray, FloatArray]:
+        def compute() -> tuple[FloatArray, ...]:
             self.forget(self.last)
             follow = super(SavedPath, self).follow
-            levels = follow(force[np.newaxis], limit_share=limit_share, start=(u, before))
-            return levels[0], self.last
+            levels = follow(force[np.newaxis], limit_share=limit_share, start=start)
+            return (levels[0], self.last, *([self.sigma] if len(start) > 2 else []))
 
-        state, self.last = self.rows.row(mark, compute)
+        state, self.last, *friction = self.rows.row(mark, compute)
+        self.sigma = friction[0] if friction else self.sigma
         if self.tally.done == counted:  # taken up, so that nobody has counted it
             self.tally.add()
         return state

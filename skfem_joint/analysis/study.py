@@ -370,7 +370,8 @@ def _reduced(
         notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        notes = (*notes, *gross_slip(study.structure, basis.history.slip_peak, study.period))
+        sliding = study.system.slider_peak(basis.history.slip_peak)
+        notes = (*notes, *gross_slip(study.structure, sliding, study.period))
         active = _active(study, basis.history.slip_peak)[1:]
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
     vectors, points = basis.V.shape[1], system.contact_points

@@ -136,6 +136,9 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
         }
         if run.loops is not None:
             by_name[name] |= _joint_loop(run.loops, k)
+        if np.isfinite(patch.joint.tangential_stiffness):
+            springs = patch.stiffness[np.isfinite(patch.stiffness)]
+            by_name[name]["tangential_stiffness_N_per_m"] = float(springs.sum())
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
             part = study.system.J[[k]].toarray()[0] * work
@@ -198,7 +201,9 @@ def violated(study: Study, model: Model) -> list[str]:
     run = model.run
     warnings = []
     if model.name != "reduced" and model.name == next(iter(study.models)):
-        warnings += gross_slip(study.structure, model.slip_peak, study.period)
+        warnings += gross_slip(
+            study.structure, study.system.slider_peak(model.slip_peak), study.period
+        )
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = np.inf if study.structure.body is None else study.structure.body.size
     if largest > LIMITS.large * size:

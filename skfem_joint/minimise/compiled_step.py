@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.minimise.problem import StepProblem
+from skfem_joint.minimise.problem import ContactPoints, StepProblem
 
 
 class Places(NamedTuple):
@@ -79,7 +79,8 @@ class StepOutcome(NamedTuple):
 def minimise_step(problem, workspace, right, v, tolerance):
     """Minimise from the velocity ``v`` of the step before; returns an `StepOutcome`.
 
-    The velocity and the friction are left in ``workspace.velocity`` and ``workspace.force``. What
+    ``workspace.offset`` has the slips from which those of rows with springs count. The velocity and
+    the friction are left in ``workspace.velocity`` and ``workspace.force``. What
     the workspace keeps of earlier steps, such as velocities to extrapolate from, changes only if
     the minimisation converged. Guesses that speed up the next step and do not bear on its result
     beyond the tolerance may change in any case: where fronts of slip met, or the friction that is
@@ -122,5 +123,5 @@ class CompiledStepProblem(StepProblem, Protocol):
     def resume(self, v: FloatArray, sigma: FloatArray) -> None:
         """Prepare for steps from a velocity and friction after steps with another matrix."""
 
-    def with_matrix(self, H: Any) -> CompiledStepProblem:
-        """See `StepProblem`."""
+    def with_matrix(self, H: Any, points: ContactPoints | None = None) -> CompiledStepProblem:
+        """See `StepProblem`; ``points`` are the same contact points with other laws."""

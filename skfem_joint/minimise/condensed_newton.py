@@ -42,7 +42,11 @@ class CondensedNewton:
         """The problem of the unknowns of points with friction."""
         points, some = self.points, self._points
         acting = ContactPoints(
-            points.B[self._limited], points.directions[some], points.w[some], points.beta[some]
+            points.B[self._limited],
+            points.directions[some],
+            points.w[some],
+            points.beta[some],
+            None if points.soft is None else points.soft[some],
         )
         return TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
 
@@ -66,11 +70,19 @@ class CondensedNewton:
         """See `StepProblem`."""
         self.contact.compile()
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
-        contact = self.contact
-        ordered = contact.beta if beta is None else contact.ordered_beta(beta[self._points])
-        friction = contact.friction_potential(v[self.schur.kept], ordered)
+        laws = self.contact.laws_of(
+            None if beta is None else beta[self._points],
+            None if offset is None else offset[self._limited],
+        )
+        friction = self.contact.friction_potential(v[self.schur.kept], laws)
         return float(v @ (0.5 * (self.H @ v) - g)) + friction
 
     def minimise(
@@ -79,6 +91,7 @@ class CondensedNewton:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         schur, force = self.schur, float(np.abs(g).max())
@@ -89,6 +102,7 @@ class CondensedNewton:
             tolerance,
             None if beta is None else beta[self._points],
             force,
+            None if offset is None else offset[self._limited],
         )
         v, friction = schur.extend(inner.v, interior), np.zeros(self.points.B.shape[0])
         friction[self._limited] = inner.sigma

@@ -8,9 +8,10 @@ way back each point obeys its law. Such a pass moves a slip front over any numbe
 method by about one node. The first pass starts from rest: from the velocities of the last step,
 passes may alternate between two wrong states.
 
-If a law is regularised, or the passes fail, :mod:`skfem_joint.minimise.minty_newton` solves the
-problem. It starts from parameters extrapolated over the last two steps. For some steps after a slow
-step it starts from Coulomb's solution (on short chains) or from coarser chains (on long chains).
+If a law is regularised, a point has a spring in series, or the passes fail,
+:mod:`skfem_joint.minimise.minty_newton` solves the problem. It starts from parameters extrapolated
+over the last two steps. For some steps after a slow step it starts from Coulomb's solution (on
+short chains without springs) or from coarser chains (on long chains).
 """
 
 # numba infers the types of compiled functions:
@@ -93,6 +94,9 @@ class Chain(NamedTuple):
         Inverse pivots between points that stick, as far as they were needed, m/(N s).
     stretch : ndarray of int, shape (n,)
         End of the stretch of slipping points for which each pivot holds.
+    soft, offset : ndarray
+        Compliance of springs in series, m/s, and the slips from which those of points with springs
+        count, m/s, which are those of the workspace; empty if there are none.
     """
 
     start: Any
@@ -106,6 +110,8 @@ class Chain(NamedTuple):
     hold: Any
     pivot: Any
     stretch: Any
+    soft: Any
+    offset: Any
 
 
 class ChainWorkspace(NamedTuple):
@@ -125,7 +131,9 @@ class ChainWorkspace(NamedTuple):
         Result of the last minimisation: the first two rows of ``work``.
     new_parameter : ndarray, shape (n,)
         Its parameters: the finest level of ``parameters``.
-    parameters, rights : ndarray, shape (nodes of all levels,)
+    parameters, rights, offsets : ndarray, shape (nodes of all levels,)
+    offset : ndarray, shape (n,)
+        Slips from which those of points with springs count, m/s: the finest level of ``offsets``.
     work, trial : ndarray, shape (6, n) and (3, n)
     """
 
@@ -141,11 +149,13 @@ class ChainWorkspace(NamedTuple):
     rights: Any
     work: Any
     trial: Any
+    offsets: Any
+    offset: Any
 
 
 def chain_workspace(n: int) -> ChainWorkspace:
     """Make the workspace for a chain of ``n`` unknowns."""
-    work, levels = np.zeros((6, n)), np.zeros((2, _levels_of(n)[-1]))
+    work, levels = np.zeros((6, n)), np.zeros((3, _levels_of(n)[-1]))
     return ChainWorkspace(
         parameter=np.zeros(n),
         old_parameter=np.zeros(n),
@@ -159,6 +169,8 @@ def chain_workspace(n: int) -> ChainWorkspace:
         rights=levels[1],
         work=work,
         trial=np.zeros((3, n)),
+        offsets=levels[2],
+        offset=levels[2, :n],
     )
 
 
@@ -174,7 +186,7 @@ def _levels_of(n: int) -> NDArray[np.int64]:
     return np.array(starts)
 
 
-def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
+def build_chain(H: Bands, w: FloatArray, beta: FloatArray, soft: FloatArray | None = None) -> Chain:
     """Chain with its Galerkin hierarchy, halved down to a few dozen unknowns.
 
     Coarse node j is the fine node 2 j (or 2 j + 1, so that the last node stays); fine nodes between
@@ -186,6 +198,8 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
         Step matrix, N s/m.
     w, beta : ndarray, shape (n,)
         Friction limits (N; 0 where no friction acts) and steepness (s/m).
+    soft : ndarray, shape (n,), optional
+        Compliance of springs in series, m/s; no springs if not given.
     """
     H0, H1 = H
     kappa = SETTINGS.kappa / np.abs(_solve(H0, H1, w)).max()
@@ -196,16 +210,24 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray) -> Chain:
     H0, H1, w = (np.concatenate([level[i] for level in levels]) for i in range(3))
     n = start[1]
     none = np.zeros(0)
-    chain = Chain(start, H0, H1, w, none, 0, none, float(kappa), none, np.zeros(n), np.full(n, -1))
+    chain = Chain(
+        start, H0, H1, w, none, 0, none, float(kappa), none, np.zeros(n), np.full(n, -1),
+        none if soft is None else _by_level(soft, start), none,
+    )  # fmt: skip
     return with_law(chain, beta)
+
+
+def _by_level(values: FloatArray, start: NDArray[np.int64]) -> FloatArray:
+    """Values of the nodes on all levels, from those on the finest."""
+    levels = [values]
+    for size in np.diff(start)[:-1]:
+        levels.append(levels[-1][(size - 1) % 2 :: 2])
+    return np.concatenate(levels)
 
 
 def with_law(chain: Chain, beta: FloatArray) -> Chain:
     """Same chain with other values of beta, (n,), s/m."""
-    levels, n = [beta], beta.size
-    for size in np.diff(chain.start)[:-1]:
-        levels.append(levels[-1][(size - 1) % 2 :: 2])
-    beta, w = np.concatenate(levels), chain.w
+    n, beta, w = beta.size, _by_level(beta, chain.start), chain.w
     kind = np.where(w > 0.0, np.where(np.isinf(beta), COULOMB, REGULAR), FREE).astype(np.int8)
     regular = kind == REGULAR
     return chain._replace(
@@ -408,9 +430,10 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
     s, s_new = workspace.parameter, workspace.new_parameter
     v_new, sigma_new, remaining = workspace.velocity, workspace.force, workspace.special_starts[0]
     count, tier, converged, near, residual, unknown = 0, 0, False, False, 0.0, 0
-    if chain.mixed == 2:
+    sprung = chain.soft.size > 0
+    if chain.mixed == 2 and not sprung:
         count, converged = eliminate_fronts(chain, workspace, right, chain.hold, tolerance)
-    elif remaining > 0 and n <= SETTINGS.longest:
+    elif remaining > 0 and n <= SETTINGS.longest and not sprung:
         count, near = eliminate_fronts(chain, workspace, right, chain.w, tolerance)
         if near:
             graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
@@ -420,8 +443,8 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
             if not near:
                 s_new[i] = 2.0 * s[i] - workspace.old_parameter[i]
         more, tier, converged, residual, unknown = newton_on_graph(
-            chain, workspace.rights, workspace.parameters, workspace.work, workspace.trial,
-            tolerance, remaining > 0 and not near,
+            chain, workspace.rights, workspace.parameters, workspace.work,
+            workspace.trial, tolerance, remaining > 0 and not near,
         )  # fmt: skip
         count += more
     if converged:
@@ -470,7 +493,13 @@ class FrontElimination:
         w = np.zeros(n)
         w[contact] = points.w
         self._matrix = matrix
-        self.kernel = build_chain(matrix, w, self._by_unknown(points.beta))
+        springs = []
+        if points.soft is not None:
+            springs = [np.zeros(n)]
+            springs[0][contact] = points.soft
+        self.kernel = build_chain(matrix, w, self._by_unknown(points.beta), *springs)
+        if springs:
+            self.kernel = self.kernel._replace(offset=self.workspace.offsets)
         self._law = points.beta, self.kernel  # of the last call of `minimise` with another law
         self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
         self.steps_per_second = max(1, 200_000 // n)
@@ -480,9 +509,9 @@ class FrontElimination:
         by_unknown[self.points.unknowns] = beta
         return by_unknown
 
-    def with_matrix(self, H: Any) -> FrontElimination:
-        """See `StepProblem`."""
-        return FrontElimination(H, self.points, self.workspace)
+    def with_matrix(self, H: Any, points: ContactPoints | None = None) -> FrontElimination:
+        """See `CompiledStepProblem`."""
+        return FrontElimination(H, self.points if points is None else points, self.workspace)
 
     def restart(self, v: FloatArray, sigma: FloatArray) -> None:
         """See `CompiledStepProblem`: the parameter is taken from the law's graph."""
@@ -497,6 +526,10 @@ class FrontElimination:
         """Let the next minimisation start from a point of the law's graph."""
         space, n = self.workspace, v.size
         kind, inverse_beta = chain.kind[:n], chain.inverse_beta[:n]
+        if chain.soft.size:
+            rates = np.zeros(n)
+            law.slider_rates(kind, inverse_beta, chain.soft[:n], np.array(v), sigma, rates)
+            v = rates
         graph_parameters(kind, chain.kappa, inverse_beta, v, sigma, space.parameter)
         space.old_parameter[:] = space.parameter
         space.scale[:] = chain.kappa
@@ -511,28 +544,33 @@ class FrontElimination:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         if beta is not None and not np.array_equal(beta, self._law[0]):
             self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
         chain, space = self.kernel if beta is None else self._law[1], self.workspace
-        contact = self.points.unknowns
-        if chain.mixed < 2:  # Newton's method needs a start, which elimination does not
+        contact, sprung = self.points.unknowns, self.points.soft is not None
+        if sprung:
+            space.offset[contact] = 0.0 if offset is None else offset
+        if chain.mixed < 2 or sprung:  # Newton's method needs a start, which elimination does not
             v = np.zeros_like(g) if start is None else start
-            on_law = np.zeros_like(v)
-            on_law[contact] = law.force(v[contact], self.points.beta if beta is None else beta)
+            on_law, own = np.zeros_like(v), self.points.beta if beta is None else beta
+            slip = v[contact] - space.offset[contact] if sprung else v[contact]
+            on_law[contact] = law.force(slip, own, self.points.soft)
             self._set_parameter(chain, v, on_law)
         passes, tier, iterations = 0, 0, 0
         converged, residual, unknown = False, 0.0, 0
         g = np.ascontiguousarray(g)
-        if chain.mixed == 2:
+        if chain.mixed == 2 and not sprung:
             passes, converged = eliminate_fronts(chain, space, g, chain.hold, tolerance)
         if not converged:
             space.rights[: g.size] = g
-            space.new_parameter[:] = space.parameter if chain.mixed < 2 else 0.0
+            space.new_parameter[:] = space.parameter if chain.mixed < 2 or sprung else 0.0
             iterations, tier, converged, residual, unknown = newton_on_graph(
-                chain, space.rights, space.parameters, space.work, space.trial, tolerance, False
-            )
+                chain, space.rights, space.parameters, space.work, space.trial,
+                tolerance, False,
+            )  # fmt: skip
         counts = {
             "newton_iterations": int(passes + iterations),
             "nested_solves": int(tier == 1),
@@ -543,14 +581,21 @@ class FrontElimination:
         v = space.velocity.copy()
         return Minimum(v, sigma, bool(converged), counts, float(residual), int(unknown))
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
         diagonal, off = self._matrix
         image = diagonal * v
         image[:-1] += off * v[1:]
         image[1:] += off * v[:-1]
         beta = self.points.beta if beta is None else beta
-        friction = self.points.w @ law.potential(v[self.points.unknowns], beta)
+        slip = v[self.points.unknowns] - (0.0 if offset is None else offset)
+        friction = self.points.w @ law.potential(slip, beta, self.points.soft)
         return float(v @ (0.5 * image - g) + friction)
 
     def saved(self) -> dict[str, NDArray[Any]]:

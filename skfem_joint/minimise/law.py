@@ -17,9 +17,25 @@ potential, inverse, and the number `WIDTH`. The rest of the module serves the so
 
 - at a point: `sigma`, `slope`, `psi`, `sticks`, and `resolvent`, the solution of
   k v + sigma(v) = x, with which a point is relaxed while its neighbours stay;
+- the same with a spring in series (`sprung_force`, `sprung_slope`, `sprung_psi`,
+  `sprung_resolvent`), see below;
 - along many points of a compiled loop: `forces`, and the graph of the law in a parameter s
   (Minty's): `graph` gives v(s) and sigma(s) with derivatives, `graph_parameters` is its inverse;
 - of arrays that broadcast, in Python: `force`, `force_slope`, `potential`, `force_vectors`.
+
+A spring in series with friction takes a part of the slip that is proportional to the force,
+
+    v = z + soft sigma,    sigma = sigma(z),
+
+z being the rate of the slider itself and ``soft`` >= 0 a compliance: in a step that moves the point
+by c v, the limit over the spring's stiffness and c. The force is again a law of v, odd and rising
+to 1, whose potential is the Moreau envelope of psi,
+
+    min over z:   psi(z) + (v - z)^2 / (2 soft),
+
+so that steps stay convex. Where the spring was under a force before, v counts from the velocity at
+which it would be without one. As a law of the graph's parameter, velocities are those of the slider
+plus ``soft sigma``, and the resolvent is that of the slider for other numbers.
 
 To replace the arctangent by another law, rewrite the first section. The law must be odd, without
 memory, increasing to 1, and concave for z >= 0. `resolvent` needs that: it starts from the solution
@@ -201,6 +217,62 @@ def resolvent(x, k, beta):
     return (z / beta, force) if x > 0.0 else (-z / beta, -force)
 
 
+# At a point with a spring in series
+
+
+@compiled
+def slider(v, beta, soft):
+    """Rate of the slider and its normalised force, at a slip v that it shares with its spring."""
+    if soft == 0.0:
+        return v, sigma(v, beta)
+    return resolvent(v / soft, 1.0 / soft, beta)
+
+
+@compiled_inside
+def sprung_force(v, beta, soft):
+    """Normalised force; `sigma` where ``soft`` is zero."""
+    return sigma(v, beta) if soft == 0.0 else slider(v, beta, soft)[1]
+
+
+@compiled_inside
+def sprung_slope(v, beta, soft):
+    """Derivative of `sprung_force` in v, s/m; `slope` where ``soft`` is zero."""
+    if soft == 0.0:
+        return slope(v, beta)
+    z = slider(v, beta, soft)[0]
+    if beta == inf:
+        return 1.0 / soft if z == 0.0 else 0.0
+    own = slope(z, beta)
+    return own / (1.0 + soft * own)
+
+
+@compiled_inside
+def sprung_across(speed, beta, soft):
+    """Force over the norm of a slip vector, s/m; at rest the slope."""
+    if soft == 0.0:
+        return across(speed, beta)
+    return slider(speed, beta, soft)[1] / speed if speed > 0.0 else sprung_slope(0.0, beta, soft)
+
+
+@compiled_inside
+def sprung_psi(v, beta, soft):
+    """Potential of `sprung_force`, m/s; `psi` where ``soft`` is zero."""
+    if soft == 0.0:
+        return psi(v, beta)
+    z, force = slider(v, beta, soft)
+    return psi(z, beta) + 0.5 * soft * force * force
+
+
+@compiled
+def sprung_resolvent(x, k, beta, soft):
+    """Solve k v + force(v) = x for `sprung_force`; returns v and the force."""
+    if soft == 0.0:
+        return resolvent(x, k, beta)
+    more = 1.0 + k * soft
+    z, force = resolvent(x / more, k / more, beta)
+    return z + soft * force, force
+
+
 # Along many points
 
 
@@ -262,6 +334,17 @@ def graph(kind, mixed, kappa, inverse_beta, s, v, force, dv, dforce):
                 dforce[i] = 1.0 if at_rest else 0.0
 
 
+@compiled_inside
+def add_springs(soft, offset, v, force, dv, dforce):
+    """Add what springs in series take of the slip to the sliders' rates of `graph`, in place.
+
+    ``soft`` and ``offset``, (n,), are their compliances (m/s) and the slips from which slips count.
+    """
+    for i in range(v.size):
+        v[i] += soft[i] * force[i] + offset[i]
+        dv[i] += soft[i] * dforce[i]
+
+
 @compiled
 def graph_parameters(kind, kappa, inverse_beta, v, force, s):
     """Parameters of points of the graph, from velocity and force: the inverse of `graph`.
@@ -275,6 +358,22 @@ def graph_parameters(kind, kappa, inverse_beta, v, force, s):
             s[i] = copysign(kappa * inverse_beta[i] * z + z / (z + 1.0), force[i])
         else:
             s[i] = kappa * v[i] + force[i]
+
+
+@compiled
+def slider_rates(kind, inverse_beta, soft, v, force, z):
+    """Rates of the sliders: v without springs, else as far as the forces tell them.
+
+    A slider that slips by Coulomb's law is taken to have all of the slip.
+    """
+    for i in range(v.size):
+        z[i] = v[i]
+        if soft[i] > 0.0:
+            size = abs(force[i])
+            if kind[i] == REGULAR:
+                z[i] = copysign(speed_of(min(size, 0.999)) * inverse_beta[i], force[i])
+            elif size < 1.0:
+                z[i] = 0.0
 
 
 # Of arrays
@@ -298,6 +397,32 @@ def _potentials(v, beta, result):
         result[i] = psi(v[i], beta[i])
 
 
+@compiled
+def _sprung_forces(v, beta, soft, result):
+    for i in range(v.size):
+        result[i] = sprung_force(v[i], beta[i], soft[i])
+
+
+@compiled
+def _sprung_slopes(v, beta, soft, result):
+    for i in range(v.size):
+        result[i] = sprung_slope(v[i], beta[i], soft[i])
+
+
+@compiled
+def _sprung_potentials(v, beta, soft, result):
+    for i in range(v.size):
+        result[i] = sprung_psi(v[i], beta[i], soft[i])
+
+
+def _with_springs(loop: Any, v: ArrayLike, beta: ArrayLike, soft: ArrayLike) -> FloatArray:
+    """Values at slip velocities, values of beta and compliances that broadcast."""
+    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (v, beta, soft)))
+    result = np.empty(given[0].shape)
+    loop(*(x.copy().ravel() for x in given), result.ravel())
+    return result
+
+
 def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
     """Values at slip velocities and values of beta that broadcast."""
     v, beta = np.asarray(v, dtype=float), np.asarray(beta, dtype=float)
@@ -311,7 +436,7 @@ def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
     return result
 
 
-def force(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+def force(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
     """Normalised friction force sigma(v) in [-1, 1], Eq. (2).
 
     Parameters
@@ -320,22 +445,30 @@ def force(v: ArrayLike, beta: ArrayLike) -> FloatArray:
         Slip velocity, m/s.
     beta : array_like
         Steepness beta, s/m; ``inf`` is Coulomb. It broadcasts against ``v``.
+    soft : array_like, optional
+        Compliance of a spring in series, m/s, see the module; none if not given.
 
     Returns
     -------
     ndarray
         For Coulomb points at rest, where any value in [-1, 1] may act, the value 0.
     """
+    if soft is not None:
+        return _with_springs(_sprung_forces, v, beta, soft)
     return _evaluated(_sigmas, v, beta)
 
 
-def force_slope(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+def force_slope(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
     """Derivative d sigma / dv, s/m, of the shapes of `force`; see `slope`."""
+    if soft is not None:
+        return _with_springs(_sprung_slopes, v, beta, soft)
     return _evaluated(_slopes, v, beta)
 
 
-def potential(v: ArrayLike, beta: ArrayLike) -> FloatArray:
+def potential(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
     """Potential psi(v), m/s, of the shapes of `force`; see `psi`."""
+    if soft is not None:
+        return _with_springs(_sprung_potentials, v, beta, soft)
     return _evaluated(_potentials, v, beta)
 
 

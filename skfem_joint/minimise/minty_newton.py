@@ -28,10 +28,14 @@ from skfem_joint.minimise.law import (
     COULOMB,
     FREE,
     REGULAR,
+    add_springs,
     graph,
     graph_parameters,
     potential_of,
     resolvent,
+    sprung_force,
+    sprung_psi,
+    sprung_resolvent,
     sticks,
 )
 
@@ -101,6 +105,26 @@ def _round_off(H0, v, s, dv):
 
 
 @compiled_inside
+def _force_at_rest(w, kind, inverse_beta, soft, offset):
+    """Largest force of springs on points at rest, N: a scale where no load acts."""
+    largest = 0.0
+    for i in range(w.size):
+        if soft[i] > 0.0:
+            beta = 1.0 / inverse_beta[i] if kind[i] == REGULAR else inf
+            largest = max(largest, w[i] * sprung_force(abs(offset[i]), beta, soft[i]))
+    return largest
+
+
+@compiled_inside
+def _largest_of_springs(H0, soft, offset):
+    """Largest force, N, that the slips of springs and their offsets add to the residual."""
+    largest = 0.0
+    for i in range(soft.size):
+        largest = max(largest, H0[i] * (soft[i] + abs(offset[i])))
+    return largest
+
+
+@compiled_inside
 def _eliminate(H0, H1, w, dv, dsigma, r, x, factor):
     """Solve (H D + w S) x = -r, D and S the diagonals dv and dsigma; x may be r.
 
@@ -146,6 +170,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
 
     ``work`` holds v, sigma, dv, dsigma, r and the elimination factors, row by row.
     """
+    sprung = chain.soft.size > 0
     a, b = chain.start[level], chain.start[level + 1]
     n = b - a
     H0, H1, w = chain.H0[a:b], chain.H1[a:b], chain.w[a:b]
@@ -153,12 +178,18 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     g, s = g[a:b], s[a:b]
     v, sigma, dv = work[0, :n], work[1, :n], work[2, :n]
     dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
-    scale = largest_of(g)
+    scale, added = largest_of(g), 0.0
+    if sprung:
+        offset = chain.offset[a:b]
+        added = SETTINGS.round_off * _largest_of_springs(H0, chain.soft[a:b], offset)
+        scale = max(scale, _force_at_rest(w, kind, inverse_beta, chain.soft[a:b], offset))
     iteration, fewest, patience = 0, n + 1, SETTINGS.patience
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
+        if sprung:
+            add_springs(chain.soft[a:b], chain.offset[a:b], v, sigma, dv, dsigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
-        if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv):
+        if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv) + added:
             return iteration, True, largest, row
         if iteration == limit or not largest < inf:
             return iteration, False, largest, row
@@ -170,7 +201,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
             continue
         flips = 0
         last = -1
-        noise = max(tolerance * scale, _round_off(H0, v, s, dv))
+        noise = max(tolerance * scale, _round_off(H0, v, s, dv) + added)
         for i in range(n):
             before = _direction(s[i])
             s[i] += r[i]
@@ -204,7 +235,10 @@ def _objective(chain, g, v):
         if i > 0:
             t += chain.H1[i - 1] * v[i - 1]
         total += t * v[i]
-        if chain.kind[i] == REGULAR:
+        if chain.soft.size > 0 and chain.soft[i] > 0.0:
+            beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
+            total += chain.w[i] * sprung_psi(v[i] - chain.offset[i], beta, chain.soft[i])
+        elif chain.kind[i] == REGULAR:
             width = chain.inverse_beta[i]
             total += chain.w[i] * width * potential_of(abs(v[i]) / width)
         else:
@@ -213,7 +247,7 @@ def _objective(chain, g, v):
 
 
 @compiled_inside
-def _sweep(chain, g, v, sigma, s):
+def _sweep(chain, g, v, sigma, s, z):
     """One Gauss-Seidel sweep down and up the finest chain; s is set to that of v and sigma."""
     n = chain.start[1]
     for j in range(2 * n):
@@ -225,11 +259,18 @@ def _sweep(chain, g, v, sigma, s):
             right -= chain.H1[i] * v[i + 1]
         w = chain.w[i]
         if chain.kind[i] == FREE:
-            v[i] = right / chain.H0[i]
+            z[i] = v[i] = right / chain.H0[i]
         else:
             beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
-            v[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
-    graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v, sigma, s)
+            if chain.soft.size > 0 and chain.soft[i] > 0.0:
+                right -= chain.H0[i] * chain.offset[i]
+                slip = sprung_resolvent(right / w, chain.H0[i] / w, beta, chain.soft[i])
+                v[i], sigma[i] = slip[0] + chain.offset[i], slip[1]
+                z[i] = slip[0] - chain.soft[i] * slip[1]
+            else:
+                z[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
+                v[i] = z[i]
+    graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, z, sigma, s)
 
 
 @compiled
@@ -241,7 +282,7 @@ def _descend(chain, g, s, work, trial, tolerance):
     finest, few = np.int64(0), np.int64(SETTINGS.newton_steps)
     largest, row = inf, 0
     for sweep in range(SETTINGS.sweeps):
-        _sweep(chain, g, v, sigma, s)
+        _sweep(chain, g, v, sigma, s, work[4, :n])
         best = _objective(chain, g, v)
         for i in range(n):
             trial[0, i] = v[i]
@@ -273,6 +314,8 @@ def _nested(chain, g, s, work, tolerance):
             if i < coarse - 1:
                 t += 0.5 * g[i + 1]
             g[coarse + j] = t
+            if chain.soft.size > 0:
+                chain.offset[coarse + j] = chain.offset[i]
     iterations = 0
     limit = np.int64(SETTINGS.level)
     converged, largest, row = False, inf, 0

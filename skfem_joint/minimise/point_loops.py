@@ -1,9 +1,10 @@
 """Compiled loops over the contact points of the truncated Newton method.
 
-A point slips in one or two directions: its unknowns are ``first[p]`` and, unless that is -1,
-``second[p]``. ``stiff[p]`` is the largest eigenvalue of its block of H, ``w`` are friction limits,
-and ``beta`` is the steepness of each point. Symmetric blocks of points are stored as (11, 12, 22),
-shape (points, 3); of a point with a single direction only the first entry counts.
+A point slips in one or two directions, each of which is an unknown. Points with springs in series
+that share their unknowns are a group, as the sliders of an Iwan joint are; any other point is a
+group of its own. ``stiff[q]`` is the largest eigenvalue of the block of H of group q. Symmetric
+blocks of groups are stored as (11, 12, 22), shape (groups, 3); of a group with a single direction
+only the first entry counts.
 """
 
 # numba infers the types of compiled functions:
@@ -16,77 +17,114 @@ from typing import Any, NamedTuple
 
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import subtract_column
-from skfem_joint.minimise.law import across, resolvent, sigma, slope
+from skfem_joint.minimise.law import sprung_across, sprung_force, sprung_resolvent, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
 
-@compiled_inside
-def _relax(p, first, second, stiff, w, beta, r, s, v):
-    """Minimise over the velocity of a point; ``r`` and ``s`` are its residual without friction.
+class Points(NamedTuple):
+    """Contact points with friction, sorted by their groups.
 
-    With two directions the block is replaced by its largest eigenvalue times the identity. That
-    bounds the objective from above and touches it at the present velocity, so that the objective
-    cannot grow; its minimiser has the direction of the force.
+    Attributes
+    ----------
+    first, second : ndarray of int, shape (groups,)
+        Unknowns of each group; ``second`` is -1 where there is a single one.
+    start : ndarray of int, shape (groups + 1,)
+        Group q has the points ``start[q]:start[q + 1]``.
+    w, beta, soft : ndarray, shape (m,)
+        Friction limit (N), steepness (s/m) and compliance of the spring in series (m/s, 0 for none,
+        see :mod:`skfem_joint.minimise.law`) of each point.
+    x, y : ndarray, shape (m,)
+        Velocity from which the slip of each point counts, m/s; zero without a spring.
     """
-    i = first[p]
-    j = second[p]
-    x = r + stiff[p] * v[i]
+
+    first: Any
+    second: Any
+    start: Any
+    w: Any
+    beta: Any
+    soft: Any
+    x: Any
+    y: Any
+
+
+@compiled_inside
+def _relax(q, points, stiff, r, s, v):
+    """Minimise over the velocity of a group's point; ``r`` and ``s`` are its residual.
+
+    That is without friction. With two directions the block is replaced by its largest eigenvalue
+    times the identity. That bounds the objective from above and touches it at the present velocity,
+    so that the objective cannot grow; its minimiser has the direction of the force.
+    """
+    i, j, p = points.first[q], points.second[q], points.start[q]
+    w, k = points.w[p], stiff[q] / points.w[p]
+    x = r + stiff[q] * (v[i] - points.x[p])
     if j < 0:
-        v[i] = resolvent(x / w[p], stiff[p] / w[p], beta[p])[0]
+        slip = sprung_resolvent(x / w, k, points.beta[p], points.soft[p])[0]
+        v[i] = slip + points.x[p]
         return
-    y = s + stiff[p] * v[j]
+    y = s + stiff[q] * (v[j] - points.y[p])
     size = hypot(x, y)
-    speed = resolvent(size / w[p], stiff[p] / w[p], beta[p])[0]
-    v[i] = speed * (x / size) if size != 0.0 else 0.0
-    v[j] = speed * (y / size) if size != 0.0 else 0.0
+    speed = sprung_resolvent(size / w, k, points.beta[p], points.soft[p])[0]
+    v[i] = (speed * (x / size) if size != 0.0 else 0.0) + points.x[p]
+    v[j] = (speed * (y / size) if size != 0.0 else 0.0) + points.y[p]
 
 
 @compiled
-def sweep_over(A, first, second, stiff, w, beta, r, v, backward):
-    """Relax all points in turn, in place; r = g - A v is updated with v.
+def sweep_over(A, points, stiff, r, v, backward):
+    """Relax all groups of a single point in turn, in place; r = g - A v is updated with v.
 
-    Points that stay at rest cost nothing.
+    Points that stay at rest cost nothing. Groups of several points have springs, so that their
+    forces are smooth enough for Newton's method alone.
     """
-    n = first.size
+    n = points.first.size
     for k in range(n):
-        p = n - 1 - k if backward else k
-        i = first[p]
-        j = second[p]
+        q = n - 1 - k if backward else k
+        if points.start[q + 1] - points.start[q] > 1:
+            continue
+        i = points.first[q]
+        j = points.second[q]
         x = v[i]
         y = v[j] if j >= 0 else 0.0
-        _relax(p, first, second, stiff, w, beta, r[i], r[j] if j >= 0 else 0.0, v)
+        _relax(q, points, stiff, r[i], r[j] if j >= 0 else 0.0, v)
         if v[i] != x:
             subtract_column(A, i, v[i] - x, r)
         if j >= 0 and v[j] != y:
             subtract_column(A, j, v[j] - y, r)
 
 
-@compiled_inside
-def _size(first, second, p, v):
-    """Norm of a vector at a point."""
-    return abs(v[first[p]]) if second[p] < 0 else hypot(v[first[p]], v[second[p]])
-
-
 @compiled
-def subtract_friction(first, second, w, beta, v, r, friction, sticking):
+def subtract_friction(points, v, r, friction, sticking):
     """Subtract friction from the residual ``r`` = g - A v; returns its largest entry and where.
 
     An entry that is not a number counts as the largest. The friction of a Coulomb point at rest
-    balances the residual as far as the limit allows; ``sticking`` marks the unknowns of points that
-    it balances. ``friction`` takes the normalised force by unknown.
+    without a spring balances the residual as far as the limit allows; ``sticking`` marks the
+    unknowns of points that it balances. ``friction``, (m, 2), takes the normalised forces.
     """
     sticking[:] = False
-    for p in range(first.size):
-        speed = _size(first, second, p, v)
-        holds = beta[p] == inf and speed == 0.0
-        size = 1.0 / max(w[p], _size(first, second, p, r)) if holds else sigma(speed, beta[p])
-        for i in (first[p], second[p]):
-            if i >= 0:
-                sticking[i] = holds
-                # Divided by the speed, whose inverse may be infinite.
-                moving = v[i] / speed * size if speed != 0.0 else 0.0
-                friction[i] = r[i] * size if holds else moving
-                r[i] -= w[p] * friction[i]
+    for q in range(points.first.size):
+        i = points.first[q]
+        j = points.second[q]
+        for p in range(points.start[q], points.start[q + 1]):
+            w = points.w[p]
+            x = v[i] - points.x[p]
+            y = v[j] - points.y[p] if j >= 0 else 0.0
+            speed = abs(x) if j < 0 else hypot(x, y)
+            holds = points.beta[p] == inf and points.soft[p] == 0.0 and speed == 0.0
+            if holds:
+                needed = abs(r[i]) if j < 0 else hypot(r[i], r[j])
+                size = 1.0 / max(w, needed)
+            else:
+                size = sprung_force(speed, points.beta[p], points.soft[p])
+            # Divided by the speed, whose inverse may be infinite.
+            moving = x / speed * size if speed != 0.0 else 0.0
+            sticking[i] = holds
+            friction[p, 0] = r[i] * size if holds else moving
+            r[i] -= w * friction[p, 0]
+            if j >= 0:
+                moving = y / speed * size if speed != 0.0 else 0.0
+                sticking[j] = holds
+                friction[p, 1] = r[j] * size if holds else moving
+                r[j] -= w * friction[p, 1]
     largest = 0.0
     where = 0
     for i in range(r.size):
@@ -99,36 +137,39 @@ def subtract_friction(first, second, w, beta, v, r, friction, sticking):
 
 
 @compiled
-def tangent_blocks(first, second, stiff, w, beta, v, out):
-    """Blocks of d(w sigma)/dv, N s/m; zero for Coulomb points at rest."""
-    for p in range(first.size):
-        i = first[p]
-        j = second[p]
-        out[p, :] = 0.0
-        speed = _size(first, second, p, v)
-        if beta[p] == inf and speed == 0.0:
-            continue
-        along = w[p] * slope(speed, beta[p])
-        beside = w[p] * across(speed, beta[p])
-        if beta[p] == inf:
-            # Round-off of a much stiffer tangent would make the matrix singular along the slip.
-            beside = min(beside, 1e8 * stiff[p])
-        out[p, 0] = out[p, 2] = along
-        if j >= 0 and speed > 0.0:
-            x = v[i] / speed
-            y = v[j] / speed
-            out[p, 0] = beside + (along - beside) * x * x
-            out[p, 1] = (along - beside) * x * y
-            out[p, 2] = beside + (along - beside) * y * y
+def tangent_blocks(points, stiff, v, out):
+    """Blocks of d(w sigma)/dv of all groups, N s/m; zero for Coulomb points at rest."""
+    for q in range(points.first.size):
+        i = points.first[q]
+        j = points.second[q]
+        out[q, :] = 0.0
+        for p in range(points.start[q], points.start[q + 1]):
+            beta, soft, w = points.beta[p], points.soft[p], points.w[p]
+            x = v[i] - points.x[p]
+            y = v[j] - points.y[p] if j >= 0 else 0.0
+            speed = abs(x) if j < 0 else hypot(x, y)
+            if beta == inf and soft == 0.0 and speed == 0.0:
+                continue
+            along = w * sprung_slope(speed, beta, soft)
+            if j < 0 or speed == 0.0:
+                out[q, 0] += along
+                out[q, 2] += along
+                continue
+            beside = w * sprung_across(speed, beta, soft)
+            if beta == inf:
+                # Round-off of a much stiffer tangent would make the matrix singular along the slip.
+                beside = min(beside, 1e8 * stiff[q])
+            x /= speed
+            y /= speed
+            out[q, 0] += beside + (along - beside) * x * x
+            out[q, 1] += (along - beside) * x * y
+            out[q, 2] += beside + (along - beside) * y * y
 
 
 class PointLine(NamedTuple):
     """Line v + length d through the velocities of points, for the search along it."""
 
-    first: Any
-    second: Any
-    w: Any
-    beta: Any
+    points: Any
     v: Any
     d: Any
 
@@ -136,17 +177,22 @@ class PointLine(NamedTuple):
 @compiled_for(friction_slope, PointLine)
 def _slope_along(line, length):
     """Derivative of sum w psi(|v + length d|) along the direction ``d``, W."""
+    points, v, d = line
     total = 0.0
-    for p in range(line.first.size):
-        i = line.first[p]
-        j = line.second[p]
-        x = line.v[i] + length * line.d[i]
-        y = 0.0 if j < 0 else line.v[j] + length * line.d[j]
-        beside = 0.0 if j < 0 else line.d[j]
-        speed = hypot(x, y)
-        if speed > 0.0:
-            work = x * line.d[i] + y * beside
-            total += line.w[p] * sigma(speed, line.beta[p]) * work / speed
+    for q in range(points.first.size):
+        i = points.first[q]
+        j = points.second[q]
+        to_x = v[i] + length * d[i]
+        to_y = 0.0 if j < 0 else v[j] + length * d[j]
+        beside = 0.0 if j < 0 else d[j]
+        for p in range(points.start[q], points.start[q + 1]):
+            x = to_x - points.x[p]
+            y = to_y - points.y[p]
+            speed = hypot(x, y)
+            if speed > 0.0:
+                work = x * d[i] + y * beside
+                size = sprung_force(speed, points.beta[p], points.soft[p])
+                total += points.w[p] * size * work / speed
     return total
 
 
@@ -159,21 +205,30 @@ def search_along(line, linear, quadratic):
 
 
 @compiled
-def friction_round_off(first, second, w, beta, v):
+def friction_round_off(points, v):
     """Largest of w (sigma + slope |v|), N: what round-off of a velocity does to the friction."""
     largest = 0.0
-    for p in range(first.size):
-        change = 1.0
-        if beta[p] != inf:
-            speed = _size(first, second, p, v)
-            change += speed * slope(speed, beta[p])
-        largest = max(largest, w[p] * change)
+    for q in range(points.first.size):
+        i = points.first[q]
+        j = points.second[q]
+        total = 0.0
+        for p in range(points.start[q], points.start[q + 1]):
+            change = 1.0
+            beta, soft = points.beta[p], points.soft[p]
+            if beta != inf or soft != 0.0:
+                x = v[i] - points.x[p]
+                y = v[j] - points.y[p] if j >= 0 else 0.0
+                speed = abs(x) if j < 0 else hypot(x, y)
+                from_rest = speed + abs(points.x[p]) + abs(points.y[p])
+                change += from_rest * sprung_slope(speed, beta, soft)
+            total += points.w[p] * change
+        largest = max(largest, total)
     return largest
 
 
 @compiled
 def add_blocks(first, second, blocks, x, y):
-    """Add the product of the points' blocks with ``x`` to ``y``."""
+    """Add the product of the groups' blocks with ``x`` to ``y``."""
     for p in range(first.size):
         i = first[p]
         j = second[p]

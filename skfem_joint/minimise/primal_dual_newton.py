@@ -47,7 +47,7 @@ Set-valued Coulomb friction, for quasi-static increments, is the limit of ever s
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import copysign, inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +70,7 @@ from skfem_joint.linalg.kernels import (
     sum_of_triple_products,
 )
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
-from skfem_joint.minimise.law import forces, potential, slope_of
+from skfem_joint.minimise.law import forces, potential, slope_of, sprung_force, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 from skfem_joint.minimise.problem import ContactPoints, Minimum
 
@@ -125,12 +125,15 @@ class DenseRows(NamedTuple):
     w : ndarray, shape (rows,)
         Friction limit of each row's point, N.
     beta : ndarray, shape (m,)
-        Finite steepness of each point, s/m; 0 where there is no friction.
+        Steepness of each point, s/m, finite unless it has a spring; 0 where there is no friction.
+    soft : ndarray, shape (m,)
+        Compliance of the springs in series, m/s, 0 for none; empty if no point has one.
     """
 
     B: Any
     w: Any
     beta: Any
+    soft: Any
 
 
 class Dense(NamedTuple):
@@ -155,6 +158,8 @@ class DenseWorkspace(NamedTuple):
         Result of the last minimisation: velocity, normalised friction, slip velocity.
     size, ratio : ndarray, shape (m,)
         Norms of slip vectors, and force over norm; empty if each point has a single row.
+    offset : ndarray, shape (rows,)
+        Slips from which those of points with springs count, m/s.
     held, held_cross : ndarray, shape (rows,) and (m,)
         Tangents of the points' friction that are added up in S, N s/m.
     changed : ndarray of int, shape (m,)
@@ -179,6 +184,7 @@ class DenseWorkspace(NamedTuple):
     held_cross: Any
     size: Any
     ratio: Any
+    offset: Any
     A: Any
     S: Any
     X: Any
@@ -189,9 +195,10 @@ class DenseWorkspace(NamedTuple):
 def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
     """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
-    finite = np.where(np.isfinite(points.beta), points.beta, 1.0)
-    beta = np.where(w > 0.0, finite, 0.0)
-    values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point]
+    may_be_steep = np.isfinite(points.beta) | (points.compliance > 0.0)
+    beta = np.where(w > 0.0, np.where(may_be_steep, points.beta, 1.0), 0.0)
+    soft = np.zeros(0) if points.soft is None else points.soft[point]
+    values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point], soft
     memory = aligned(*(value.size for value in values))
     rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
     for array, value in zip(rows, values, strict=True):
@@ -202,7 +209,7 @@ def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
 def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
     """Make the workspace for n unknowns, some slip rows and m points."""
     point, pairs = m if rows > m else 0, rows - m
-    sizes = [n, *2 * [rows], n, *2 * [rows], n, *5 * [rows], *2 * [pairs], *2 * [point]]
+    sizes = [n, *2 * [rows], n, *2 * [rows], n, *5 * [rows], *2 * [pairs], *2 * [point], rows]
     shapes = (n, n), (n, n), (n, rows), (n, rows)
     vectors = aligned(*sizes, *(i * j for i, j in shapes))
     matrices = [a.reshape(shape) for a, shape in zip(vectors[-4:], shapes, strict=True)]
@@ -211,12 +218,43 @@ def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
 
 
 @compiled_inside
-def _evaluate(beta, slip, size, ratio, sigma):
+def _slip_of_points(contact, space, q, slip):
+    """Slip of all rows at velocities q, from the offsets of those with springs."""
+    combine_rows(contact.B, q, slip)
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            slip[i] -= space.offset[i]
+
+
+@compiled_inside
+def _forces(contact, slip, sigma):
+    """Normalised forces of points with some slips, (m,)."""
+    beta, soft = contact.beta, contact.soft
+    forces(beta, slip, sigma)
+    for p in range(soft.size):
+        if soft[p] > 0.0:
+            sigma[p] = copysign(sprung_force(abs(slip[p]), beta[p], soft[p]), slip[p])
+
+
+@compiled_inside
+def _slopes(contact, slip, out):
+    """Slopes, s/m, of the points' laws at some slips, (m,)."""
+    beta, soft = contact.beta, contact.soft
+    for p in range(slip.size):
+        out[p] = beta[p] * slope_of(beta[p] * slip[p])
+    for p in range(soft.size):
+        if soft[p] > 0.0:
+            out[p] = sprung_slope(abs(slip[p]), beta[p], soft[p])
+
+
+@compiled_inside
+def _evaluate(contact, slip, size, ratio, sigma):
     """Normalised friction of all rows."""
+    beta, soft = contact.beta, contact.soft
     m = beta.size
     pairs = slip.size - m
     if pairs == 0:
-        forces(beta, slip, sigma)
+        _forces(contact, slip, sigma)
         return
     # Slices, because an index that does not start at 0 is checked for counting from the end.
     first, second, single, norm = slip[:pairs], slip[m:], slip[pairs:m], size[pairs:]
@@ -224,15 +262,30 @@ def _evaluate(beta, slip, size, ratio, sigma):
         size[p] = sqrt(first[p] * first[p] + second[p] * second[p])
     for p in range(norm.size):
         norm[p] = abs(single[p])
-    forces(beta, size, ratio)
+    _forces(contact, size, ratio)
     force = sigma[m:]
     for p in range(m):
         at_rest = size[p] == 0.0
         over = 1.0 if at_rest else size[p]
         ratio[p] = (beta[p] * slope_of(0.0) if at_rest else ratio[p]) / over
         sigma[p] = ratio[p] * slip[p]
+    for p in range(soft.size):
+        if soft[p] > 0.0 and size[p] == 0.0:
+            ratio[p], sigma[p] = sprung_slope(0.0, beta[p], soft[p]), 0.0
     for p in range(pairs):
         force[p] = ratio[p] * second[p]
+
+
+@compiled_inside
+def _force_at_rest(contact, space):
+    """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
+    for i in range(space.trial.size):
+        space.trial[i] = -space.offset[i]
+    _evaluate(contact, space.trial, space.size, space.ratio, space.force)
+    largest = 0.0
+    for j in range(space.r.size):
+        largest = max(largest, abs(sum_of_triple_products(contact.w, space.force, contact.B[j])))
+    return largest
 
 
 @compiled_inside
@@ -242,24 +295,25 @@ def _weigh(contact, slip, sigma, space):
     Across a slip vector the tangent is force over norm. Along it, it is between that and the law's
     slope, in the ratio in which the predicted force is between zero and the law's.
     """
-    w, beta = contact.w, contact.beta
+    w, slopes = contact.w, space.scaled
     weight, cross = space.weight, space.cross
     size, ratio, predicted = space.size, space.ratio, space.predicted
-    m = beta.size
+    m = contact.beta.size
     pairs = slip.size - m
+    _slopes(contact, slip if pairs == 0 else size, slopes)
     first, second, force_1, force_2 = slip[:pairs], slip[m:], predicted[:pairs], predicted[m:]
     weight_2 = weight[m:]
     for p in range(pairs):
         across = w[p] * ratio[p]
         square = across * size[p] * size[p]
-        more = w[p] * (beta[p] * slope_of(beta[p] * size[p])) - across
+        more = w[p] * slopes[p] - across
         moves = square > 0.0
         share = (more if moves else 0.0) / (square if moves else 1.0)
         weight[p] = across + share * (first[p] * force_1[p])
         weight_2[p] = across + share * (second[p] * force_2[p])
         cross[p] = 0.5 * share * (first[p] * force_2[p] + second[p] * force_1[p])
     for p in range(pairs, m):
-        slope, force = w[p] * (beta[p] * slope_of(beta[p] * slip[p])), w[p] * sigma[p]
+        slope, force = w[p] * slopes[p], w[p] * sigma[p]
         moves = abs(force) > 0.0
         across = force / slip[p] if moves else slope
         share = predicted[p] / force if moves else 1.0
@@ -391,22 +445,27 @@ def _predict(contact, sigma, d_slip, space):
 @compiled_inside
 def _round_off(H, contact, q, slip, sigma, space):
     """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
-    B, w, beta = contact.B, contact.w, contact.beta
+    B, w = contact.B, contact.w
     n = q.size
-    m = beta.size
+    m = contact.beta.size
     pairs = slip.size - m
-    friction = space.scaled
+    friction, slopes = space.scaled, space.weight
     for i in range(slip.size):
         friction[i] = 0.0
     for k in range(n):
         row, t = B[k], abs(q[k])
         for i in range(slip.size):
             friction[i] += abs(row[i]) * t
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            friction[i] += abs(space.offset[i])
+    if pairs == 0:
+        _slopes(contact, slip, slopes)
     for i in range(slip.size):
         if pairs > 0:
             slope = space.ratio[i if i < m else i - m]  # the larger of the two
         else:
-            slope = beta[i] * slope_of(beta[i] * slip[i])
+            slope = slopes[i]
         friction[i] = w[i] * (abs(sigma[i]) + slope * friction[i])
     largest = 0.0
     for j in range(n):
@@ -429,7 +488,7 @@ def _slope_along(line, length):
     slip, d_slip, trial = space.slip, space.d_slip, space.trial
     for i in range(slip.size):
         trial[i] = slip[i] + length * d_slip[i]
-    _evaluate(contact.beta, trial, space.size, space.ratio, space.force)
+    _evaluate(contact, trial, space.size, space.ratio, space.force)
     return sum_of_triple_products(contact.w, space.force, d_slip)
 
 
@@ -445,6 +504,8 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     q, before, slip, sigma = space.velocity, space.old_velocity, space.slip, space.force
     r, A, d_slip = space.r, space.A, space.d_slip
     n, scale = q.size, largest_of(right)
+    if contact.soft.size > 0:
+        scale = max(scale, _force_at_rest(contact, space))
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
     evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False
@@ -453,8 +514,8 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
         for i in range(n):
             r[i] = sum_of_products(H[i], q) - right[i]
         if not known:
-            combine_rows(contact.B, q, slip)
-            _evaluate(contact.beta, slip, space.size, space.ratio, sigma)
+            _slip_of_points(contact, space, q, slip)
+            _evaluate(contact, slip, space.size, space.ratio, sigma)
             evaluations += 1
         last, largest = largest, 0.0
         for i in range(sigma.size):
@@ -554,9 +615,9 @@ class PrimalDualNewton:
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
 
-    def with_matrix(self, H: Any) -> PrimalDualNewton:
-        """See `StepProblem`."""
-        return PrimalDualNewton(H, self.points, self.workspace)
+    def with_matrix(self, H: Any, points: ContactPoints | None = None) -> PrimalDualNewton:
+        """See `CompiledStepProblem`."""
+        return PrimalDualNewton(H, self.points if points is None else points, self.workspace)
 
     def restart(self, v: FloatArray, sigma: FloatArray) -> None:
         """See `CompiledStepProblem`: nothing is extrapolated."""
@@ -578,14 +639,17 @@ class PrimalDualNewton:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`; Coulomb friction is approached by ever steeper laws.
 
-        The steepness of each law follows from the largest slip under the law before.
+        The steepness of each law follows from the largest slip under the law before. Points with
+        springs have their own law: their forces are smooth enough.
         """
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
-        coulomb = np.isinf(law)
+        coulomb = np.isinf(law) & (self.points.compliance == 0.0)
         v = self._from_stuck(g) if start is None else start
+        self.workspace.offset[self.places.row] = 0.0 if offset is None else offset
         if not coulomb.any():
             return self._with_law(law, g, v, tolerance)
         minimum = Minimum(v, np.zeros(self.limits.size), False)
@@ -643,10 +707,17 @@ class PrimalDualNewton:
         """Solution with springs at all points in place of friction, as a start."""
         return np.asarray(self._stiff()[0](g))
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
-        slip = slip_norms(self.points.B @ v, self.points.directions)
-        psi = potential(slip, self.points.beta if beta is None else beta)
+        slip = self.points.B @ v - (0.0 if offset is None else offset)
+        size = slip_norms(slip, self.points.directions)
+        psi = potential(size, self.points.beta if beta is None else beta, self.points.soft)
         return float(v @ (0.5 * (self.H @ v) - g) + self.points.w @ psi)
 
     def saved(self) -> dict[str, NDArray[Any]]:

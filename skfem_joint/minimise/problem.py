@@ -10,16 +10,28 @@ increments have the stiffness and the increment of displacement.
 
 `StepProblem` is the protocol; :func:`skfem_joint.minimise.choice.step_problem` chooses the method.
 
-Two extensions fit into this form. Contact that opens adds a convex term of the normal velocity at
-each point: a further row of the point in B, and a further summand beside psi. A spring in series
-with friction changes psi of a point (to its Moreau envelope, still convex) and so its block of the
-tangent. Both would enter where a method evaluates a point: force, block of the tangent, and
-relaxation of the point alone.
+A spring in series with the friction of a point changes its psi (to the Moreau envelope, which is
+convex too), and its slip counts from the offset at which the spring would be without force:
+
+    psi_soft(|(B v)_p - offset_p|),
+
+with the point's compliance ``soft``, see :mod:`skfem_joint.minimise.law`. In a step the slip moves
+by a known part plus c B v, with c = c_K of the scheme, or 1 where the unknown is the increment of
+displacement. With the spring's stiffness k and force q before,
+
+    soft = w / (k c),    offset = -(known + q / k) / c,
+
+the force of the point is that of its law at the end of the step: q + k (known + c B v - z) with the
+slip z of the slider, whose rate is z over the step's length. (The slider is stepped by the implicit
+Euler method. With the trapezoidal rule its velocity would ring for ever after each reversal.)
+
+A further extension fits into this form. Contact that opens adds a convex term of the normal
+velocity at each point: a further row of the point in B, and a further summand beside psi.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -75,17 +87,43 @@ class ContactPoints:
         Friction limits, N; points with limit zero have no friction.
     beta : ndarray, shape (m,)
         Steepness of the law, s/m; ``inf`` is Coulomb.
+    soft : ndarray, shape (m,), optional
+        Compliance of the springs in series, m/s, zero for none; no springs if not given.
     """
 
     B: Matrix
     directions: NDArray[np.int64]
     w: FloatArray
     beta: FloatArray
+    soft: FloatArray | None = None
 
     @staticmethod
-    def of(system: System) -> ContactPoints:
-        """Contact points of a system."""
-        return ContactPoints(system.B, system.directions, system.w, system.beta)
+    def of(system: System, moved: float = 1.0, lasts: float | None = None) -> ContactPoints:
+        """Contact points of a system.
+
+        Parameters
+        ----------
+        system : System
+        moved : float
+            Slip in a step for each unit of the unknown's: c_K, s, of velocities, and 1 of
+            increments.
+        lasts : float, optional
+            Length of the step, s, for points with springs, whose law is that of the slider's slip
+            over it; not needed where the values of beta are given to each minimisation.
+        """
+        points = ContactPoints(system.B, system.directions, system.w, system.beta)
+        if not system.has_springs:
+            return points
+        sprung, soft, beta = system.sprung, np.zeros(system.w.size), np.array(system.beta)
+        soft[sprung] = system.w[sprung] / (system.stiffness[sprung] * moved)
+        if lasts is not None:
+            beta[sprung] *= moved / lasts
+        return replace(points, beta=beta, soft=soft)
+
+    @property
+    def compliance(self) -> FloatArray:
+        """Of the springs in series, (m,), m/s: ``soft``, or zeros."""
+        return np.zeros(self.w.size) if self.soft is None else self.soft
 
     def on_rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Repeat a value of each point for each of its rows."""
@@ -103,10 +141,13 @@ class ContactPoints:
 
     @cached_property
     def _coulomb(self) -> BoolArray:
-        return (self.w > 0.0) & np.isinf(self.beta)
+        return np.asarray((self.w > 0.0) & np.isinf(self.beta) & (self.compliance == 0.0))
 
     def at_rest(self, slip: FloatArray) -> BoolArray:
-        """Whether each point, (m,), may stick: Coulomb friction and zero ``slip``, (rows,)."""
+        """Whether each point, (m,), may stick: Coulomb friction and zero ``slip``, (rows,).
+
+        Points with springs move as long as these do.
+        """
         if not self._coulomb.any():
             return self._coulomb
         resting: BoolArray = slip_norms(slip, self.directions) == 0.0
@@ -114,11 +155,11 @@ class ContactPoints:
 
     def without_friction_but(self, points: BoolArray) -> ContactPoints:
         """Same points where only some have a friction limit."""
-        return ContactPoints(self.B, self.directions, np.where(points, self.w, 0.0), self.beta)
+        return replace(self, w=np.where(points, self.w, 0.0))
 
     def in_unknowns(self, kept: IntArray) -> ContactPoints:
         """Same points in some of the unknowns; slips of the others must have no friction."""
-        return ContactPoints(self.B[:, kept], self.directions, self.w, self.beta)
+        return replace(self, B=self.B[:, kept])
 
 
 class StepProblem(Protocol):
@@ -143,6 +184,7 @@ class StepProblem(Protocol):
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """Minimise for the right side ``g``, (n,), N.
 
@@ -154,9 +196,17 @@ class StepProblem(Protocol):
             Largest force residual relative to the largest force.
         beta : ndarray, shape (m,), optional
             Values of beta in place of those of the points.
+        offset : ndarray, shape (rows,), optional
+            Slips from which those of points with springs count, m/s; zero if not given.
         """
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """Value at ``v`` of what is minimised, W."""
 
     def with_matrix(self, H: Any) -> StepProblem:
@@ -191,6 +241,7 @@ class LinearProblem:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         v = np.asarray(self._solve(g))
@@ -200,7 +251,13 @@ class LinearProblem:
             return Minimum(v, sigma, True)
         return Minimum(v, sigma, False, {}, float("nan"), int(np.flatnonzero(~finite)[0]))
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
         return float(v @ (0.5 * (self.H @ v) - g))
 

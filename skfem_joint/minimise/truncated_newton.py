@@ -48,6 +48,7 @@ from skfem_joint.linalg.kernels import Full, subtract_product, times
 from skfem_joint.minimise.law import potential
 from skfem_joint.minimise.point_loops import (
     PointLine,
+    Points,
     add_blocks,
     friction_round_off,
     search_along,
@@ -111,12 +112,15 @@ class TruncatedNewton:
     H : csr_array or ndarray, shape (n, n)
         Symmetric positive definite.
     points : ContactPoints
-        Each row of ``B`` picks an unknown of its own.
+        Each row of ``B`` picks an unknown of its own; points with springs may share them.
 
     Attributes
     ----------
-    first, second : ndarray of int, shape (points with friction,)
-        Unknowns of each point with friction; ``second`` is -1 if it slips in a single direction.
+    first, second : ndarray of int, shape (groups,)
+        Unknowns of each point with friction, or group of points that share them; ``second`` is -1
+        where they slip in a single direction.
+    laws : Points
+        The points with friction, sorted by groups.
     kept : tuple of ndarray, or None
         Tangents, and the unknowns that stuck, of the factor that is kept; further solutions depend
         on them.
@@ -134,8 +138,15 @@ class TruncatedNewton:
         second = np.where(points.directions == 2, unknowns[points.first_row[:-1] + 1], -1)
         order = np.argsort(first, kind="stable")
         self._order = order = order[points.w[order] > 0.0]
-        self.first, self.second = first[order], second[order]
-        self.w, self.beta = np.array(points.w, dtype=float)[order], self.ordered_beta(points.beta)
+        self.first, start = np.unique(first[order], return_index=True)
+        self.second = second[order][start]
+        w, soft = (np.array(x, dtype=float)[order] for x in (points.w, points.compliance))
+        self.w, self.beta = w, self.ordered_beta(points.beta)
+        start, none = np.append(start, order.size).astype(np.int64), np.zeros(order.size)
+        self.laws = Points(self.first, self.second, start, w, self.beta, soft, none, none)
+        # Rows of these points, and which points have a second one.
+        self._rows = points.first_row[:-1][order]
+        self._pairs = np.flatnonzero(second[order] >= 0)
         self.both = self.second >= 0
         self.pairs = i, j = self.first[self.both], self.second[self.both]
         self.diagonal = diagonal = H.diagonal()
@@ -143,8 +154,9 @@ class TruncatedNewton:
         self.stiff = diagonal[self.first]
         mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
         self.stiff[self.both] = mean + np.hypot(half, np.asarray(H[i, j]).ravel())
-        self.limited = np.zeros(n, dtype=bool)  # unknowns that friction acts on
-        self.limited[self.first] = self.limited[j] = True
+        rigid = soft[start[:-1]] == 0.0
+        self.limited = np.zeros(n, dtype=bool)  # unknowns that friction without springs acts on
+        self.limited[self.first[rigid]] = self.limited[self.second[rigid & self.both]] = True
         self.factors = BlockFactors(H, self.first, self.second)
 
     def ordered_beta(self, beta: FloatArray) -> FloatArray:
@@ -158,14 +170,14 @@ class TruncatedNewton:
     def compile(self) -> None:
         """See `StepProblem`."""
         none, nothing, block = self.first[:0], self.w[:0], np.zeros((0, 3))
-        laws = none, none, nothing, nothing
-        x, y, z = np.zeros((3, self.H.shape[0]))
+        laws = Points(none, none, np.zeros(1, dtype=np.int64), *5 * [nothing])
+        x, y = np.zeros((2, self.H.shape[0]))
         subtract_product(self.rows, x, y)
-        sweep_over(self.rows, none, none, nothing, nothing, nothing, x, y, False)
-        subtract_friction(*laws, x, y, z, np.zeros(x.size, dtype=np.bool_))
-        tangent_blocks(none, none, nothing, nothing, nothing, x, block)
-        search_along(PointLine(*laws, x, y), 0.0, 1.0)
-        friction_round_off(*laws, x)
+        sweep_over(self.rows, laws, nothing, x, y, False)
+        subtract_friction(laws, x, y, np.zeros((0, 2)), np.zeros(x.size, dtype=np.bool_))
+        tangent_blocks(laws, nothing, x, block)
+        search_along(PointLine(laws, x, y), 0.0, 1.0)
+        friction_round_off(laws, x)
         add_blocks(none, none, block, x, y)
         potential(nothing, nothing)
 
@@ -175,9 +187,10 @@ class TruncatedNewton:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
-        return self.minimise_beside(g, start, tolerance, beta, 0.0)
+        return self.minimise_beside(g, start, tolerance, beta, 0.0, offset)
 
     def minimise_beside(
         self,
@@ -186,54 +199,69 @@ class TruncatedNewton:
         tolerance: float,
         beta: FloatArray | None,
         force: float,
+        offset: FloatArray | None = None,
     ) -> Minimum:
         """`minimise` where the tolerance also refers to a ``force`` (N) on condensed unknowns."""
-        ordered = self.beta if beta is None else self.ordered_beta(beta)
+        laws = self.laws_of(beta, offset)
         if start is None:
-            start = self._start(g, ordered, force)
-        return self._minimise(g, start, tolerance, ordered, force)
+            start = self._start(g, laws, force)
+        return self._minimise(g, start, tolerance, laws, force)
 
-    def _start(self, g: FloatArray, beta: FloatArray, force: float) -> FloatArray:
+    def laws_of(self, beta: FloatArray | None, offset: FloatArray | None) -> Points:
+        """Points with friction with the ``beta``, (m,), and ``offset``, (rows,), of a call."""
+        laws = self.laws
+        if beta is not None:
+            laws = laws._replace(beta=self.ordered_beta(beta))
+        if offset is not None and np.any(laws.soft):
+            y = np.zeros(laws.w.size)
+            y[self._pairs] = offset[self._rows[self._pairs] + 1]
+            laws = laws._replace(x=np.array(offset[self._rows]), y=y)
+        return laws
+
+    def _start(self, g: FloatArray, laws: Points, force: float) -> FloatArray:
         """Rough minimiser for a softer law; rest if that is better, or under Coulomb friction."""
         rest = np.zeros_like(g)
-        if np.isinf(beta).any():
+        if np.isinf(laws.beta).any():
             return rest
-        soft = SETTINGS.softer * beta
+        soft = laws._replace(beta=SETTINGS.softer * laws.beta)
         v = self._minimise(g, rest, SETTINGS.roughly, soft, force).v
-        return v if self._objective(v, g, beta) < 0.0 else rest
+        least = self._objective(rest, g, laws) if np.any(laws.soft) else 0.0
+        return v if self._objective(v, g, laws) < least else rest
 
     def _minimise(
-        self, g: FloatArray, start: FloatArray, tolerance: float, beta: FloatArray, force: float
+        self, g: FloatArray, start: FloatArray, tolerance: float, laws: Points, force: float
     ) -> Minimum:
         scale = max(float(np.abs(g).max()), force)
-        v = start.copy() if scale > SETTINGS.nothing else np.zeros_like(start)
-        friction = np.zeros(v.size)
+        sprung = bool(np.any(laws.x) or np.any(laws.y))  # springs act where no other force does
+        v = start.copy() if scale > SETTINGS.nothing or sprung else np.zeros_like(start)
+        if sprung:
+            scale = max(scale, self._spring_force(laws))
+        friction = np.zeros((laws.w.size, 2))
         sticking = np.zeros(v.size, dtype=np.bool_)
         factorizations, evaluations, solves = self.factorizations, 0, 0
         residual, where, converged = np.inf, 0, False
-        points = self.first, self.second
         r = g - times(self.H, v)
         for iteration in range(SETTINGS.iterations):
             for sweep in range(SETTINGS.sweeps):
                 backward = bool((sweep + iteration) % 2)
-                sweep_over(self.rows, *points, self.stiff, self.w, beta, r, v, backward)
+                sweep_over(self.rows, laws, self.stiff, r, v, backward)
             r = g - times(self.H, v)
             left = r.copy()
-            residual, where = subtract_friction(*points, self.w, beta, v, r, friction, sticking)
+            residual, where = subtract_friction(laws, v, r, friction, sticking)
             evaluations += SETTINGS.sweeps + 1
             if not np.isfinite(residual):
                 break
             converged = residual <= max(tolerance * scale, SETTINGS.nothing) or (
-                residual <= 1e-6 * scale and residual <= self._round_off(v, g, beta)
+                residual <= 1e-6 * scale and residual <= self._round_off(v, g, laws)
             )
             if converged:
                 break
-            d, along, length, more, trials = self._newton_step(v, left, r, sticking, beta)
+            d, along, length, more, trials = self._newton_step(v, left, r, sticking, laws)
             solves, evaluations = solves + more, evaluations + trials
             if length < 1.0 and (reverses := self._reverses(v, d)).any():
-                stopped, more, trials = self._stopped(v, reverses, g, beta)
+                stopped, more, trials = self._stopped(v, reverses, g, laws)
                 solves, evaluations = solves + more, evaluations + trials + 2
-                if self._objective(v + stopped, g, beta) < self._objective(v + length * d, g, beta):
+                if self._objective(v + stopped, g, laws) < self._objective(v + length * d, g, laws):
                     length, d, along = 1.0, stopped, times(self.H, stopped)
             v += length * d
             r = left - length * along
@@ -243,34 +271,52 @@ class TruncatedNewton:
             "linear_solves": solves,
             "factorizations": self.factorizations - factorizations,
         }
-        by_row = friction[self.points.unknowns]
+        by_row = np.zeros(self.points.B.shape[0])
+        by_row[self._rows] = friction[:, 0]
+        by_row[self._rows[self._pairs] + 1] = friction[self._pairs, 1]
         return Minimum(v, by_row, bool(converged), counts, float(residual), int(where))
 
-    def objective(self, v: FloatArray, g: FloatArray, beta: FloatArray | None = None) -> float:
+    def objective(
+        self,
+        v: FloatArray,
+        g: FloatArray,
+        beta: FloatArray | None = None,
+        offset: FloatArray | None = None,
+    ) -> float:
         """See `StepProblem`."""
-        return self._objective(v, g, self.beta if beta is None else self.ordered_beta(beta))
+        return self._objective(v, g, self.laws_of(beta, offset))
 
-    def _objective(self, v: FloatArray, g: FloatArray, beta: FloatArray) -> float:
-        return float(v @ (0.5 * times(self.H, v) - g)) + self.friction_potential(v, beta)
+    def _objective(self, v: FloatArray, g: FloatArray, laws: Points) -> float:
+        return float(v @ (0.5 * times(self.H, v) - g)) + self.friction_potential(v, laws)
 
-    def friction_potential(self, v: FloatArray, beta: FloatArray) -> float:
-        """Sum w psi(|v_p|) with the ``beta`` of the points with friction, see `ordered_beta`."""
-        slip = np.hypot(v[self.first], np.where(self.second < 0, 0.0, v[self.second]))
-        return float(self.w @ potential(slip, beta))
+    def friction_potential(self, v: FloatArray, laws: Points) -> float:
+        """Sum w psi(|v_p|) of the points with friction, see `laws_of`."""
+        first, second = v[self.first], np.where(self.second < 0, 0.0, v[self.second])
+        if not np.any(laws.soft):
+            return float(laws.w @ potential(np.hypot(first, second), laws.beta))
+        count = np.diff(laws.start)
+        slip = np.hypot(np.repeat(first, count) - laws.x, np.repeat(second, count) - laws.y)
+        return float(laws.w @ potential(slip, laws.beta, laws.soft))
+
+    def _spring_force(self, laws: Points) -> float:
+        """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
+        v, r = np.zeros((2, self.diagonal.size))
+        sticking = np.zeros(v.size, dtype=np.bool_)
+        return float(subtract_friction(laws, v, r, np.zeros((laws.w.size, 2)), sticking)[0])
 
     def _newton_step(
-        self, v: FloatArray, left: FloatArray, r: FloatArray, sticking: BoolArray, beta: FloatArray
+        self, v: FloatArray, left: FloatArray, r: FloatArray, sticking: BoolArray, laws: Points
     ) -> tuple[FloatArray, FloatArray, float, int, int]:
         """Newton's direction d from ``v``, H d, and its length; solves and evaluations.
 
         ``left`` is g - H v, ``r`` the same less friction; unknowns marked in ``sticking`` rest.
         """
         tangents = np.zeros((self.first.size, 3))
-        tangent_blocks(self.first, self.second, self.stiff, self.w, beta, v, tangents)
+        tangent_blocks(laws, self.stiff, v, tangents)
         r[sticking] = 0.0
         d, solves = self._newton_direction(r, tangents, sticking)
         along = times(self.H, d)
-        line = PointLine(self.first, self.second, self.w, beta, v, d)
+        line = PointLine(laws, v, d)
         length, evaluations = search_along(line, -float(d @ left), float(d @ along))
         return d, along, length, solves, evaluations
 
@@ -282,7 +328,7 @@ class TruncatedNewton:
         return np.asarray(self.limited & (turning < 0.0))
 
     def _stopped(
-        self, v: FloatArray, reverses: BoolArray, g: FloatArray, beta: FloatArray
+        self, v: FloatArray, reverses: BoolArray, g: FloatArray, laws: Points
     ) -> tuple[FloatArray, int, int]:
         """Step that sets slips which would reverse to rest, and is Newton's for the others.
 
@@ -290,15 +336,15 @@ class TruncatedNewton:
         """
         stop = np.where(reverses, -v, 0.0)
         r = g - times(self.H, v + stop)
-        left, friction, sticking = r.copy(), np.zeros_like(r), np.zeros_like(reverses)
-        subtract_friction(self.first, self.second, self.w, beta, v + stop, r, friction, sticking)
+        left, sticking = r.copy(), np.zeros_like(reverses)
+        subtract_friction(laws, v + stop, r, np.zeros((laws.w.size, 2)), sticking)
         resting = sticking | reverses
-        d, _, length, solves, trials = self._newton_step(v + stop, left, r, resting, beta)
+        d, _, length, solves, trials = self._newton_step(v + stop, left, r, resting, laws)
         return stop + length * d, solves, trials
 
-    def _round_off(self, v: FloatArray, g: FloatArray, beta: FloatArray) -> float:
+    def _round_off(self, v: FloatArray, g: FloatArray, laws: Points) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
-        size += float(friction_round_off(self.first, self.second, self.w, beta, v))
+        size += float(friction_round_off(laws, v))
         return SETTINGS.round_off * size
 
     def _newton_direction(

@@ -337,19 +337,19 @@ def reduced_system(
     if friction_points != "all":
         reduced = basis.fewer_points(reduced, count)
     if not isinstance(beta, str):
-        return replace(reduced, beta=np.minimum(reduced.beta, beta))
+        return reduced.no_steeper(beta)
     velocity = basis.history.slip_velocity or SETTINGS.stuck_velocity
     share = basis.history.resolved if periodic else basis.history.resolved / SETTINGS.decaying
     steepest = 1.0 / (share * velocity)
     notes = reduced.notes
-    if np.any(system.beta > steepest):
+    if np.any(system.beta[~system.sprung] > steepest) and not np.all(reduced.sprung):
         note = (
             f"The reduced model uses beta = {steepest:.3g} s/m: its modes do not resolve slip "
             f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "
             "would differ. Set reduction.beta to choose."
         )
         notes = (*notes, note)
-    return replace(reduced, beta=np.minimum(reduced.beta, steepest), notes=notes)
+    return replace(reduced.no_steeper(steepest), notes=notes)
 
 
 def notes_of_reduction(system: System, reduced: System) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
 """Fewer friction points for reduced models: points that slip alike are merged.
 
 A merged point slips as the mean of its parts, weighted with their friction limits, and its limit is
-their sum. So weights are positive, which keeps every step convex, and the total limit, which a
-joint carries when all of it slips, is kept. As the friction potential is convex, a merged point
-never dissipates more than its parts do at the same velocities.
+their sum, as is the stiffness of its spring. So weights are positive, which keeps every step
+convex, and the total limit, which a joint carries when all of it slips, is kept. As the friction
+potential is convex, a merged point never dissipates more than its parts do at the same velocities.
 
 Fewer points are not only cheaper. A model with j modes cannot hold more than j points still; with
 hundreds of points it creeps where it should stick, and dissipates too much.
@@ -80,8 +80,9 @@ def friction_lost(unmerged: System, merged: System, velocities: FloatArray) -> f
 def merged_points(system: System, velocities: FloatArray, points: IntArray, count: int) -> System:
     """System with contact points that slip alike merged into at most ``count``.
 
-    Points of different joints, numbers of slip directions or values of beta are not merged: at
-    least one point of each kind is left. Kinds get points in proportion to their friction power.
+    Points of different joints, numbers of slip directions or values of beta are not merged, nor
+    those with springs and those without: at least one point of each kind is left. Kinds get points
+    in proportion to their friction power.
 
     Parameters
     ----------
@@ -99,7 +100,8 @@ def merged_points(system: System, velocities: FloatArray, points: IntArray, coun
     """
     points = points[system.w[points] > 0.0]
     joints = sparse.csr_array(system.J)[:, points].toarray() > 0.0
-    kinds = np.vstack([joints, system.directions[points], system.beta[points]]).T
+    laws = system.directions, system.beta, np.isfinite(system.stiffness)
+    kinds = np.vstack([joints, *(law[points] for law in laws)]).T
     sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
     rates = thinned(velocities, SETTINGS.times)
     histories = [_histories(system, rates, members) for members in sets]
@@ -140,6 +142,12 @@ def shared_points(system: System, shares: sparse.csr_array, w: FloatArray) -> Sy
     new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
     B = both[new][:, old] @ system.B
     alike = {"beta": system.beta[like], "directions": directions}
+    if system.has_springs:  # in parallel
+        members = sparse.csr_array((np.ones(shares.nnz), shares.indices, shares.indptr))
+        members.resize(shares.shape)
+        alike["stiffness"] = members @ system.stiffness
+    else:
+        alike["stiffness"] = np.full(w.size, np.inf)
     of_all = shares if system.shares is None else sparse.csr_array(shares @ system.shares)
     return replace(system, B=B, w=w, J=system.J @ shares.T, shares=of_all, **alike)
 

@@ -98,11 +98,13 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
     ----------
     system : System
     carrying : bool
-        Whether only points that carry friction may not slip; the others then move freely.
+        Whether only points that carry friction may not slip; the others then move freely, as do
+        points whose friction has springs in series: these belong to the stiffness of what sticks,
+        `System.stuck_stiffness`.
     """
     B = sparse.csr_array(system.B)
     if carrying:
-        B = B[np.flatnonzero(system.on_rows(system.w) > 0.0)]
+        B = B[np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))]
     if picks_unknowns(B):
         free = np.setdiff1d(np.arange(system.n), B.indices)
         return sparse.eye_array(system.n, format="csc")[:, free]

@@ -36,7 +36,7 @@ def joint_slides(system: System) -> FloatArray:
     slips = [own[j] & (component == c) for j in range(len(own)) for c in (0, 1)]
     U = np.array([slip for slip in slips if slip.any()], dtype=float).T
     X = np.zeros((inner.n, U.shape[1]))
-    X[kept] = U
+    np.maximum.at(X, kept, U)  # points with springs may share an unknown
     rest = np.setdiff1d(np.arange(inner.n), kept)
     if rest.size:
         K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))

@@ -35,6 +35,7 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.minimise import law
+from skfem_joint.minimise.springs import friction_along
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.recording import Run
@@ -155,26 +156,34 @@ class Residual:
             sigma = np.zeros((len(run.v), system.B.shape[0]))
             sigma[:, self._carrying] = run.sigma
         else:
-            slip = run.v @ (system.B @ V).T
-            sigma = law.force_vectors(slip, self._beta(run), system.directions)
+            sigma = self._friction(V, run)
         return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
+
+    def _friction(self, V: FloatArray, run: Run) -> FloatArray:
+        """Friction over its limit of all slip rows at the fields of a run, (frames, rows)."""
+        slips, laws = (self.system.B @ V).T, self.system.no_steeper(run.system.steepest)
+        repeats = run.steady is not None
+        return friction_along(laws, run.u @ slips, run.v @ slips, run.field_times, repeats)
 
     def _beta(self, run: Run) -> FloatArray:
         """Steepness of the law at each point of the system, no more than that of the run."""
-        return np.asarray(np.minimum(self.system.beta, run.system.beta.max(initial=0.0)))
+        return self.system.no_steeper(run.system.steepest).beta
 
     def _springs(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Springs (frames, m), N/m, by which friction holds points on which the forces R act."""
         system, slip = self.system, run.v @ (self.system.B @ V).T
-        force = system.on_rows(system.w) * law.force_vectors(
-            slip, self._beta(run), system.directions
-        )
+        sigma = self._friction(V, run)
+        force = system.on_rows(system.w) * sigma
         squares = sparse.csr_array(system.B).power(2).sum(axis=1)
         force += (system.B @ R).T / np.where(squares > 0.0, squares, 1.0)
         slope = law.force_slope(system.slip_norm(slip), self._beta(run))
         slope[system.slip_norm(force) > system.w] = 0.0
         rate = SETTINGS.rate / (run.field_times[1] - run.field_times[0])
-        return np.asarray(system.w * slope * rate)
+        springs = system.w * slope * rate
+        if system.has_springs:
+            stretched = np.where(system.slip_norm(sigma) < 1.0, system.spring_constants, 0.0)
+            springs = np.where(system.sprung, stretched, springs)
+        return np.asarray(springs)
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
         """Responses (n, frames), m, to the residual: first without springs, then with these.

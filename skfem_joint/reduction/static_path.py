@@ -16,7 +16,7 @@ has the method with its formulas, ``docs/verification/reduction.md`` what it giv
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -324,7 +324,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         small = merged_points(small, rates, np.flatnonzero(system.w), merging.merged)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
-    small = replace(small, beta=np.minimum(small.beta, steepest))
+    small = small.no_steeper(steepest)
     plan = loads.plan
     step, steps, cycles, most = plan.step, plan.n_steps, 1, 1
     if loads.period is not None:

@@ -106,6 +106,10 @@ class JointTable(SceneTable):
         "coulomb",
     )
     beta: Positive | None = key("steepness of the arctan law, s/m", None)
+    tangential_stiffness: Positive | None = key(
+        "stiffness of the surfaces against slip, in series with friction, Pa/m; rigid if not given",
+        None,
+    )
     normal_force: Literal["consistent", "equal"] = key(
         "normal forces of the nodes: integrals of the pressure, or all equal", "consistent"
     )
@@ -134,12 +138,13 @@ class JointTable(SceneTable):
         return self
 
     def to_joint(self) -> structure.Joint:
-        """Joint of `skfem_joint.structure`; with Coulomb friction its beta is infinite."""
+        """Joint of `skfem_joint.structure`; what is not given of its law is infinite."""
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
             values["pressure"] = self.pressure.to_pressure()
-        if self.beta is None:
-            values["beta"] = math.inf
+        for name in ("beta", "tangential_stiffness"):
+            if values[name] is None:
+                values[name] = math.inf
         return structure.Joint(**values)
 
 

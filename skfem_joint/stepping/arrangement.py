@@ -85,10 +85,10 @@ def arranged(system: System) -> Arranged:
     if system.contact_points == 0:
         return Arranged(system, "linear")
     if system.is_dense:  # a sparse B tells that slips are unknowns
-        keeps = not isinstance(system.B, np.ndarray) and picks_unknowns(system.B)
+        keeps = not isinstance(system.B, np.ndarray) and slips_are_unknowns(system)
         return Arranged(system, "contact" if keeps else "dense")
     maps: tuple[ChangeOfUnknowns, ...] = ()
-    if not picks_unknowns(system.B):
+    if not slips_are_unknowns(system):
         try:
             system, slips = system.with_slips_as_unknowns()
         except InputError:
@@ -98,7 +98,7 @@ def arranged(system: System) -> Arranged:
         maps = (slips,)
     if is_chain(system):
         return Arranged(system, "chain", maps)
-    path = _path(system)
+    path = _path(system) if picks_unknowns(system.B) else None
     if path is not None:
         return Arranged(system.in_unknowns(path), "chain", (*maps, path))
     return Arranged(system, "contact", maps)
@@ -133,6 +133,27 @@ def is_chain(system: System) -> bool:
         if beyond.any() and rows.data[beyond].any():
             return False
     return bool(np.all(system.directions == 1)) and picks_unknowns(system.B)
+
+
+def slips_are_unknowns(system: System) -> bool:
+    """Whether each slip row picks an unknown of its own, or one that points with springs share."""
+    if not system.has_springs:
+        return picks_unknowns(system.B)
+    rows = sparse.csr_array(system.B)
+    if not ((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all()):
+        return False
+    column, sprung = rows.indices, system.on_rows(system.sprung)
+    shared = np.bincount(column)[column] > 1
+    if not sprung[shared].all():
+        return False
+    # Points that share an unknown must share all of them, in the same order.
+    first = system.first_row[:-1]
+    pair = system.directions == 2
+    second = np.full(first.size, -1)
+    second[pair] = column[first[pair] + 1]
+    unknowns = np.unique(np.column_stack([column[first], second]), axis=0)
+    used = unknowns[unknowns >= 0]
+    return np.unique(used).size == used.size
 
 
 def picks_unknowns(B: Any) -> bool:

@@ -62,7 +62,8 @@ class Driver:
     given : System
     plan : Plan
     start : tuple of ndarray, shape (n,)
-        Displacement (m) and velocity (m/s).
+        Displacement (m) and velocity (m/s), and perhaps friction over its limit (rows,), with which
+        springs in series start.
     tolerance : float
         Largest force residual of a step relative to its largest force.
 
@@ -78,7 +79,7 @@ class Driver:
         self,
         given: System,
         plan: Plan,
-        start: tuple[FloatArray, FloatArray],
+        start: tuple[FloatArray, ...],
         tolerance: float,
     ) -> None:
         self.given, self.plan = given, plan
@@ -92,6 +93,8 @@ class Driver:
         self.stepper = choose(self.to, plan.scheme, u, v, tolerance, self.recorder)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
+        if len(start) > 2:
+            self.stepper.now = self.stepper.now._replace(sigma=self.stepper.placed(start[2]))
         watch = Stopwatch()
         self.restart(0.0)
         self.stepper.prepare(self.h)
@@ -180,6 +183,7 @@ class Driver:
             energy,
             state.u,
             state.v,
+            state.sigma,
             steps=self.done,
             wall_s=self.elapsed,
             preparation_s=self.preparation,

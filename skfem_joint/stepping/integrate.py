@@ -49,7 +49,7 @@ def integrate(
     save: Save | None = None,
     cycle_steps: int | None = None,
     until: Literal["end", "steady"] = "end",
-    initial: tuple[FloatArray, FloatArray] | None = None,
+    initial: tuple[FloatArray, ...] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
@@ -74,7 +74,9 @@ def integrate(
         steady, see :mod:`skfem_joint.stepping.steady`; its amplitudes and offsets are in
         `Run.steady`.
     initial : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) at the start; at rest if not given.
+        Displacement (m) and velocity (m/s) at the start; at rest if not given. A third array,
+        (rows of B,), is the friction over its limit: springs in series with friction start under
+        that force, and without any if it is not given.
     tolerance : float
         Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
@@ -123,7 +125,7 @@ def integrate_plan(
     system: System,
     plan: Plan,
     *,
-    initial: tuple[FloatArray, FloatArray] | None = None,
+    initial: tuple[FloatArray, ...] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
@@ -152,7 +154,7 @@ def integrate_plan(
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
-    moved = start if np.any(start) else None
+    moved = start if any(np.any(x) for x in start) else None
     if plan.until == "steady":
         return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
     interrupted = driver.run(progress, checkpoint, identity)
@@ -163,7 +165,7 @@ def integrate_plan(
 def _quasi_static(
     system: System,
     plan: Plan,
-    initial: tuple[FloatArray, FloatArray] | None,
+    initial: tuple[FloatArray, ...] | None,
     tolerance: float,
     progress: Callable[..., None] | None,
     checkpoint: Checkpoint | None,
@@ -306,21 +308,28 @@ def _check_repeats(system: System, plan: Plan) -> None:
             )
 
 
-def _start(
-    system: System, initial: tuple[FloatArray, FloatArray] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Displacement and velocity at the start, checked."""
+def _start(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
+    """Displacement, velocity and, if given, friction at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
     try:
-        displacement, velocity = initial
+        displacement, velocity, *friction = initial
+        if len(friction) > 1:
+            raise ValueError
     except (TypeError, ValueError) as error:
         raise InputError(
-            "initial: must be two arrays, the displacement and the velocity at the start"
+            "initial: must be two arrays, the displacement and the velocity at the start, or three "
+            "with the friction over its limit of each slip row"
         ) from error
-    u, v = (np.array(as_real(x, "initial")) for x in (displacement, velocity))
-    if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+    start = tuple(np.array(as_real(x, "initial")) for x in (displacement, velocity, *friction))
+    if not all(np.all(np.isfinite(x)) for x in start):
         raise InputError("initial: must be finite")
-    if u.shape != (system.n,) or v.shape != (system.n,):
+    if any(x.shape != (system.n,) for x in start[:2]):
         raise InputError(f"initial: shapes must be ({system.n},)")
-    return u, v
+    if friction:
+        found, rows = start[2].shape, system.B.shape[0]
+        if found != (rows,):
+            raise InputError(f"initial: found shape {found} of friction, must be ({rows},)")
+        if np.any(system.slip_norm(start[2]) > 1.0 + 1e-9):
+            raise InputError("initial: friction must not be above its limit, that is above 1")
+    return start

@@ -113,14 +113,14 @@ class CoulombLevels:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
-        tried = self._tried(last.u, force)
+        tried = self._tried(last.u, force, last.friction)
         for _ in range(REPEATED):
             if tried.beyond:
                 raise NoLevelError(self._beyond(self._limit(force)), beyond=True)
             if not tried.found.converged or tried.carried <= self.path.tolerance:
                 break
             # What the added mass has carried is what is left of the load: once more from there.
-            before, tried = tried.carried, self._tried(tried.u, force)
+            before, tried = tried.carried, self._tried(tried.u, force, tried.friction)
             if tried.found.converged and tried.carried > 0.5 * before:
                 limit = self._limit(force)  # friction does not take it over
                 if limit <= 1.0:
@@ -134,9 +134,9 @@ class CoulombLevels:
             )
         return Level(tried.u, tried.friction, np.asarray(self.to.system.B @ tried.u))
 
-    def _tried(self, u: FloatArray, force: FloatArray) -> Increment:
+    def _tried(self, u: FloatArray, force: FloatArray, friction: FloatArray) -> Increment:
         """Increment of the path, whose work is counted."""
-        tried = self.path.increment(u, force)
+        tried = self.path.increment(u, force, friction)
         self._count(tried.found.counts)
         return tried
 

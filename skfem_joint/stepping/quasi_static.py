@@ -11,6 +11,9 @@ must be short enough to resolve how it turns. Dense systems, which come from red
 contact points than unknowns, so that not all points can stick: there Coulomb's law is approached by
 ever steeper laws.
 
+Springs in series with friction stretch before sliders slip. Their forces are part of the state, as
+friction over its limit, and follow from one level to the next.
+
 Bodies that friction alone holds have a singular stiffness. A little of the mass is added to it, and
 forces that would make everything slip are scaled back to just below what friction holds. That limit
 is found from the rigid motion d that a load sets off: by the upper bound theorem of limit analysis
@@ -24,7 +27,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -147,6 +150,9 @@ class QuasiStatic:
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
+        # Friction over its limit at the last level, by slip row; springs in series keep it.
+        self.sigma = np.zeros(inner.B.shape[0])
+        self.acting: Any = slice(None)  # slip rows of the problem
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone
@@ -157,6 +163,7 @@ class QuasiStatic:
                 self.whole = self.problem
                 self._step_contact_alone(self.whole)
         self.last = np.zeros(self.A.shape[0])
+        self.frictions = np.zeros((0, inner.B.shape[0]))
         self.solves = 0
         self.scaled_back = 0  # levels whose forces were scaled back
 
@@ -166,6 +173,7 @@ class QuasiStatic:
         path.to, path.tally = to, Tally()
         path.tolerance = self.tolerance if tolerance is None else tolerance
         path.last, path.solves, path.scaled_back = np.zeros_like(self.last), 0, 0
+        path.sigma = np.zeros_like(self.sigma)
         return path
 
     def with_limits(self, w: FloatArray) -> QuasiStatic:
@@ -209,7 +217,7 @@ class QuasiStatic:
                 return
         self.condensed, self.problem, self.A = whole.schur, contact, contact.H
         acting = self.to.system.w > 0.0
-        self.beta = self.beta[acting]
+        self.beta, self.acting = self.beta[acting], np.repeat(acting, self.to.system.directions)
         self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, kept]
         if rigid.size:
             image = self.A @ rigid
@@ -258,7 +266,7 @@ class QuasiStatic:
         forces: FloatArray,
         times: FloatArray | None = None,
         limit_share: float = SETTINGS.limit_share,
-        start: tuple[FloatArray, FloatArray] | None = None,
+        start: tuple[FloatArray, ...] | None = None,
     ) -> FloatArray:
         """Displacements (levels, n), m, under forces (levels, n), N, one after another.
 
@@ -272,7 +280,9 @@ class QuasiStatic:
             Where friction alone holds, forces that would make everything slip are scaled to this
             share of what friction can hold; ``inf`` leaves them as they are.
         start : tuple of ndarray, shape (n,), optional
-            Displacement, m, and the force that it was reached under, N; at rest if not given.
+            Displacement, m, and the force that it was reached under, N; at rest if not given. Where
+            friction has springs in series, also the friction over its limit at it, (rows,), as
+            `friction_of` has it; without that the springs are without force.
 
         Raises
         ------
@@ -283,7 +293,11 @@ class QuasiStatic:
         if inside is not None:
             right, interior = inside.restrict(right)
         u = f = np.zeros(len(right))
+        self.sigma = np.zeros_like(self.sigma)
+        self.frictions = np.zeros((len(forces), self.sigma.size))
         if start is not None:
+            if len(start) > 2:
+                self.sigma = np.array(start[2])
             u, f = self.to.inner(start[0]), self.to.force(start[1])
             if inside is not None:
                 u, f = u[inside.kept], inside.restrict(f)[0]
@@ -293,10 +307,11 @@ class QuasiStatic:
             before, f = f, np.ascontiguousarray(force)
             rate = np.full(self.beta.size, np.inf) if times is None else self.beta / lasting[level]
             u = path[level] = self._state(u, before, f, limit_share, rate)
+            self.frictions[level] = self.sigma
             self.tally.add()
         return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
 
-    def increment(self, u: FloatArray, f: FloatArray) -> Increment:
+    def increment(self, u: FloatArray, f: FloatArray, friction: FloatArray) -> Increment:
         """One level by Coulomb's law, in one part, with its friction and without scaling back.
 
         Parameters
@@ -305,26 +320,36 @@ class QuasiStatic:
             Displacement of the level before, m, in the unknowns of ``to.system``.
         f : ndarray, shape (n,)
             Forces of the level, N, on these unknowns.
+        friction : ndarray, shape (rows,)
+            Friction force of the level before, N, which counts where springs are in series.
         """
         system, inside = self.to.system, self.condensed
+        limits = system.on_rows(system.w)
+        before = np.divide(friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         right, start, interior = f, u, f[:0]
         if inside is not None:
             right, interior = inside.restrict(f)
             start = u[inside.kept]
         driving = right - self.stiffness @ start  # of an unloaded level it is the larger one
-        found = self._minimise(driving, np.full(self.beta.size, np.inf))
-        after, friction = start + found.v, system.on_rows(system.w)
+        found = self._minimise(driving, np.full(self.beta.size, np.inf), before)
+        after = start + found.v
         if inside is None:
-            friction = friction * found.sigma
+            new = limits * found.sigma
         else:
-            after = inside.extend(after, interior)
-            friction[friction > 0.0] *= found.sigma
+            after, new = inside.extend(after, interior), np.zeros_like(limits)
+            new[self.acting] = limits[self.acting] * found.sigma
             found = replace(found, where=int(inside.kept[found.where]))
         largest = max(right, driving, key=lambda force: float(np.linalg.norm(force)))
         carried = self._carried(found, largest)
         if found.converged and carried <= SETTINGS.carried:
             self.last = found.v
-        return Increment(after, friction, found, carried)
+        return Increment(after, new, found, carried)
+    def friction_of(self, level: int) -> FloatArray:
+        """Friction over its limit at a level of the last path, (rows,), for a path from there.
+
+        It is kept only where friction has springs in series; zeros where it has none.
+        """
+        return np.array(self.frictions[level])
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold.
@@ -351,11 +376,12 @@ class QuasiStatic:
 
         ``rate`` is the law's steepness for increments of displacement, 1/m, of each point.
         """
-        increment = self._minimise(f - self.stiffness @ u, rate)
+        start = self.sigma
+        increment = self._minimise(f - self.stiffness @ u, rate, start)
         if np.isfinite(limit_share) and self._carried(increment, f) > SETTINGS.carried:
             self.scaled_back += 1
             right = min(1.0, limit_share * self._limit(f, rate)) * f - self.stiffness @ u
-            increment = self._minimise(right, rate)
+            increment = self._minimise(right, rate, start)
             halvings = SETTINGS.halvings  # scaled back, the load has no path to follow in parts
         if not increment.converged and halvings < SETTINGS.halvings:
             middle = 0.5 * (before + f)
@@ -370,20 +396,35 @@ class QuasiStatic:
                 f"{increment.residual:.3g} N is left at unknown {where}"
             )
         self.last = increment.v
+        if self.to.system.has_springs:
+            self.sigma = np.zeros_like(start)
+            self.sigma[self.acting] = increment.sigma
         return u + increment.v
 
-    def _minimise(self, right: FloatArray, rate: FloatArray) -> Minimum:
-        """Increment, from the multiple of the last one that is best under Coulomb's law."""
+    def _minimise(
+        self, right: FloatArray, rate: FloatArray, sigma: FloatArray | None = None
+    ) -> Minimum:
+        """Increment, from the multiple of the last one that is best under Coulomb's law.
+
+        ``sigma`` is the friction over its limit before it, (rows,); none if not given.
+        """
         self.solves += 1
-        problem, work = self.problem, float(right @ self.last)
+        problem, inner, work = self.problem, self.to.system, float(right @ self.last)
+        offset = None
+        if inner.has_springs:
+            before = np.zeros_like(self.sigma) if sigma is None else sigma
+            offset = inner.spring_offset(np.zeros(inner.n), before)
+            offset = None if offset is None else offset[self.acting]
+        law = rate, offset
         if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest
-            return problem.minimise(right, None, self.tolerance, rate)
+            return problem.minimise(right, None, self.tolerance, *law)
         stored = float(self.last @ (self.A @ self.last))
-        lost = problem.objective(self.last, right, rate) - 0.5 * stored + work
+        at_rest = 0.0 if offset is None else problem.objective(0.0 * self.last, right, *law)
+        lost = problem.objective(self.last, right, *law) - at_rest - 0.5 * stored + work
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
-        if problem.objective(start, right, rate) < 0.0:
-            return problem.minimise(right, start, self.tolerance, rate)
-        return problem.minimise(right, None, self.tolerance, rate)
+        if problem.objective(start, right, *law) < at_rest:
+            return problem.minimise(right, start, self.tolerance, *law)
+        return problem.minimise(right, None, self.tolerance, *law)
 
     def _carried(self, increment: Minimum, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""

@@ -212,9 +212,11 @@ class Run:
     viscous_work, scheme_work : float
         Energy dissipated over the run by the damping matrix and by the scheme itself, J.
     friction_work : ndarray, shape (m,)
-        Energy dissipated over the run by friction at each contact point, J.
+        Energy dissipated over the run by friction at each contact point, J: without what its
+        spring, if it has one, stores.
     stored_energy : tuple of float
-        Kinetic plus strain energy at the start and at the end, J.
+        Kinetic plus strain energy at the start and at the end, J, with that of the springs in
+        series with friction.
     cycles : Cycles
         Works and peaks cycle by cycle.
     peak : ndarray, shape (points,)
@@ -223,6 +225,9 @@ class Run:
         Largest slip of each contact point over the run, m: of two directions the norm.
     final : tuple of ndarray, shapes (n,) and (n,)
         Unknowns and their rates at the end.
+    final_sigma : ndarray, shape (rows of B,)
+        Friction over its limit at the end. Where friction has springs in series a further run goes
+        on from ``initial=(*run.final, run.final_sigma)``.
     counters : Counters
         Work that it took.
     wall_s, preparation_s, compilation_s : float
@@ -235,7 +240,8 @@ class Run:
     plan : Plan, optional
         Steps, scheme and end, as it was asked for.
     start : tuple of ndarray, shapes (n,) and (n,), optional
-        Displacement (m) and velocity (m/s) at the start; None for a run from rest.
+        Displacement (m) and velocity (m/s) at the start, and, if given, friction; None for a run
+        from rest.
     loops : Loops or None
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
@@ -264,6 +270,7 @@ class Run:
     peak: FloatArray
     slip_peak: FloatArray
     final: tuple[FloatArray, FloatArray]
+    final_sigma: FloatArray
     counters: Counters
     wall_s: float
     preparation_s: float = 0.0
@@ -271,7 +278,7 @@ class Run:
     interrupted: bool = False
     steady: Steady | None = None
     plan: Any = None
-    start: tuple[FloatArray, FloatArray] | None = None
+    start: tuple[FloatArray, ...] | None = None
     loops: Loops | None = None
 
     def __repr__(self) -> str:
@@ -510,7 +517,10 @@ class Recorder:
         energy.add_input_work(self.vectors.T, *amplitudes, change, moved, self.input_work)
         if self._rubs:
             rows, points = self.order
-            work, slip_change = self.friction_work[points], (system.B @ change)[rows]
+            slip_change = system.B @ change
+            if system.has_springs:  # the slider slips by what its spring leaves
+                slip_change -= system.spring_stretch * (new.sigma - old.sigma)
+            work, slip_change = self.friction_work[points], slip_change[rows]
             energy.add_friction_work(
                 self._limits, old.sigma[rows], new.sigma[rows], slip_change, work
             )
@@ -585,6 +595,7 @@ class Recorder:
         start_energy: float,
         u: FloatArray,
         v: FloatArray,
+        sigma: FloatArray,
         *,
         steps: int,
         counts: Mapping[str, int],
@@ -603,11 +614,12 @@ class Recorder:
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),
             friction_work=self.friction_work,
-            stored_energy=(start_energy, self.system.stored_energy(u, v)),
+            stored_energy=(start_energy, self.system.stored_energy(u, v, sigma)),
             cycles=self._cycles(),
             peak=np.maximum(self.run_peak, self.peak),
             slip_peak=self.slip_peak,
             final=(u.copy(), v.copy()),
+            final_sigma=sigma.copy(),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
             **others,
         )

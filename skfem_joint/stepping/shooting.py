@@ -19,6 +19,7 @@ from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
+from skfem_joint.stepping.sprung_transition import Springs, sprung_transition
 from skfem_joint.stepping.steady import (
     Passage,
     note_of,
@@ -109,10 +110,13 @@ class Shooting:
         turns = turns_over(loads(driver.h * np.arange(driver.n_steps + 1.0)))
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
+        self.springs = Springs.of(driver.system, driver.h)
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
-        self.most = NEWTON.unknowns if driver.to.kind == "chain" else NEWTON.dense
-        small = driver.system.n <= self.most or (
-            driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
+        chain = driver.to.kind == "chain" and not self.springs.rows.size
+        self.most = NEWTON.unknowns if chain else NEWTON.dense
+        few = self.springs.rows.size <= NEWTON.dense
+        small = (few and driver.system.n <= self.most) or (
+            few and driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
         )
         self.patience: int | None = None
         if self.trapezoidal and equal and small:
@@ -121,13 +125,28 @@ class Shooting:
 
     def coordinates(self, state: State) -> FloatArray:
         """State as a row of numbers."""
-        return advanced(state, self.driver.h) if self.trapezoidal else np.concatenate(state)
+        if not self.trapezoidal:
+            return np.concatenate(state)
+        sigma = self.driver.stepper.by_row(state.sigma)
+        springs = self.springs.advanced(state.v, sigma)
+        return np.concatenate([advanced(state, self.driver.h), springs])
+
+    @property
+    def flexibility(self) -> FloatArray:
+        """Squares of the numbers beyond displacement and velocity, over twice their energy, m/N."""
+        return 1.0 / self.springs.stiffness if self.trapezoidal else np.zeros(0)
 
     def state(self, x: FloatArray) -> State:
         """State of a row of numbers."""
-        now = self.driver.stepper.now
+        stepper = self.driver.stepper
+        now = stepper.now
         if self.trapezoidal:
-            return state_of(x, now.sigma, self.driver.h)
+            two_n = 2 * self.driver.system.n
+            state = state_of(x[:two_n], now.sigma, self.driver.h)
+            if not self.springs.rows.size:
+                return state
+            sigma = self.springs.friction(x[two_n:], state.v, stepper.by_row(now.sigma))
+            return state._replace(sigma=stepper.placed(sigma))
         ends = np.cumsum([part.size for part in now])[:-1]
         return State(*map(np.array, np.split(x, ends)))
 
@@ -155,12 +174,19 @@ class Shooting:
         v, omega = recorder.stored.v[1 : recorder.field_rows], 2.0 * np.pi / driver.plan.duration
         if moving_unknowns(driver.system, v).size > self.most:
             return None
-        J = transition(driver.system, driver.to.kind, driver.h, v, omega)
+        if self.springs.rows.size:
+            stored = recorder.stored.v, recorder.stored.sigma
+            rows = [x[: recorder.field_rows] for x in stored]
+            J = sprung_transition(driver.system, driver.h, rows[0], rows[1], omega)
+        else:
+            J = transition(driver.system, driver.to.kind, driver.h, v, omega)
         return _Derivative(J, self.sign)
 
     def corrected(self, change: FloatArray) -> FloatArray | None:
         """Change as a smaller model corrects it, over half a period; None without one."""
         if self.correction is None or self.parts == 1 or not self.trapezoidal:
+            return None
+        if self.springs.rows.size:  # it knows nothing of their forces
             return None
         return change + self.correction.added(change, self.driver.to)
 
@@ -207,7 +233,8 @@ def steady_run(
     if plan.cycle_steps is not None:
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
-    run = driver.finish(system.stored_energy(*start[:2]))
+    sigma = stepper.by_row(start.sigma)
+    run = driver.finish(system.stored_energy(*start[:2], sigma))
     counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
     vibrates = Steady(
         periods=periods,
@@ -234,7 +261,8 @@ def through(
         while driver.done < end:
             driver.advance(end, SETTINGS.chunk_s)
             show()
-        energy = max(energy, driver.system.stored_energy(*stepper.now[:2]))
+        state = stepper.state()
+        energy = max(energy, driver.system.stored_energy(state.u, state.v, state.sigma))
     return energy
 
 

@@ -267,6 +267,7 @@ class _SlowDriver:
             0.0,
             self.level.u,
             still,
+            self._state(self.level).sigma,
             steps=self.done,
             wall_s=elapsed,
             preparation_s=self.preparation,

@@ -5,7 +5,7 @@ the norm of energy, so that the map from the state at the start of a period to t
 non-expansive, and with damping the periodic velocity is unique. For steps of the trapezoidal rule
 this holds exactly for the advanced state (:mod:`skfem_joint.stepping.transition`), in which the
 search works. For other schemes it works with all that a step starts from: displacement, velocity
-and the scheme's accelerations.
+and the scheme's accelerations. Forces of springs in series with friction are part of the state.
 
 Newton's method for the fixed point (shooting) takes the derivative of the map from the tangents of
 its steps. It is used where the state is small enough for a dense matrix of it, and the steps are
@@ -128,15 +128,18 @@ class Anderson:
     Attributes
     ----------
     system : System
+    flexibility : ndarray, shape (s,)
+        As of `PeriodMap`.
     states : list of ndarray
         The last states g(x).
-    changes : list of ndarray, shape (2 n,)
-        Displacements and velocities of g(x) - x.
-    weighted : list of ndarray, shape (2 n,)
-        The same times K and M.
+    changes : list of ndarray, shape (2 n + s,)
+        Displacements, velocities and forces of springs of g(x) - x.
+    weighted : list of ndarray, shape (2 n + s,)
+        The same times K, M and the flexibility.
     """
 
     system: System
+    flexibility: FloatArray = field(default_factory=lambda: np.zeros(0))
     states: list[FloatArray] = field(default_factory=list)
     changes: list[FloatArray] = field(default_factory=list)
     weighted: list[FloatArray] = field(default_factory=list)
@@ -147,9 +150,11 @@ class Anderson:
         Beside it ``memory`` states are kept.
         """
         n = self.system.n
+        end = 2 * n + self.flexibility.size
         self.states.append(state)
-        self.changes.append(change[: 2 * n])
-        parts = self.system.K @ change[:n], self.system.M @ change[n : 2 * n]
+        self.changes.append(change[:end])
+        states = self.system.K @ change[:n], self.system.M @ change[n : 2 * n]
+        parts = *states, self.flexibility * change[2 * n : end]
         self.weighted.append(np.concatenate(parts))
         for kept in (self.states, self.changes, self.weighted):
             del kept[: -memory - 1]
@@ -238,10 +243,17 @@ class PeriodMap(Protocol):
         2 where it goes through half a period and changes the sign, else 1.
     patience : int or None
         Passages before Newton's method is tried; None where it is not.
+    flexibility : ndarray, shape (s,)
+        Of springs in series with friction, m/N, whose forces follow displacement and velocity in
+        the state.
     """
 
     parts: int
     patience: int | None
+
+    @property
+    def flexibility(self) -> FloatArray:
+        """See above."""
 
     def __call__(self, x: FloatArray) -> Passage:
         """Go through it from a state."""
@@ -339,15 +351,21 @@ def periodic_state(
     ConvergenceError
         If the search does not converge.
     """
-    n, mixing, momenta = system.n, Anderson(system), system.M @ motions
+    n, momenta, flexibility = system.n, system.M @ motions, through.flexibility
+    mixing, end_of_forces = Anderson(system, flexibility), 2 * n + flexibility.size
 
     def without_rigid(x: FloatArray) -> FloatArray:
         x = x.copy()
         x[:n] -= motions @ (momenta.T @ x[:n])
         return x
 
+    def twice_energy(x: FloatArray) -> float:
+        energy = system.stored_energy(x[:n], x[n : 2 * n])
+        forces = x[2 * n : end_of_forces]
+        return 2.0 * energy + float(forces @ (flexibility * forces))
+
     def norm(x: FloatArray) -> float:
-        return float(np.sqrt(max(2.0 * system.stored_energy(x[:n], x[n : 2 * n]), 0.0)))
+        return float(np.sqrt(max(twice_energy(x), 0.0)))
 
     x = plain = without_rigid(start)
     least = before = left = np.inf
@@ -373,8 +391,7 @@ def periodic_state(
         scale = np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
-        gained = system.stored_energy(after[:n], after[n : 2 * n])
-        gained -= system.stored_energy(x[:n], x[n : 2 * n])
+        gained = 0.5 * (twice_energy(after) - twice_energy(x))
         settled = left <= SETTINGS.change and abs(gained) <= SETTINGS.energy * work
         following = through.patience is not None and count >= through.patience
         if not (settled or (newton.held == 0.0 and size <= SETTINGS.reuse * before)):

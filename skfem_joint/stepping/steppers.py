@@ -139,6 +139,8 @@ class Stepper(ABC):
             from skfem_joint.minimise.law import force_vectors
 
             sigma = force_vectors(slip, s.beta, s.directions) * (limits > 0.0)
+            if s.has_springs:  # their forces do not jump
+                sigma = np.where(s.on_rows(s.sprung), self.state().sigma, sigma)
         right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u - s.B.T @ (limits * sigma)
         acceleration = np.zeros(s.n)
         if at_rest.any() and right.any():
@@ -153,6 +155,10 @@ class Stepper(ABC):
         self.started(acceleration, sigma)
         return True
 
+    def of_step(self, c: Coefficients) -> ContactPoints:
+        """Contact points with the laws that they have in a step."""
+        return ContactPoints.of(self.system, c.c_K, c.h)
+
     def _sticking(self, points: NDArray[np.bool_]) -> StepProblem:
         """Problem of an acceleration that obeys Coulomb friction at some points at rest."""
         mass, some = as_compressed(self.system.M), self.points.without_friction_but(points)
@@ -166,7 +172,8 @@ class Stepper(ABC):
     def prepare(self, h: float) -> None:
         """Factorise and compile what steps of ``h`` and restarts need; after :meth:`restart`."""
         self.problem(self.coefficients(h))
-        coulomb = (self.system.w > 0.0) & np.isinf(self.system.beta)
+        s = self.system
+        coulomb = (s.w > 0.0) & np.isinf(s.beta) & ~s.sprung
         if coulomb.any():
             self._sticking(coulomb).compile()
 
@@ -185,6 +192,14 @@ class Stepper(ABC):
     def state(self) -> State:
         """State now, with friction by slip row of the system."""
         return self.now
+
+    def placed(self, sigma: FloatArray) -> FloatArray:
+        """Friction of each slip row of the system, (rows,), in the order of ``now``."""
+        return sigma
+
+    def by_row(self, sigma: FloatArray) -> FloatArray:
+        """Friction of each slip row of the system, (rows,), from that in the order of ``now``."""
+        return sigma
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
@@ -265,11 +280,11 @@ class CompiledStepper(Stepper):
     def __init__(self, kind: str, system: System, *others: Any) -> None:
         super().__init__(kind, system, *others)
         s = self.system
-        if kind == "dense" and np.any(np.isinf(s.beta[s.w > 0.0])):
+        if kind == "dense" and np.any(np.isinf(s.beta[(s.w > 0.0) & ~s.sprung])):
             raise InputError(
-                "set-valued Coulomb friction (beta = inf) needs one unknown for each contact "
-                "point, which a reduced or dense system has not; use System.with_beta with a "
-                "finite beta"
+                "set-valued Coulomb friction (beta = inf) without springs needs one unknown for "
+                "each contact point, which a reduced or dense system has not; use System.with_beta "
+                "with a finite beta"
             )
         from skfem_joint.linalg.kernels import Full, bands
         from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
@@ -286,24 +301,34 @@ class CompiledStepper(Stepper):
         start, point, value, share = self.recorder.joints
         joints = start, own.places.point[point], value, share
         places = own.places.row, own.places.point
-        self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places)
+        stretch = self.placed(s.spring_stretch) if s.has_springs else np.zeros(0)
+        self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places, stretch)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
         M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
-        return self.own.with_matrix(H)
+        return self.own.with_matrix(H, self.of_step(c) if self.system.has_springs else None)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on with friction in the order of the problem."""
-        by_place = np.zeros(self.own.limits.size)
-        by_place[self.own.places.row] = sigma
+        by_place = self.placed(sigma)
         super().started(acceleration, by_place)
         self.own.restart(self.now.v, by_place)
 
+    def placed(self, sigma: FloatArray) -> FloatArray:
+        """See `Stepper`."""
+        by_place = np.zeros(self.own.limits.size)
+        by_place[self.own.places.row] = sigma
+        return by_place
+
     def state(self) -> State:
         """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.now.sigma[self.own.places.row])
+        return self.now._replace(sigma=self.by_row(self.now.sigma))
+
+    def by_row(self, sigma: FloatArray) -> FloatArray:
+        """See `Stepper`."""
+        return np.asarray(sigma[self.own.places.row])
 
     def prepare(self, h: float) -> None:
         """See `Stepper`; the loop is compiled by doing no step."""
@@ -356,7 +381,8 @@ class PythonStepper(Stepper):
     def new_problem(self, c: Coefficients) -> StepProblem:
         """See `Stepper`."""
         s = self.system
-        return step_problem(as_compressed(c.c_M * s.M + s.C + c.c_K * s.K), self.points, self.kind)
+        H = as_compressed(c.c_M * s.M + s.C + c.c_K * s.K)
+        return step_problem(H, self.of_step(c), self.kind)
 
     def prepare(self, h: float) -> None:
         """See `Stepper`."""
@@ -373,11 +399,13 @@ class PythonStepper(Stepper):
         s, c, recorder = self.system, self.coefficients(h), self.recorder
         problem, done = self.problem(c), 0
         for ends in pairwise(amplitudes.T):
-            before = u, v, a, d, _ = self.now
+            before = u, v, a, d, sigma = self.now
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            minimum = problem.minimise(right, self._extrapolated(), self.tolerance)
+            offset = s.spring_offset(c.u_v * v + c.u_a * a, sigma, c.c_K)
+            start = self._extrapolated()
+            minimum = problem.minimise(right, start, self.tolerance, offset=offset)
             self._count(minimum)
             if not minimum.converged:
                 self.failure = FailedStep(minimum.residual, minimum.where)

@@ -64,6 +64,9 @@ class LoopSystem(NamedTuple):
         As in `Recorder`, with the points of the step problem.
     row_place, point_place : ndarray of int
         Places of the system's slip rows and contact points among those of the step problem.
+    stretch : ndarray
+        Slip that the spring in series of each row of the step problem takes under the friction
+        limit, m, 0 for none; empty if there are no springs.
     """
 
     M: Any
@@ -74,6 +77,7 @@ class LoopSystem(NamedTuple):
     joints: Any
     row_place: IntArray
     point_place: IntArray
+    stretch: FloatArray
 
 
 @compiled
@@ -112,7 +116,7 @@ def time_loop(
         numba makes one by calling Python, where a pending Ctrl-C is raised, and does not check for
         that before it uses the result.)
     """
-    M, C, K, loads, observed, joints, row_place, point_place = system
+    M, C, K, loads, observed, joints, row_place, point_place, stretch = system
     u, v, a, d, sigma = state
     load_start, load_column, load_value = loads
     input_work, dissipated, friction_work, peak, slip_peaks = sums
@@ -127,7 +131,15 @@ def time_loop(
         work[point_place[j]] = friction_work[j]
         slip_peak[point_place[j]] = slip_peaks[j]
     steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
+    sprung = stretch.size > 0
     for step in range(1, n_steps + 1):
+        if sprung:
+            for i in range(n):
+                change[i] = c.u_v * v[i] + c.u_a * a[i]
+            known = slips(problem, change, slip_change)
+            for q in range(stretch.size):
+                free = -(known[q] + stretch[q] * sigma[q]) / c.c_K
+                workspace.offset[q] = free if stretch[q] > 0.0 else 0.0
         for i in range(n):
             u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
             y[i] = c.c_M * v[i] + c.y_a * a[i] + c.y_d * d[i]
@@ -174,6 +186,9 @@ def time_loop(
         )
         _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
+        if sprung:  # sliders slip by what their springs leave
+            for q in range(stretch.size):
+                slip_moved[q] -= stretch[q] * (sigma_new[q] - sigma[q])
         _add_friction_work(w, sigma, sigma_new, slip_moved, work)
         raise_to_norms(slip_peak, slip)
         for q in range(w.size):

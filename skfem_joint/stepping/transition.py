@@ -23,7 +23,7 @@ steps of a period are left out of the transition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,22 +59,28 @@ class Transition:
     matrix : ndarray, shape (2 k, 2 k)
     omega : float
         Frequency, rad/s, that makes p and r alike in size.
+    springs : ndarray, shape (s,)
+        Where friction has springs in series, force of each that its coordinate, beyond those of p
+        and r, is divided by with omega, N s/m; see `skfem_joint.stepping.sprung_transition`.
     """
 
     moving: IntArray
     matrix: FloatArray
     omega: float
+    springs: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def restricted(self, x: FloatArray) -> FloatArray:
-        """Part (2 k,) of an advanced state (2 n,), in the coordinates of the matrix."""
-        p, r = np.split(x, 2)
-        return np.concatenate([p[self.moving], r[self.moving] / self.omega])
+        """Part (2 k + s,) of an advanced state (2 n + s,), in the coordinates of the matrix."""
+        p, r = np.split(x[: x.size - self.springs.size], 2)
+        forces = x[x.size - self.springs.size :] / (self.springs * self.omega)
+        return np.concatenate([p[self.moving], r[self.moving] / self.omega, forces])
 
     def extended(self, x: FloatArray, part: FloatArray) -> FloatArray:
-        """Copy of an advanced state (2 n,) with another ``part`` (2 k,)."""
-        x, k = x.copy(), self.moving.size
+        """Copy of an advanced state (2 n + s,) with another ``part`` (2 k + s,)."""
+        x, k, s = x.copy(), self.moving.size, self.springs.size
         x[self.moving] = part[:k]
-        x[x.size // 2 + self.moving] = self.omega * part[k:]
+        x[(x.size - s) // 2 + self.moving] = self.omega * part[k : 2 * k]
+        x[x.size - s :] = self.omega * self.springs * part[2 * k :]
         return x
 
 
@@ -84,7 +90,7 @@ def unknowns_at_rest(points: ContactPoints, velocities: FloatArray) -> BoolArray
     Each slip row picks an unknown, except where no point obeys Coulomb's law.
     """
     resting = np.zeros(velocities.shape, dtype=np.bool_)
-    coulomb = (points.w > 0.0) & np.isinf(points.beta)
+    coulomb = (points.w > 0.0) & np.isinf(points.beta) & (points.compliance == 0.0)
     if coulomb.any():
         rows = np.flatnonzero(points.on_rows(coulomb))
         still = velocities[:, points.unknowns[rows]] == 0.0

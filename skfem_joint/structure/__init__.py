@@ -17,6 +17,7 @@ from skfem_joint.structure.body import Material as Material
 from skfem_joint.structure.clamps import Clamp as Clamp
 from skfem_joint.structure.contact import contact as contact
 from skfem_joint.structure.contact import point_friction as point_friction
+from skfem_joint.structure.iwan import iwan as iwan
 from skfem_joint.structure.joints import Joint as Joint
 from skfem_joint.structure.load import Load as Load
 from skfem_joint.structure.matrices import MatrixModel as MatrixModel

@@ -9,6 +9,7 @@ are made for structures (`contact_rows`), for matrices assembled on any basis of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
-from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
+from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, STIFFNESS, check, problems
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -35,7 +36,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     """
     count, dim = held.shape
     m = max((int(patch.points.max(initial=-1)) for patch in patches), default=-1) + 1
-    w, clamped, beta = np.zeros(m), np.zeros(m), np.ones(m)
+    w, clamped, beta, stiffness = np.zeros(m), np.zeros(m), np.ones(m), np.zeros(m)
     node = np.zeros(m, dtype=np.intp)
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
@@ -45,6 +46,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         w[patch.points] += patch.joint.friction * patch.normal_force
         clamped[patch.points] += patch.normal_force
         beta[patch.points] = patch.joint.beta
+        stiffness[patch.points] += patch.stiffness
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
         if patch.normal is not None:
@@ -77,6 +79,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         closed=stacked(H, dim * count),
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
+        stiffness=np.where(stiffness > 0.0, stiffness, np.inf),
     )
 
 
@@ -93,6 +96,7 @@ def contact(
     normal_force: str = "consistent",
     fixed: Any = (),
     name: str | None = None,
+    tangential_stiffness: float = np.inf,
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -100,7 +104,7 @@ def contact(
     ----------
     basis : skfem.Basis
         Of `ElementVector` of first or second order, or of a line element.
-    on, pressure, friction, beta, against, normal_force
+    on, pressure, friction, beta, against, normal_force, tangential_stiffness
         As those of a `Joint`, regions being subdomains of the basis' mesh.
     width, thickness : float
         Extent of the contact across lines and edges, m.
@@ -132,7 +136,15 @@ def contact(
             "point_friction(row, limit) for slip rows of your own"
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
-    joint = Joint(on, pressure, friction, against, beta, normal_force)
+    joint = Joint(
+        on,
+        pressure,
+        friction,
+        against,
+        beta,
+        normal_force,
+        tangential_stiffness=tangential_stiffness,
+    )
     wrong = [*joint_problems(grid.mesh, [joint])]
     for key, extent in (("width", width), ("thickness", thickness)):
         wrong += problems(f"contact: {key}", extent, POSITIVE)
@@ -148,10 +160,8 @@ def contact(
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    closed_rows = rows.closed @ order
-    return SlipRows(
-        rows.B @ order, rows.w, rows.beta, rows.directions, closed_rows, pivots, names=names
-    )
+    turned = {"B": rows.B @ order, "closed": rows.closed @ order}
+    return replace(rows, pivots=pivots, clamped=None, names=names, **turned)
 
 
 def _joint_name(where: str, name: Any) -> str:
@@ -162,7 +172,12 @@ def _joint_name(where: str, name: Any) -> str:
 
 
 def point_friction(
-    row: Any, limit: float, beta: float = np.inf, *, name: str = "contact"
+    row: Any,
+    limit: float,
+    beta: float = np.inf,
+    *,
+    stiffness: float = np.inf,
+    name: str = "contact",
 ) -> SlipRows:
     """Friction of a point whose slip is a given row times the displacements.
 
@@ -175,6 +190,9 @@ def point_friction(
         Friction limit, N.
     beta : float
         Steepness of the arctan law, s/m; ``inf`` is Coulomb.
+    stiffness : float
+        Of a spring in series with the friction, N/m; ``inf`` is none. With Coulomb's law this is an
+        elastic slider, or Jenkins element.
     name : str
         Joint under which results state its friction energy. In a sum of contacts each name is a
         joint of its own.
@@ -188,7 +206,7 @@ def point_friction(
     ------
     InputError
         For rows of another shape, rows that are zero or not finite, a negative limit, and a beta
-        that is not positive.
+        or stiffness that is not positive.
     """
     rows = np.atleast_2d(as_real(row, "point_friction: row"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
@@ -198,6 +216,7 @@ def point_friction(
         )
     check("point_friction: limit", limit, NOT_NEGATIVE)
     check("point_friction: beta", beta, BETA)
+    check("point_friction: stiffness", stiffness, STIFFNESS)
     return SlipRows(
         sparse.csr_array(rows),
         np.array([float(limit)]),
@@ -205,4 +224,5 @@ def point_friction(
         np.array([len(rows)], dtype=np.int64),
         sparse.csr_array((0, rows.shape[1])),
         names=(_joint_name("point_friction", name),),
+        stiffness=np.array([float(stiffness)]),
     )

@@ -11,7 +11,7 @@ from skfem_joint.arrays import IntArray
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.structure.checks import one_of, overlap, wrong_name
 from skfem_joint.structure.pressure import Bolts, Pressure, PressureTable
-from skfem_joint.values import BETA, NOT_NEGATIVE, problems
+from skfem_joint.values import BETA, NOT_NEGATIVE, STIFFNESS, problems
 
 #: Value of ``Joint.pressure`` where clamping bolts press the joint.
 PRELOAD = "preload"
@@ -42,6 +42,9 @@ class Joint:
     axis : tuple of float, optional
         Direction along which the paper's scaled modes are stretched over the active length
         (``reference = "paper"``); in one dimension the bar itself.
+    tangential_stiffness : float
+        Of the surfaces against slip, in series with friction, Pa/m; ``inf``, the default, is none:
+        surfaces are as stiff as the mesh makes them.
     """
 
     on: str
@@ -51,6 +54,7 @@ class Joint:
     beta: float = np.inf
     normal_force: str = "consistent"
     axis: tuple[float, ...] | None = None
+    tangential_stiffness: float = np.inf
 
     @property
     def name(self) -> str:
@@ -67,6 +71,8 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
     """What is wrong with the numbers and words of a joint."""
     yield from problems(f"{joint.label}: friction", joint.friction, NOT_NEGATIVE)
     yield from problems(f"{joint.label}: beta", joint.beta, BETA)
+    stiffness = f"{joint.label}: tangential_stiffness", joint.tangential_stiffness
+    yield from problems(*stiffness, STIFFNESS)
     yield from one_of(f"{joint.label}: normal_force", joint.normal_force, ("consistent", "equal"))
     if not isinstance(joint.pressure, PressureTable | Bolts | str):  # patches refuse words
         yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)

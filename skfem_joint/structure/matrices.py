@@ -19,7 +19,7 @@ from skfem_joint.modes import rigid_motions
 from skfem_joint.slips import SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.joints import Joint, joint_value_problems
 from skfem_joint.structure.load import Load, under_loads
-from skfem_joint.structure.patch import SMALL, Patch, slip_directions
+from skfem_joint.structure.patch import SMALL, Patch, point_stiffness, slip_directions
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system import AppliedLoad, System
 
@@ -215,6 +215,7 @@ class MatrixModel:
             closed=rows_along(np.flatnonzero(closed), normal[closed], k) @ relative,
             pivots=np.array(held + free, dtype=np.intp),
             clamped=force[closed],
+            stiffness=point_stiffness(joint, area[slips]),
         )
         patch = Patch(
             joint=joint,

@@ -51,6 +51,13 @@ class Pressed:
     other: sparse.csr_array | None
 
 
+def point_stiffness(joint: Joint, area: FloatArray) -> FloatArray:
+    """Stiffness of points with some shares of a joint's area (m2), N/m; ``inf`` for no spring."""
+    if np.isinf(joint.tangential_stiffness):
+        return np.full(area.shape, np.inf)
+    return np.where(area > 0.0, area * joint.tangential_stiffness, np.inf)
+
+
 @dataclass(frozen=True)
 class Patch:
     """Contact points of a joint: its k nodes that carry pressure and that supports leave free.
@@ -101,6 +108,11 @@ class Patch:
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     other: sparse.csr_array | None = None
     bolt_shares: tuple[float, ...] = ()
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Of the spring in series with the friction of each node, (k,), N/m; inf for none."""
+        return point_stiffness(self.joint, self.area)
 
     @property
     def clamping_force(self) -> float:
@@ -387,14 +399,19 @@ def _alike(a: Any, b: Any, rows_a: IntArray, rows_b: IntArray) -> bool:
     return bool(abs(a[rows_a] - b[rows_b]).max() < SMALL) if rows_a.size else True
 
 
+def _law(joint: Joint) -> tuple[float, float]:
+    """What points that two joints share must have alike."""
+    return joint.beta, joint.tangential_stiffness
+
+
 def check_shared(grid: Nodes, patches: Sequence[Patch], new: Patch) -> None:
     """Refuse contact points that ``new`` shares with a joint of another law or slip direction."""
     for patch in patches:
         shared, mine, old = np.intersect1d(new.nodes, patch.nodes, return_indices=True)
-        same = patch.joint.beta == new.joint.beta and _alike(patch.other, new.other, old, mine)
+        same = _alike(patch.other, new.other, old, mine) and _law(patch.joint) == _law(new.joint)
         if shared.size and not (same and _alike(patch.directions, new.directions, old, mine)):
             raise InputError(
                 f"{new.joint.label} shares a node, at {spot(grid.nodes[shared[0]])}, with "
-                f"{patch.joint.label} of another law, beta, slip direction or body; give both "
-                "the same, or leave an element between them"
+                f"{patch.joint.label} of another law, beta, tangential_stiffness, slip direction "
+                "or body; give both the same, or leave an element between them"
             )

@@ -399,6 +399,7 @@ class Structure:
             w=rows.w,
             beta=rows.beta,
             directions=rows.directions,
+            stiffness=rows.springs,
             T=new.forward,
         )
 

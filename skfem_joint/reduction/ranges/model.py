@@ -313,7 +313,7 @@ class _Maker:
         model = there.widened(there.project(V), V, missing)
         if point.shares is not None:
             model = shared_points(model, point.shares, point.w)
-        model = replace(model, beta=np.minimum(model.beta, point.beta.max()))
+        model = model.no_steeper(point.steepest)
         return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
 
 

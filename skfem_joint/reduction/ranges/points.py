@@ -135,7 +135,7 @@ def point_of(system: System, point: Point, factors: FloatArray) -> System:
 
     def there(model: System, law: float) -> System:
         model = placed(model, point.frequency, point.level, factors, serves.period)
-        return replace(model, beta=np.minimum(model.beta, law))
+        return model.no_steeper(law)
 
     larger = replace(there(serves.larger, SETTINGS.steeper * law), serves=None)
     return replace(there(system, law), serves=replace(serves, larger=larger, point=point))
@@ -228,7 +228,8 @@ def sticking(run: Run) -> float:
 
     A point sticks too that slips no further than its law creeps in a period at half of its limit.
     """
-    slip, system = run.slip_peak, run.system
+    system = run.system
+    slip = system.slider_peak(run.slip_peak)
     period = common_period(load.amplitude for load in system.loads) or 0.0
     still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
     return least_share(system, still)

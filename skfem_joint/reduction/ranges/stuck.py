@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,15 +45,16 @@ class StuckVibration:
 
         ``path`` is a quasi-static path of the system, whose factors are used.
         """
-        F = motions_without_slip(system)
-        restricted = RestrictedMotion.of(system, F)
+        F = motions_without_slip(system, carrying=system.has_springs)
+        held = replace(system, K=system.stuck_stiffness)
+        restricted = RestrictedMotion.of(held, F)
         solve = path.stuck(F) or factorised(shifted(restricted.K, restricted.M))
         frequency, shapes = restricted.lowest(most, solve, 1e-6)
         count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
         modes = np.asarray(F @ shapes[:, :count])
         static = F @ solve(np.asarray(F.T @ system.load_vectors()))
         W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
-        M, C, K = (np.asarray(congruent(A, W)) for A in (system.M, system.C, system.K))
+        M, C, K = (np.asarray(congruent(A, W)) for A in (held.M, held.C, held.K))
         inner = path.to.system
 
         def on_rows(forces: FloatArray) -> FloatArray:

@@ -1,0 +1,290 @@
+"""Friction with springs in series: closed forms, other solvers, limits and conservation."""
+
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import skfem_joint as sj
+from skfem_joint.errors import InputError
+from skfem_joint.stepping import driver as driving
+from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.quasi_static import QuasiStatic
+
+LIMIT, SPRING, HELD = 30.0, 2e5, 1e12
+
+
+def point(row: Any, **changes: Any) -> sj.System:
+    """Point that a spring of 1e12 N/m holds at a displacement of a load over that."""
+    n = np.atleast_2d(row).shape[1]
+    contact = sj.point_friction(row, LIMIT, **({"stiffness": SPRING} | changes))
+    loads = {name: (k, sj.Harmonic(1.0, 10.0)) for k, name in enumerate("xy"[:n])}
+    return sj.System.from_matrices(np.eye(n), HELD * np.eye(n), contact=contact, loads=loads)
+
+
+def forces_along(system: sj.System, slip: Any) -> tuple[Any, Any]:
+    """Displacements that were reached, (times, n), and the friction forces there, N."""
+    path = QuasiStatic(system, 1e-13)
+    u = path.follow(HELD * np.asarray(slip), limit_share=np.inf)
+    return u, path.frictions * system.on_rows(system.w)
+
+
+def bar(stiffness: float, beta: float = inf, n: int = 24, **changes: Any) -> sj.System:
+    """Bar on a rigid base, with free length beyond it."""
+    values = {"width": 0.05, "thickness": 0.01, "fixed": ["fixed"], "stiffness_damping": 1e-6}
+    structure = sj.Structure(
+        sj.build_bar([("joint", 0.25, n), ("free", 0.3, 12)], {"fixed": 0.0, "end": 0.55}),
+        sj.Material(E=200e9, density=8000.0),
+        joints=[sj.Joint("joint", 8e6, 0.7, beta=beta, tangential_stiffness=stiffness)],
+        **(values | changes),
+    )
+    return structure.system([sj.Load("end", sj.Harmonic(23e3, 1000.0))])
+
+
+def stepped_as(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """Step all systems by the method for a kind of matrices."""
+
+    def other(system: sj.System) -> Arranged:
+        to = arranged(system)
+        s = to.system
+        if kind == "dense":
+            dense = {name: getattr(s, name).toarray() for name in ("M", "C", "K", "B", "P")}
+            s = replace(s, **dense)
+        return Arranged(s, kind, to.maps)
+
+    monkeypatch.setattr(driving, "arranged", other)
+
+
+def test_a_jenkins_point_goes_round_its_parallelogram():
+    slip = 4e-4 * np.concatenate([np.linspace(0, 1, 9), np.linspace(1, -1, 17)[1:]])
+    slip = np.concatenate([slip, slip[-1] * np.linspace(1, -1, 17)[1:]])
+    u, force = forces_along(point([1.0]), slip[:, None])
+    expected, q = [], 0.0
+    for change in np.diff(u[:, 0], prepend=0.0):
+        q = min(max(q + SPRING * change, -LIMIT), LIMIT)
+        expected.append(q)
+    np.testing.assert_allclose(force[:, 0], expected, rtol=1e-9, atol=1e-9 * LIMIT)
+
+
+def test_a_cycle_of_a_jenkins_point_loses_four_times_limit_times_slip():
+    force, stiffness = 200.0, 1e5
+    contact = sj.point_friction([1.0], LIMIT, stiffness=SPRING)
+    load = {"x": (0, sj.Harmonic(force, 1.0))}
+    system = sj.System.from_matrices([[1e-3]], [[stiffness]], [[5.0]], contact=contact, loads=load)
+    run = sj.integrate(system, cycles=3, steps_per_cycle=2000)
+    amplitude = run.cycles.peak[-1, 0]
+    expected = 4.0 * LIMIT * (amplitude - LIMIT / SPRING)
+    assert run.cycles.friction[-1] == pytest.approx(expected, rel=2e-5)
+    assert amplitude == pytest.approx((force - LIMIT) / stiffness, rel=1e-3)
+
+
+@pytest.mark.parametrize("n", [100, 400])
+def test_a_point_on_a_circle_loses_what_its_slider_does(n):
+    """The slider goes round a polygon; the force at the end of a step is along its side.
+
+    With many sides the spring is perpendicular to the radius of the slider's circle.
+    """
+    radius, stretch = 4e-4, LIMIT / SPRING
+    turn = 2.0 * np.pi * np.arange(4 * n + 1) / n
+    circle = radius * np.column_stack([np.cos(turn), np.sin(turn)]) - [radius, 0.0]
+    u, force = forces_along(point(np.eye(2)), circle)
+    np.testing.assert_allclose(np.linalg.norm(force[n:], axis=1), LIMIT, rtol=1e-9)
+    slider = u - force / SPRING
+    work = 0.5 * ((force[1:] + force[:-1]) * np.diff(slider, axis=0)).sum(axis=1)[-n:].sum()
+    half = np.pi / n
+    lag = stretch * np.sin(half)
+    own = np.sqrt(radius**2 - stretch**2 + lag**2) - lag
+    expected = n * LIMIT * 2.0 * own * np.sin(half) * 0.5 * (1.0 + np.cos(2.0 * half))
+    assert work == pytest.approx(expected, rel=1e-6)
+    limit = 2.0 * np.pi * LIMIT * np.sqrt(radius**2 - stretch**2)
+    assert expected == pytest.approx(limit, rel=1.5 / n)
+    middle = slider[-n:].mean(axis=0)
+    np.testing.assert_allclose(np.linalg.norm(slider[-n:] - middle, axis=1), own, rtol=1e-6)
+
+
+@pytest.mark.parametrize("beta", [inf, 1e5])
+@pytest.mark.parametrize("rho", [1.0, 0.7])
+@pytest.mark.parametrize("kind", ["chain", "contact", "dense"])
+def test_energy_is_kept_and_all_methods_agree(monkeypatch, kind, rho, beta):
+    system, scheme = bar(1e12, beta), sj.generalized_alpha(rho)
+    plan = {"cycles": 2, "steps_per_cycle": 100, "scheme": scheme}
+    same = sj.integrate(system, **plan)
+    stepped_as(monkeypatch, kind)
+    run = sj.integrate(system, **plan, save=sj.Save(fields=True))
+    assert run.energy_residual < 1e-11 if kind == "contact" else run.energy_residual < 1e-12
+    assert np.all(run.friction_work >= -1e-15)
+    np.testing.assert_allclose(run.point_u, same.point_u, atol=1e-10 * same.peak.max())
+    assert run.friction_work.sum() == pytest.approx(same.friction_work.sum(), rel=1e-9)
+    assert np.abs(run.sigma).max() <= 1.0 + 1e-12
+
+
+def test_sliders_that_never_slide_are_springs():
+    system = bar(1e12)
+    system = replace(system, w=1e6 * system.w)
+    linear = replace(system, K=system.stuck_stiffness, w=0.0 * system.w)
+    plan = {"cycles": 2, "steps_per_cycle": 100}
+    run, springs = sj.integrate(system, **plan), sj.integrate(linear, **plan)
+    np.testing.assert_allclose(run.point_u, springs.point_u, atol=1e-9 * run.peak.max())
+    assert abs(run.friction_work.sum()) <= 1e-12 * run.input_work.sum()
+    assert run.stored_energy[1] == pytest.approx(springs.stored_energy[1], rel=1e-9)
+
+
+def test_a_bar_moves_as_another_solver_says():
+    """Elastic sliders as a system of ordinary differential equations, by scipy."""
+    system = bar(2e12, n=3, stiffness_damping=1e-5)
+    inner = arranged(system).system
+    M, C, K, B = (A.toarray() for A in (inner.M, inner.C, inner.K, inner.B))
+    P, f = inner.P.toarray(), inner.loads[0]
+    n, m, w, k = inner.n, inner.w.size, inner.w, inner.stiffness
+    inverse = np.linalg.inv(M)
+
+    def rate(t: float, y: Any) -> Any:
+        u, v, q = np.split(y, [n, 2 * n])
+        slip = B @ v
+        holds = (np.abs(q) < w) | (q * slip < 0.0)
+        force = f.vector * f.amplitude(np.array([t]))[0]
+        a = inverse @ (force - C @ v - K @ u - B.T @ np.clip(q, -w, w))
+        return np.concatenate([v, a, np.where(holds, k * slip, 0.0)])
+
+    end = 2e-3
+    exact = solve_ivp(rate, (0.0, end), np.zeros(2 * n + m), rtol=1e-8, atol=1e-11, max_step=2e-7)
+    tip = (P @ exact.y[:n, -1])[0]
+    errors = []
+    for steps in (400, 800):
+        run = sj.integrate(system, step=end / steps, n_steps=steps)
+        errors.append(abs(run.point("end")[-1] - tip))
+    peak = np.abs(P @ exact.y[:n]).max()
+    assert (np.abs(exact.y[2 * n :]).max(axis=1) / w).max() == pytest.approx(1.0, rel=1e-3)
+    assert errors[1] < 2e-4 * peak
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_stiffer_and_stiffer_springs_tend_to_rigid_friction_with_order_one():
+    rigid = bar(inf)
+    force = np.outer([0.5, 1.0, 0.2, -1.0, 0.7], 30e3 * rigid.load_vectors()[:, 0])
+    exact = QuasiStatic(rigid, 1e-12).follow(force)
+    errors = []
+    for stiffness in (1e15, 1e16, 1e17):
+        states = QuasiStatic(bar(stiffness), 1e-12).follow(force)
+        errors.append(np.abs(states - exact).max())
+    assert errors[0] < 1e-2 * np.abs(exact).max()
+    assert errors[0] / errors[1] == pytest.approx(10.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(10.0, rel=0.1)
+
+
+def test_a_point_that_loses_its_limit_lets_its_spring_go():
+    """A later, lower limit cuts the force: as by the radial return."""
+    contact = sj.point_friction([1.0], LIMIT, stiffness=SPRING)
+    system = sj.System.from_matrices([[1.0]], [[HELD]], contact=contact)
+    for share in (0.5, 0.0):
+        lower = replace(system, w=share * system.w)
+        start = np.zeros(1), np.zeros(1), np.array([0.9])
+        run = sj.integrate(lower, step=1e-6, n_steps=1, initial=start, save=sj.Save(fields=True))
+        force = lower.w * run.sigma[-1]
+        assert np.all(np.abs(force) <= lower.w)
+
+
+@pytest.mark.parametrize("kind", ["chain", "contact", "dense"])
+def test_a_run_taken_up_is_the_same_to_the_last_bit(monkeypatch, kind, tmp_path: Path):
+    stepped_as(monkeypatch, kind)
+    system, plan = bar(1e12, n=12), {"step": 1e-5, "n_steps": 150}
+    whole = sj.integrate(system, **plan)
+    checkpoint = sj.Checkpoint(tmp_path / "run.npz", "origin", every=1)
+    monkeypatch.setattr(driving, "SETTINGS", replace(driving.SETTINGS, chunk_s=1e-9, call_s=1e-9))
+    seen = []
+
+    def stop(done: int, *_: Any) -> None:
+        seen.append(done)
+        if done >= 60:
+            raise KeyboardInterrupt
+
+    part = sj.integrate(system, **plan, checkpoint=checkpoint, progress=stop)
+    assert part.interrupted
+    rest = sj.integrate(system, **plan, checkpoint=replace(checkpoint, resume=True))
+    for name in ("point_u", "friction_work", "final_sigma"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name))
+    assert rest.stored_energy == whole.stored_energy
+
+
+def test_a_run_goes_on_from_the_forces_of_its_springs():
+    system = replace(bar(1e12, n=12), loads=())
+    random = np.random.default_rng(0)
+    begin = 1e-5 * random.normal(size=system.n), np.zeros(system.n)
+    whole = sj.integrate(system, step=1e-6, n_steps=200, initial=begin)
+    first = sj.integrate(system, step=1e-6, n_steps=120, initial=begin)
+    start = *first.final, first.final_sigma
+    rest = sj.integrate(system, step=1e-6, n_steps=80, initial=start)
+    np.testing.assert_allclose(rest.final[0], whole.final[0], atol=1e-9 * np.abs(begin[0]).max())
+    assert first.stored_energy[1] == rest.stored_energy[0]
+    with pytest.raises(InputError, match="above its limit"):
+        sj.integrate(system, step=1e-6, n_steps=1, initial=(*first.final, 2.0 + 0 * start[2]))
+    with pytest.raises(InputError, match="of friction"):
+        sj.integrate(system, step=1e-6, n_steps=1, initial=(*first.final, np.zeros(2)))
+
+
+@pytest.mark.parametrize("stiffness", [1e11, 1e12])
+def test_steady_vibration_is_where_a_long_run_ends(stiffness):
+    system = bar(stiffness, n=12)
+    steady = sj.integrate(system, steps_per_cycle=100, until="steady")
+    long = sj.integrate(system, cycles=120, steps_per_cycle=100)
+    high = np.abs(np.ptp(long.point_u[-101:], axis=0)) / 2
+    assert steady.steady.periods < 20
+    assert steady.energy_residual < 1e-12
+    assert steady.steady.amplitude == pytest.approx(high, rel=1e-5)
+    assert steady.friction_work.sum() == pytest.approx(long.cycles.friction[-1], rel=1e-4)
+
+
+def test_condensed_and_reduced_models_keep_springs():
+    system = bar(1e12)
+    plan = {"cycles": 3, "steps_per_cycle": 100}
+    full = sj.integrate(system, **plan)
+    condensed = sj.integrate(sj.condense(system), **plan)
+    assert condensed.energy_residual < 1e-11
+    assert condensed.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=1e-3)
+    model = sj.reduce(system, modes=8, friction_points=10)
+    assert model.w.size <= 10
+    assert model.stiffness.sum() == pytest.approx(system.stiffness.sum(), rel=1e-12)
+    assert np.all(np.isinf(model.beta))  # sliders on springs need no law of finite steepness
+    reduced = sj.integrate(model, **plan)
+    assert reduced.energy_residual < 1e-12
+    assert reduced.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=0.1)
+    every = sj.integrate(sj.reduce(system, modes=10, friction_points="all"), **plan)
+    assert every.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=0.01)
+
+
+def test_systems_keep_springs_in_files_and_sums(tmp_path: Path):
+    system = bar(1e12)
+    again = sj.load(sj.save(system, tmp_path / "system.npz"))
+    np.testing.assert_array_equal(again.stiffness, system.stiffness)
+    both = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0, stiffness=5.0)
+    assert both.springs.tolist() == [inf, 5.0]
+    for wrong in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match=r"stiffness: found .*must be > 0"):
+            sj.point_friction([1.0], 1.0, stiffness=wrong)
+
+
+def test_stiffness_of_points_is_that_of_the_area():
+    system = bar(1e12)
+    held = 0.5 * 0.25 / 24  # of the node at the support
+    assert system.stiffness.sum() == pytest.approx(1e12 * 0.05 * (0.25 - held), rel=1e-12)
+
+
+def test_stuck_joints_are_those_on_their_springs():
+    system = bar(1e12)
+    stuck = replace(system, K=system.stuck_stiffness, w=0.0 * system.w)
+    expected = sj.natural_modes(stuck, 3).frequencies
+    found = sj.natural_modes(system, 3, joints="stuck").frequencies
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    (curve,) = sj.backbone(system, levels=3)
+    assert curve.stuck_frequency == pytest.approx(expected[0], rel=1e-9)
+    assert curve.frequency[0] == pytest.approx(expected[0], rel=1e-3)
+    assert curve.masing_error is not None
+    assert curve.masing_error < 1e-9
+    ring = sj.ring_down(system, curve, cycles=20, steps_per_cycle=100)
+    assert ring.frequency[-1] == pytest.approx(expected[0], rel=1e-3)
+    damped = bar(1e12, stiffness_damping=0.0).with_damping_ratio(0.01)
+    assert f"{expected[0]:.5g} Hz" in damped.notes[-1]
