@@ -462,10 +462,8 @@ def _round_off(H, contact, q, slip, sigma, space):
     if pairs == 0:
         _slopes(contact, slip, slopes)
     for i in range(slip.size):
-        if pairs > 0:
-            slope = space.ratio[i if i < m else i - m]  # the larger of the two
-        else:
-            slope = slopes[i]
+        # Of two directions the larger one.
+        slope = slopes[i] if pairs == 0 else space.ratio[i if i < m else i - m]
         friction[i] = w[i] * (abs(sigma[i]) + slope * friction[i])
     largest = 0.0
     for j in range(n):

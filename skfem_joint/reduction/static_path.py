@@ -16,7 +16,7 @@ has the method with its formulas, ``docs/verification/reduction.md`` what it giv
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 

@@ -344,6 +344,7 @@ class QuasiStatic:
         if found.converged and carried <= SETTINGS.carried:
             self.last = found.v
         return Increment(after, new, found, carried)
+
     def friction_of(self, level: int) -> FloatArray:
         """Friction over its limit at a level of the last path, (rows,), for a path from there.
 
