@@ -315,6 +315,10 @@ class Run:
         dissipated = self.viscous_work + friction + self.scheme_work
         balance = float(self.input_work.sum()) - dissipated - (end - start)
         in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
+        if self.loops is not None and self.system.has_springs:
+            # A whole cycle in which all sliders stick takes nothing: what it stored on the way.
+            works = self.loops.load_force * self.loops.load_displacement
+            in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
 
     def finished(self) -> Run:

@@ -37,9 +37,10 @@ def smaller(system, model):
     return sj.condense(system) if model == "condensed" else sj.reduce(system, quasi_static=True)
 
 
-def foot(load, beta=np.inf):
+def foot(load, beta=np.inf, stiffness=np.inf):
     """A mass on a spring of 40 kN/m and a foot that holds 60 N."""
-    contact = sj.point_friction([1.0], limit=60.0, beta=beta, name="foot")
+    law = {"beta": beta, "stiffness": stiffness}
+    contact = sj.point_friction([1.0], limit=60.0, **law, name="foot")
     loads = {"mass": (0, load)}
     return sj.System.from_matrices(np.eye(1), np.array([[4e4]]), contact=contact, loads=loads)
 
@@ -84,6 +85,126 @@ def test_point_with_a_spring_goes_round_an_exact_parallelogram():
     assert run.loops.secant_stiffness[0] == pytest.approx(60.0 / peak, rel=1e-12)
     assert run.loops.load_secant_stiffness[0] == pytest.approx(100.0 / peak, rel=1e-12)
     assert run.viscous_work == run.scheme_work == 0.0
+
+
+def sprung(system, per_newton=1e3):
+    """Springs in series with friction that stretch by a part of a meter under its limits."""
+    return replace(system, stiffness=np.where(system.w > 0.0, per_newton * system.w, np.inf))
+
+
+def returned(slip, spring, limit):
+    """Force of a Jenkins element along slips from rest: the radial return."""
+    forces, q = [], 0.0
+    for change in np.diff(slip, prepend=0.0):
+        q = min(max(q + spring * change, -limit), limit)
+        forces.append(q)
+    return np.array(forces)
+
+
+def test_jenkins_point_goes_round_an_exact_parallelogram():
+    """All corners are levels, which are 4 N apart: u = 3, 10, 4, -10, -4 and 10 times 0.1 mm."""
+    spring, limit = 2e5, 60.0
+    course = sj.Table([0.0, 25.0, 75.0, 125.0], [0.0, 100.0, -100.0, 100.0])
+    run = sj.quasi_static(foot(course, stiffness=spring), duration=125.0, step=1.0)
+    u, q = run.loops.slip[:, 0], run.loops.force[:, 0]
+    peak = (100.0 - limit) / 4e4
+    corners = np.array([3.0, 10.0, 4.0, -10.0, -4.0, 10.0]) * 1e-4
+    assert u[[18, 25, 61, 75, 111, 125]] == pytest.approx(corners, rel=1e-12)
+    assert q[[18, 25, 61, 75, 111, 125]] == pytest.approx(limit * np.array([1, 1, -1, -1, 1, 1]))
+    assert q == pytest.approx(returned(u, spring, limit), rel=1e-12, abs=1e-12 * limit)
+    assert run.loops.load_force[:, 0] == pytest.approx(4e4 * u + q, abs=1e-11)
+    # Friction takes the slip of the slider, and the spring stores the rest.
+    loss = 4.0 * limit * (peak - limit / spring)
+    work = run.loops.work[:, 0]
+    assert work[25] == pytest.approx(limit * (peak - limit / spring), rel=1e-12)
+    assert work[125] - work[25] == pytest.approx(loss, rel=1e-12)
+    assert np.trapezoid(q[25:], u[25:]) == pytest.approx(loss, rel=1e-12)
+    assert work[:19] == pytest.approx(0.0, abs=1e-15 * loss)
+    stored = 0.5 * 4e4 * peak**2 + 0.5 * limit**2 / spring
+    assert run.stored_energy == pytest.approx((0.0, stored), rel=1e-12)
+    assert run.final_sigma == pytest.approx([1.0])
+    assert run.energy_residual < 1e-13
+
+
+@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
+def test_bar_on_springs_unloads_by_its_loading_doubled(model):
+    course = sj.Table([0.0, 1.0, 3.0, 5.0], [0.0, FORCE, -FORCE, FORCE])
+    system = sprung(lap_joint(30, load=course), 5e4)
+    exact = sj.quasi_static(system, duration=5.0, step=0.02)
+    run, near = exact, 1e-9
+    if model != "full":
+        small = sj.condense(system)
+        if model == "reduced":
+            small = sj.reduce(system, duration=5.0, quasi_static=True)
+        run, near = sj.quasi_static(small, duration=5.0, step=0.02), 0.03
+    assert run.energy_residual < 1e-9
+    assert np.all(np.diff(run.loops.work[:, 0]) >= -1e-9 * run.loops.work[-1, 0])
+    assert run.peak == pytest.approx(exact.peak, rel=near)
+    assert run.loops.work[-1] == pytest.approx(exact.loops.work[-1], rel=near)
+    path = run.point("free_end")
+    rising, falling, back = path[:51], path[50:151], path[150:251]
+    assert path[50] - falling[::2] == pytest.approx(2.0 * rising, abs=1e-7 * np.abs(path).max())
+    assert back == pytest.approx(-falling, abs=1e-7 * np.abs(path).max())
+    # Each point is a Jenkins element of its own.
+    if model == "full":
+        fields = sj.quasi_static(system, duration=5.0, step=0.02, save=sj.Save(fields=True))
+        slips, limits = fields.u @ system.B.T, system.w
+        for k in (0, 14, 29):
+            own = returned(slips[:, k], system.stiffness[k], limits[k])
+            assert limits[k] * fields.sigma[:, k] == pytest.approx(own, abs=1e-8 * limits[k])
+
+
+def test_stiffer_and_stiffer_springs_tend_to_none():
+    rigid = sj.quasi_static(lap_joint(30), cycles=1, steps_per_cycle=40)
+    apart = []
+    for stiffness in (1e8, 1e9, 1e10):
+        run = sj.quasi_static(sprung(lap_joint(30), stiffness), cycles=1, steps_per_cycle=40)
+        apart.append(abs(run.point_u - rigid.point_u).max())
+    assert np.divide(apart[:-1], apart[1:]) == pytest.approx(10.0, rel=0.05)
+
+
+def test_balance_of_sliders_that_all_stick_is_closed_too():
+    load = sj.Harmonic(30.0, 1.0)
+    run = sj.quasi_static(foot(load, stiffness=2e5), cycles=2, steps_per_cycle=40)
+    assert run.friction_work.sum() == pytest.approx(0.0, abs=1e-15)
+    assert run.energy_residual < 1e-12
+
+
+@pytest.mark.parametrize("model", ["full", "condensed"])
+def test_a_body_on_springs_slides_under_the_same_load(model):
+    """What friction holds does not depend on springs, and until then loops are closed."""
+    system = sprung(free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0)))
+    system = sj.condense(system) if model == "condensed" else system
+    run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
+    assert run.energy_residual < 1e-8
+    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=1e-5)
+    assert run.loops.opening < 1e-5
+    ramp = sprung(free_bar(sj.Table([0.0, 1.0], [0.9 * FREE_LIMIT, 1.1 * FREE_LIMIT])))
+    ramp = sj.condense(ramp) if model == "condensed" else ramp
+    with pytest.raises(sj.ConvergenceError, match="the structure slides") as caught:
+        sj.quasi_static(ramp, duration=1.0, step=0.05)
+    force = caught.value.run.loops.load_force[-1, 0]
+    assert force <= FREE_LIMIT * (1.0 + 1e-9) < force + 0.011 * FREE_LIMIT
+    assert caught.value.run.energy_residual < 1e-8
+
+
+@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
+def test_plates_on_springs_balance_in_two_directions(model):
+    mesh = sj.build_plate([("joint", 0.1, 5), ("free", 0.1, 5)], 0.05, 2)
+    face = pressed(pressure=5e6, friction=0.5, tangential_stiffness=2e12)
+    made = structure(mesh, [face], ("right",))
+    loads = [
+        sj.Load("left", sj.Harmonic(9e3, 1.0), (-1.0, 0.0)),
+        sj.Load("left", sj.Harmonic(5e3, 2.0, 0.5), (0.0, 1.0)),
+    ]
+    system = made.system(loads, [])
+    system = system if model == "full" else smaller(system, model)
+    run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
+    assert run.energy_residual < 1e-8
+    assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
+    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=2e-2)
+    stored = run.system.spring_energy(run.final_sigma)
+    assert 0.0 < stored < run.stored_energy[1]
 
 
 def test_beta_counts_as_infinite_and_a_note_says_so():
