@@ -3,7 +3,8 @@
 The driver (:mod:`skfem_joint.stepping.slow_run`) knows nothing of how a level is solved. A solver
 says in which system and unknowns it works, and goes from one level to the next: from the
 displacement, the friction forces and the slips of a level, and the forces of the next one. Friction
-is in N, so that a solver may have limits that change from level to level.
+is in N, so that a solver may have limits that change from level to level. Where springs are in
+series with friction, its forces are theirs: a level starts from those of the one before.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class LevelSolver(Protocol):
 
 
 class CoulombLevels:
-    """Levels under Coulomb friction with constant limits, by `QuasiStatic`.
+    """Levels under Coulomb friction with constant limits and maybe springs, by `QuasiStatic`.
 
     Parameters
     ----------

@@ -14,6 +14,8 @@ points that supports leave only one of them count in its energy but not in its f
 A reduced model knows the force of a joint if its basis has the sliding of the joint, as those made
 for quasi-static runs have (:mod:`skfem_joint.reduction.joint_slides`).
 
+Springs in series with friction are in the slip, and what they store is not in the energy.
+
 The area of a joint's loop is its friction energy if all its points slip alike. Else the energy is
 the sum over points of force times slip, which is exact, and the area is not.
 """
