@@ -24,6 +24,7 @@ from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.opening import OpeningContact
 from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
@@ -106,6 +107,9 @@ class System:
         errors; not saved to files.
     serves : Served, optional
         Range of loads and limits that a reduced model serves, if it was made for one.
+    opening : OpeningContact, optional
+        Contact that opens and closes; friction limits then follow the normal forces, and ``w`` has
+        those at rest. Normal forces are constant if not given.
 
     Raises
     ------
@@ -132,6 +136,7 @@ class System:
     made_for: str = ""
     origin: Any = field(default=None, repr=False, compare=False)
     serves: Served | None = None
+    opening: OpeningContact | None = None
 
     def __post_init__(self) -> None:
         for name in ("M", "C", "K", "B", "w", "beta", "P", "T", "J", "shares"):
@@ -173,6 +178,8 @@ class System:
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
             problems.append("beta: must be positive (inf for Coulomb)")
+        if self.opening is not None:
+            problems += self.opening.problems(m, n)
         refuse(problems)
 
     def __repr__(self) -> str:
@@ -196,6 +203,8 @@ class System:
             f"  loads: {first_of(loads)}",
             f"  points: {first_of(self.points)}",
         ]
+        if self.opening is not None:
+            lines.insert(2, f"  contact that opens: {self.opening.gap.size} pressure points")
         made_for = self.made_for or (str(self.serves) if self.serves else "")
         return "\n".join(lines + [f"  made for: {made_for}"] * bool(made_for))
 
@@ -230,9 +239,17 @@ class System:
         return int(self.M.shape[0])
 
     @property
+    def rubs(self) -> NDArray[np.bool_]:
+        """Whether each contact point can carry friction, (m,), now or when it is pressed."""
+        if self.opening is None:
+            return np.asarray(self.w > 0.0)
+        pressed = np.diff(sparse.csr_array(self.opening.gain).indptr) > 0
+        return np.asarray((self.w > 0.0) | pressed)
+
+    @property
     def contact_points(self) -> int:
         """Number of contact points that can carry friction."""
-        return int(np.count_nonzero(self.w))
+        return int(np.count_nonzero(self.rubs))
 
     @property
     def first_row(self) -> NDArray[np.int64]:
@@ -313,6 +330,9 @@ class System:
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
             P=side_by_side(small.P, self.P @ W),
             T=side_by_side(small.T, W if self.T is None else self.T @ W),
+            opening=None
+            if self.opening is None
+            else self.opening.in_unknowns(np.hstack([V, W])),
         )
 
     def in_unknowns(self, new: ChangeOfUnknowns) -> System:
@@ -349,6 +369,7 @@ class System:
             P=self.P @ T,
             T=T if self.T is None else self.T @ T,
             origin=None,
+            opening=None if self.opening is None else self.opening.in_unknowns(T),
         )
 
     @staticmethod
@@ -466,8 +487,9 @@ class System:
         return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
 
     def stored_energy(self, u: FloatArray, v: FloatArray) -> float:
-        """Kinetic plus strain energy, J."""
-        return float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
+        """Kinetic plus strain energy, J, with that of contact that opens, which is zero at rest."""
+        energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
+        return energy if self.opening is None else energy + self.opening.potential(u)
 
     def load_amplitudes(self, times: FloatArray) -> FloatArray:
         """Amplitudes of all loads, shape (loads, times), N."""

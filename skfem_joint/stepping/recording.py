@@ -21,7 +21,10 @@ from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
 
 # What a recorder holds beside rows: sums and numbers.
-_SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
+_SUMS = (
+    *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak"),
+    *("impact_work", "normal_force_peak"),
+)
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 
 
@@ -86,6 +89,8 @@ class Counters:
         Step matrices prepared, one for each step size, and tangents factorised.
     halved_steps : int
         Steps that were done in parts because they did not converge whole.
+    renewed_limits : int
+        Times that friction limits of contact that opens were renewed in the safeguarded iteration.
     """
 
     steps: int = 0
@@ -98,6 +103,7 @@ class Counters:
     linear_solves: int = 0
     factorizations: int = 0
     halved_steps: int = 0
+    renewed_limits: int = 0
 
 
 @dataclass(frozen=True, repr=False)
@@ -235,6 +241,12 @@ class Run:
         Steps, scheme and end, as it was asked for.
     start : tuple of ndarray, shapes (n,) and (n,), optional
         Displacement (m) and velocity (m/s) at the start; None for a run from rest.
+    impact_work : float
+        Energy lost by impacts where contact closes, J; zero without contact that opens.
+    normal_force : ndarray, shape (frames, q)
+        Normal force of each pressure point of contact that opens, N, with the stored fields.
+    normal_force_peak : ndarray, shape (q,)
+        Largest of these over every step, N.
     """
 
     system: System
@@ -267,6 +279,9 @@ class Run:
     steady: Steady | None = None
     plan: Any = None
     start: tuple[FloatArray, FloatArray] | None = None
+    impact_work: float = 0.0
+    normal_force: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __repr__(self) -> str:
         """A few lines: what was run, stored, reached and dissipated."""
@@ -299,7 +314,7 @@ class Run:
         """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
         friction = float(self.friction_work.sum())
-        dissipated = self.viscous_work + friction + self.scheme_work
+        dissipated = self.viscous_work + friction + self.scheme_work + self.impact_work
         balance = float(self.input_work.sum()) - dissipated - (end - start)
         in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
@@ -413,15 +428,18 @@ class Recorder:
         single = (s.directions == 1).all()  # then the order is the system's own
         self.order = 2 * (slice(None),) if single else row_order(s.directions)
         self._limits = s.on_rows(s.w)[self.order[0]]
-        self._rubs = bool(s.w.any())
+        self._rubs = bool(s.contact_points)
         carrying = sparse.csr_array(s.J * (s.w > 0.0))
         carrying.eliminate_zeros()
         start, point, value = compressed_rows(carrying)
         share = value * s.w[point] / np.repeat(s.J @ s.w, np.diff(start))
         self.joints = start, point, value, share
-        self.input_work = np.zeros(len(s.loads))
+        self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
+        q = 0 if s.opening is None else s.opening.gap.size
+        self.normal_force = np.zeros((fields if q else 0, q))
+        self.normal_force_peak = np.zeros(q)
         self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
@@ -464,6 +482,12 @@ class Recorder:
             stored.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
 
+    def store_normal(self, step: int, force: FloatArray) -> None:
+        """Store normal forces, (q,), N, that are due after ``step`` steps; after :meth:`store`."""
+        np.maximum(self.normal_force_peak, force, out=self.normal_force_peak)
+        if self.save.fields and step % self.save.strides[1] == 0:
+            self.normal_force[self.field_rows - 1] = force
+
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
         raise_to(self.peak, self.system.P @ u)
@@ -480,6 +504,7 @@ class Recorder:
         old: State,
         new: State,
         trapezoidal: bool = False,
+        limits: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         """Add the works and peaks of a step of ``h`` seconds that was done in Python.
 
@@ -491,6 +516,8 @@ class Recorder:
             At both ends; ``sigma`` by slip row of the system.
         trapezoidal : bool
             Whether the scheme itself dissipates nothing.
+        limits : tuple of ndarray, shape (m,), optional
+            Friction limits at both ends, N, where they change.
         """
         system = self.system
         change, v_change = new.u - old.u, new.v - old.v
@@ -505,15 +532,23 @@ class Recorder:
         if self._rubs:
             rows, points = self.order
             work, slip_change = self.friction_work[points], (system.B @ change)[rows]
-            energy.add_friction_work(
-                self._limits, old.sigma[rows], new.sigma[rows], slip_change, work
-            )
+            size, before, after = self._limits, old.sigma, new.sigma
+            if limits is not None:  # forces in place of shares of a constant limit
+                before, after = (
+                    sigma * system.on_rows(w)
+                    for sigma, w in zip((before, after), limits, strict=True)
+                )
+                size = np.ones_like(size)
+            energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
             self.friction_work[points] = work
         self.observe(new.u)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that is filled in so far, for a checkpoint."""
-        return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
+        filled = self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
+        if self.normal_force_peak.size:
+            filled["normal_force"] = self.normal_force[: self.field_rows]
+        return filled
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of what later steps change: not of stored rows and finished cycles."""
@@ -535,6 +570,8 @@ class Recorder:
             for (name, rows), every in zip(stored, strides, strict=True)
         }
         planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
+        if self.normal_force_peak.size:
+            planned["normal_force"] = self.normal_force[: len(planned["u"])]
         check_like(saved, planned, "recorder")
         counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
         for name, count in (counts | {"cycles": cycles + 1}).items():
@@ -551,6 +588,8 @@ class Recorder:
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
+        if "normal_force" in saved:
+            self.normal_force[: len(saved["normal_force"])] = saved["normal_force"]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
@@ -596,6 +635,9 @@ class Recorder:
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),
+            impact_work=float(self.impact_work[0]),
+            normal_force=self.normal_force[: self.field_rows],
+            normal_force_peak=self.normal_force_peak,
             friction_work=self.friction_work,
             stored_energy=(start_energy, self.system.stored_energy(u, v)),
             cycles=self._cycles(),

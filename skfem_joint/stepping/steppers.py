@@ -186,6 +186,9 @@ class Stepper(ABC):
         """State now, with friction by slip row of the system."""
         return self.now
 
+    def store_start(self) -> None:
+        """Store what a start has beside its state."""
+
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
         problems = enumerate(self.prepared.values())

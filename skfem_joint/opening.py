@@ -1,0 +1,142 @@
+"""Contact that opens and closes: what it adds to the equations of a system.
+
+The faces of a joint approach each other by N u, the mean over each pressure point. A pressure point
+carries a normal force p (N), and its faces are apart by a gap g (m):
+
+    g = gap - N u >= 0,    p >= 0,    p g = 0                       (rigid)
+    p = max(0, force + stiffness (N u - gap)),                      (with a stiffness)
+
+where ``gap`` and ``force`` are those at rest, u = 0. The equations of motion get the forces
+-N^T (p - force), and friction limits follow the present forces,
+
+    w = given + gain p,
+
+in which ``given`` belongs to joints whose normal force is constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, Matrix
+
+
+@dataclass(frozen=True)
+class OpeningContact:
+    """Pressure points of contact that opens, on the unknowns of a system.
+
+    Attributes
+    ----------
+    N : ndarray or sparse array, shape (q, n)
+        Mean approach of the faces at each pressure point, m, from the unknowns.
+    gap : ndarray, shape (q,)
+        Gap at rest, m; zero where faces touch.
+    force : ndarray, shape (q,)
+        Normal force at rest, N; zero where faces are apart.
+    gain : sparse array, shape (m, q)
+        Friction limit of each contact point by the normal force of each pressure point.
+    stiffness : ndarray, shape (q,)
+        Of each pressure point, N/m; ``inf`` is rigid.
+    area : ndarray, shape (q,)
+        Area of each pressure point, m2.
+    """
+
+    N: Matrix
+    gap: FloatArray
+    force: FloatArray
+    gain: Matrix
+    stiffness: FloatArray
+    area: FloatArray
+
+    def problems(self, m: int, n: int) -> list[str]:
+        """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""
+        q = self.gap.size
+        shapes = {"N": (q, n), "gap": (q,), "force": (q,), "gain": (m, q)}
+        shapes |= {"stiffness": (q,), "area": (q,)}
+        wrong = [
+            f"opening: {name}: found shape {getattr(self, name).shape}, must be {right}"
+            for name, right in shapes.items()
+            if getattr(self, name).shape != right
+        ]
+        if wrong:
+            return wrong
+        for name in ("gap", "force"):
+            value = getattr(self, name)
+            if np.any(~np.isfinite(value)) or np.any(value < 0.0):
+                wrong.append(f"opening: {name}: must be finite and not negative")
+        if np.any(~(self.stiffness > 0.0)):
+            wrong.append("opening: stiffness: must be positive (inf for rigid contact)")
+        if not wrong and np.any((self.gap > 0.0) & (self.force > 0.0)):
+            wrong.append("opening: a point with a gap at rest cannot carry a normal force")
+        return wrong
+
+    @property
+    def rigid(self) -> Any:
+        """Whether each pressure point is rigid, (q,)."""
+        return np.isinf(self.stiffness)
+
+    @property
+    def limits_at_rest(self) -> FloatArray:
+        """Friction limits of the contact points at rest, (m,), N."""
+        return np.asarray(self.gain @ self.force)
+
+    def in_unknowns(self, T: Matrix) -> OpeningContact:
+        """Same contact in the unknowns q of u = T q."""
+        N = self.N @ T
+        if sparse.issparse(N):
+            N = sparse.csr_array(N)
+            N.data[np.abs(N.data) < 1e-14] = 0.0
+            N.eliminate_zeros()
+        return replace(self, N=N)
+
+    def of_points(self, selection: Matrix) -> OpeningContact:
+        """Same contact for other contact points: ``selection`` (k, m) times the present ones."""
+        return replace(self, gain=sparse.csr_array(selection @ self.gain))
+
+    def gaps(self, u: FloatArray) -> FloatArray:
+        """Gap of each pressure point, (..., q), m, from unknowns (..., n)."""
+        return np.asarray(self.gap - (self.N @ u.T).T)
+
+    def elastic_forces(self, u: FloatArray) -> FloatArray:
+        """Normal forces, (q,), N, of points with a stiffness; zero at rigid ones."""
+        over = np.asarray(self.N @ u) - self.gap
+        stiffness = np.where(self.rigid, 0.0, self.stiffness)
+        return np.where(self.rigid, 0.0, np.maximum(self.force + stiffness * over, 0.0))
+
+    def potential(self, u: FloatArray) -> float:
+        """Energy, J, of the forces at rest and of elastic points, zero at rest.
+
+        Bolts press the faces on each other with the forces at rest; they work as the faces move.
+        """
+        approach = np.asarray(self.N @ u)
+        energy = -float(self.force @ approach)
+        soft = ~self.rigid
+        if soft.any():
+            k = self.stiffness[soft]
+            now, before = self.elastic_forces(u)[soft], self.force[soft]
+            energy += float(((now**2 - before**2) / (2.0 * k)).sum())
+        return energy
+
+
+def joined(parts: list[OpeningContact | None], points: list[int], n: int) -> OpeningContact | None:
+    """Contact of several groups of contact points, ``points[i]`` of the i-th, on n unknowns."""
+    if all(part is None for part in parts):
+        return None
+    rows, gains = [], []
+    for part, m in zip(parts, points, strict=True):
+        empty = sparse.csr_array((m, 0))
+        gains.append(empty if part is None else sparse.csr_array(part.gain))
+        if part is not None:
+            rows.append(part)
+    return OpeningContact(
+        N=sparse.csr_array(sparse.vstack([sparse.csr_array(part.N) for part in rows])),
+        gap=np.concatenate([part.gap for part in rows]),
+        force=np.concatenate([part.force for part in rows]),
+        gain=sparse.csr_array(sparse.block_diag(gains)),
+        stiffness=np.concatenate([part.stiffness for part in rows]),
+        area=np.concatenate([part.area for part in rows]),
+    )
